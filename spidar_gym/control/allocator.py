@@ -1,0 +1,328 @@
+"""Solves the allocation: persistent OSQP workspaces, a closed form where it is exact, a check, and named fallbacks.
+
+A tick is a pure function of its inputs: the workspace starts cold, with the same ρ, and without the solver's own
+scaling, whose state would otherwise leak from one tick into the next.
+"""
+
+import time
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import osqp
+import scipy.sparse as sp
+from jaxtyping import Float
+from scipy.linalg import lapack
+
+from spidar_gym.arrays import JointVector, RotorForces, RotorMask, RotorVector, Wrench
+from spidar_gym.control.blocks import SPHERE_PATTERN, sphere_planes
+from spidar_gym.control.modes import PROJECTION
+from spidar_gym.control.qp import (
+    FORCE_SCALE,
+    INFINITY,
+    N_FORCES,
+    WRENCH_SCALE,
+    Demand,
+    Mode,
+    QuadraticProgram,
+    assemble,
+    soften,
+)
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.robot import N_ROTORS, ROBOT
+
+OSQP_SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+
+
+class AllocationStatus(StrEnum):
+    """How a tick was answered, best first."""
+
+    CLOSED_FORM = "closed_form"
+    """The optimum: the equalities' closed form satisfied every row."""
+    SOLVED = "solved"
+    """The optimum: the solver said solved and our check of the rows passed."""
+    SOFTENED = "softened"
+    """No solution within the iteration cap, or none at all: wrench and torque rows were softened."""
+    HELD = "held"
+    """The softened program failed too, or an input was not finite: the previous forces stay."""
+
+
+@dataclass(frozen=True)
+class AllocatorConfig:
+    """Settings of the solver."""
+
+    max_iter: int = 2000
+    """Iteration cap: 2,000 in simulation, 300 on the robot's computer."""
+    tolerance: float = 1e-6
+    """Absolute tolerance of the solver, in scaled units."""
+    check_tolerance: float = 1e-5
+    """Largest violation of a row that our own check lets pass, in scaled units (1.6 mN of lift, 0.07 mNm of torque)."""
+    price: float = 1e3
+    """Price of a violated row in the softened program, in scaled units."""
+
+
+@dataclass(frozen=True, slots=True)
+class Allocation:
+    """The answer of one tick."""
+
+    forces_l: RotorForces
+    """Rotor forces in link axes, within the sphere ‖f‖ ≤ λ̄ [N]."""
+    thrust: RotorVector
+    """λ = ‖f‖ [N]."""
+    joint_torques: JointVector
+    """Quasi-static joint torque that goes with them, τ_q = g − T f [Nm]."""
+    wrench: Wrench
+    """Wrench that they produce [N, Nm]."""
+    unallocated_wrench: Wrench
+    """Desired minus produced wrench [N, Nm]."""
+    saturated: RotorMask
+    """Rotors whose force left the sphere (the paper's bound is a cube) and was shortened."""
+    status: AllocationStatus
+    """How the tick was answered."""
+    iterations: int
+    """Iterations of the solver, all attempts together; 0 for the closed form."""
+    slack: float
+    """Largest violation of a softened row, in units of the weight or of the joint torque limit."""
+    solve_time: float
+    """Wall-clock time in closed form and solver [s]; differs from run to run."""
+
+
+class Workspace:
+    """An OSQP instance for one pattern; `solve` depends on its arguments only."""
+
+    def __init__(self, P_pattern: np.ndarray, A_pattern: np.ndarray, config: AllocatorConfig) -> None:
+        """Factorise a program with the given patterns (True where P and A may be nonzero)."""
+        m, n = A_pattern.shape
+        P, A = _compressed(np.triu(P_pattern)), _compressed(A_pattern)
+        self._P_at, self._A_at = (n * columns.indices + _columns(columns) for columns in (P, A))
+        ext = osqp.ext_builtin
+        settings = ext.OSQPSettings()
+        ext.osqp_set_default_settings(settings)
+        settings.verbose = 0
+        settings.scaling = 0
+        settings.warm_starting = 0
+        settings.polishing = 0
+        settings.rho = 1.0
+        settings.adaptive_rho = 1
+        settings.adaptive_rho_interval = 50
+        settings.check_termination = 5
+        settings.eps_abs = config.tolerance
+        settings.eps_rel = 0.0
+        settings.max_iter = config.max_iter
+        P.data[:] = P.indices == _columns(P)  # the identity, on the full pattern
+        wide = np.full(m, INFINITY)
+        self._matrices = ext.CSC(P), ext.CSC(A)
+        self._solver = ext.OSQPSolver(self._matrices[0], np.zeros(n), self._matrices[1], -wide, wide, m, n, settings)
+
+    def solve(self, program: QuadraticProgram) -> tuple[np.ndarray, bool, int]:
+        """(x, whether the solver says solved, iterations); x is a copy."""
+        solver = self._solver
+        # Vectors first: with the solver's scaling off the order no longer matters, but it once did.
+        if solver.update_data_vec(q=program.q, l=program.l, u=program.u) or solver.update_data_mat(
+            P_x=program.P.take(self._P_at), P_i=None, A_x=program.A.take(self._A_at), A_i=None
+        ):
+            return np.zeros(len(program.q)), False, 0
+        solver.solve()
+        info = solver.info
+        if info.rho_updates or info.status_val != OSQP_SOLVED:
+            solver.update_rho(1.0)
+        return solver.solution.x.copy(), info.status_val == OSQP_SOLVED, info.iter
+
+
+def _compressed(pattern: np.ndarray) -> sp.csc_matrix:
+    """A matrix of ones with the given pattern, stored by columns."""
+    return sp.csc_matrix(pattern, dtype=float)
+
+
+def _columns(matrix: sp.csc_matrix) -> np.ndarray:
+    """Column of each stored entry."""
+    return np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+
+
+def closed_form(program: QuadraticProgram, *, rounds: int = 3, tolerance: float = 1e-9) -> np.ndarray | None:
+    """The optimum where few rows decide it, else None.
+
+    Solves the KKT system of the equalities. If that point satisfies every row it is the optimum. If not, the rows that
+    it violates are taken for active, those whose multiplier has the wrong sign for idle, and the system is solved
+    again. A point that satisfies every row with multipliers of the right sign satisfies all KKT conditions, so it is
+    the optimum; after `rounds` systems without one the solver takes over.
+    """
+    P, q, A, l, u = program.P, program.q, program.A, program.l, program.u
+    n = len(q)
+    low, high = l - tolerance, u + tolerance
+    rows, signs = np.flatnonzero(l == u), None
+    target = l[rows]
+    for _ in range(rounds):
+        k = len(rows)
+        if k > n:
+            return None
+        active = A[rows]
+        K = np.zeros((n + k, n + k))
+        K[:n, :n] = P
+        K[n:, :n] = active
+        K[:n, n:] = active.T
+        right = np.empty(n + k)
+        np.negative(q, out=right[:n])
+        right[n:] = target
+        # K is symmetric: its transpose is the same matrix in LAPACK's own order, which saves a copy.
+        _, _, solution, info = lapack.dgesv(K.T, right, overwrite_a=1, overwrite_b=1)
+        if info != 0:
+            return None
+        x = solution[:n]
+        r = A @ x
+        kept = (r >= low) & (r <= high)  # NaN is not kept
+        good = signs is None or bool((signs * solution[n:] >= 0.0).all())
+        if good and kept.all():
+            return x
+        stay = np.ones(k, bool) if signs is None else signs * solution[n:] >= 0.0
+        violated = np.flatnonzero(~kept)
+        above = r[violated] > u[violated]
+        old = np.zeros(k) if signs is None else signs
+        rows = np.concatenate((rows[stay], violated))
+        target = np.concatenate((target[stay], np.where(above, u[violated], l[violated])))
+        signs = np.concatenate((old[stay], np.where(above, 1.0, -1.0)))
+    return None
+
+
+class Allocator:
+    """Demand → forces, for the modes of one preset; owns one workspace a mode."""
+
+    def __init__(self, modes: dict[str, Mode], config: AllocatorConfig | None = None) -> None:
+        """Take the modes by name and the solver's settings (`InvalidValueError` for a cap below 1)."""
+        self.config = config or AllocatorConfig()
+        if self.config.max_iter < 1:
+            raise InvalidValueError("max_iter", self.config.max_iter, "an iteration cap of at least 1")
+        self.modes = modes
+        self._workspaces: dict[tuple[str, str], Workspace] = {}
+
+    def allocate(self, demand: Demand, mode: str, previous_l: RotorForces) -> Allocation:
+        """The optimal forces of one tick, or a bounded fallback with its name.
+
+        Args:
+            demand: What is asked for.
+            mode: Name of the mode.
+            previous_l: Forces of the last tick, held if everything else fails [N].
+
+        Returns:
+            The allocation. Never raises on numbers: an input that is not finite is answered with the previous forces.
+        """
+        if mode not in self.modes:
+            raise UnknownNameError("mode", mode, self.modes)
+        start = time.perf_counter()
+        forces, status, iterations, slack = self._solve(demand, self.modes[mode], previous_l)
+        return self._answer(demand, forces, status, iterations, slack, start)
+
+    @staticmethod
+    def _answer(
+        demand: Demand,
+        forces: RotorForces,
+        status: AllocationStatus,
+        iterations: int,
+        slack: float,
+        start: float,
+    ) -> Allocation:
+        solve_time = time.perf_counter() - start
+        thrust = np.sqrt(np.einsum("ij,ij->i", forces, forces))  # [Zhao2025, Eq. 14]
+        saturated = thrust > ROBOT.max_thrust
+        if saturated.any():
+            forces = forces * np.where(saturated, ROBOT.max_thrust / thrust, 1.0)[:, None]
+            thrust = np.minimum(thrust, ROBOT.max_thrust)
+        f = forces.reshape(-1)
+        wrench = demand.thrust_map @ f
+        return Allocation(
+            forces_l=forces,
+            thrust=thrust,
+            joint_torques=demand.gravity_torque - demand.torque_map @ f,
+            wrench=wrench,
+            unallocated_wrench=demand.wrench - wrench,
+            saturated=saturated,
+            status=status,
+            iterations=iterations,
+            slack=slack,
+            solve_time=solve_time,
+        )
+
+    def _solve(
+        self, demand: Demand, mode: Mode, previous_l: RotorForces
+    ) -> tuple[RotorForces, AllocationStatus, int, float]:
+        program = assemble(mode, demand)
+        x = closed_form(program)
+        if x is not None:
+            return FORCE_SCALE * x.reshape(N_ROTORS, 3), AllocationStatus.CLOSED_FORM, 0, 0.0
+        iterations = 0
+        if _finite(program):
+            x, solved, iterations = self._workspace(mode, "hard").solve(program)
+            if solved and program.violation(x) <= self.config.check_tolerance:
+                return FORCE_SCALE * x.reshape(N_ROTORS, 3), AllocationStatus.SOLVED, iterations, 0.0
+            soft = soften(program, mode.soft_rows, price=self.config.price)
+            x, solved, more = self._workspace(mode, "soft").solve(soft)
+            iterations += more
+            if solved and soft.violation(x) <= self.config.check_tolerance:
+                slack = float(np.abs(x[N_FORCES:]).max())
+                return FORCE_SCALE * x[:N_FORCES].reshape(N_ROTORS, 3), AllocationStatus.SOFTENED, iterations, slack
+        held = _bounded(previous_l)
+        unmet = np.abs(demand.wrench - demand.thrust_map @ held.reshape(-1)).max() / WRENCH_SCALE
+        return held, AllocationStatus.HELD, iterations, float(unmet) if np.isfinite(unmet) else INFINITY
+
+    def _workspace(self, mode: Mode, kind: str) -> Workspace:
+        key = (mode.name, kind)
+        if key not in self._workspaces:
+            block = np.arange(N_FORCES) // 6  # the two rotors of a leg share its joints, others do not
+            P, A = block[:, None] == block[None], mode.pattern
+            if kind == "soft":
+                k = len(mode.soft_rows)
+                P = np.block([[P, np.zeros((N_FORCES, k), bool)], [np.zeros((k, N_FORCES), bool), np.eye(k, dtype=bool)]])
+                A = np.hstack([A, np.zeros((len(A), k), bool)])
+                A[mode.soft_rows, N_FORCES + np.arange(k)] = True
+            elif kind == "projection":
+                A = np.vstack([A, SPHERE_PATTERN])
+            self._workspaces[key] = Workspace(P, A, self.config)
+        return self._workspaces[key]
+
+    def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces, *, rounds: int = 8) -> Allocation:
+        """The valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust sphere hold, Eq. 10 not.
+
+        Tangent planes are moved along the sphere, round after round, until the nearest point of the cut polyhedron
+        lies on it; then it is the nearest point of the curved set too.
+
+        Args:
+            demand: The tick's demand; its wrench is what the answer's unallocated wrench refers to.
+            forces_l: Wished forces in link axes [N].
+            previous_l: Forces to hold if the projection fails [N].
+            rounds: Largest number of tangent planes a rotor.
+        """
+        start = time.perf_counter()
+        wish = forces_l.reshape(-1) / FORCE_SCALE
+        box = assemble(PROJECTION, demand)
+        planes = sphere_planes(forces_l)
+        status, total = AllocationStatus.CLOSED_FORM, 0
+        forces = forces_l
+        for _ in range(rounds):
+            A, u = np.concatenate((box.A, planes[0])), np.concatenate((box.u, planes[1]))
+            l = np.concatenate((box.l, np.full(N_ROTORS, -INFINITY)))
+            program = QuadraticProgram(box.P, -wish, A, l, u)
+            x = closed_form(program) if _finite(program) else None
+            if x is None:
+                status = AllocationStatus.SOLVED
+                x, solved, iterations = self._workspace(PROJECTION, "projection").solve(program)
+                total += iterations
+                if not solved or program.violation(x) > self.config.check_tolerance:
+                    forces, status = _bounded(previous_l), AllocationStatus.HELD
+                    break
+            forces = FORCE_SCALE * x.reshape(N_ROTORS, 3)
+            planes = sphere_planes(forces)
+            if (np.linalg.norm(forces, axis=1) <= (1.0 + 1e-6) * ROBOT.max_thrust).all():
+                break
+        return self._answer(demand, forces, status, total, 0.0, start)
+
+
+def _bounded(forces_l: RotorForces) -> RotorForces:
+    """The forces with zeros for what is not finite, within the sphere."""
+    finite = np.where(np.isfinite(forces_l), forces_l, 0.0)
+    norm = np.linalg.norm(finite, axis=1)
+    return finite * np.minimum(1.0, ROBOT.max_thrust / np.maximum(norm, 1e-9))[:, None]
+
+
+def _finite(program: QuadraticProgram) -> bool:
+    """Whether every number is finite; an idle row's bounds are large, not infinite."""
+    return bool(np.isfinite(program.P.sum() + program.q.sum() + program.A.sum() + program.l.sum() + program.u.sum()))

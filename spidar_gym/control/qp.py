@@ -1,0 +1,161 @@
+"""The allocation as a quadratic program with a fixed pattern: blocks state costs and rows, `assemble` stacks them.
+
+Nothing here solves. The unknowns are the rotor forces in link axes, divided by λ̄: x = f / λ̄, 24 numbers. Rows and costs
+are scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), because a first-order solver's accuracy depends
+on scaling more than on anything else, and because the solver's own scaling would make a tick depend on the one before.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spidar_gym.arrays import JointVector, RotorMask, RotorVector, Wrench
+from spidar_gym.robot import GRAVITY, N_ROTORS, ROBOT
+
+N_FORCES = 3 * N_ROTORS
+FORCE_SCALE = ROBOT.max_thrust
+"""Unit of the unknowns [N]."""
+WRENCH_SCALE = ROBOT.total_mass * GRAVITY
+"""Unit of wrench rows [N and Nm]."""
+TORQUE_SCALE = ROBOT.max_joint_torque
+"""Unit of joint torque rows [Nm]."""
+INFINITY = 1e30
+"""A bound that is none, in the solver's convention."""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What one tick asks of the allocation: everything that the blocks may read."""
+
+    wrench: Wrench
+    """Desired wrench w^d in {CoG} [N, Nm]."""
+    thrust_map: Float[np.ndarray, "6 24"]
+    """Q: forces in link axes → wrench in {CoG}."""
+    torque_map: Float[np.ndarray, "16 24"]
+    """T: forces in link axes → joint torque that they take off the servos; τ_q = g − T f."""
+    gravity_torque: JointVector
+    """g: joint torque that holds the links without thrust [Nm]."""
+    locked: RotorMask
+    """Rotors whose φ is held."""
+    phi: RotorVector
+    """Where it is held [rad]."""
+    restricted: RotorMask
+    """Rotors restricted by interference, 𝓘."""
+    lower: RotorVector
+    """Lower bounds of θ [rad], read where restricted."""
+    upper: RotorVector
+    """Upper bounds of θ [rad], read where restricted."""
+
+
+class Cost(Protocol):
+    """A term ½‖W x − r‖² of the objective."""
+
+    def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
+        """Add WᵀW to P, shape (24, 24), and −Wᵀr to q, shape (24,)."""
+        ...
+
+
+class Constraint(Protocol):
+    """Rows l ≤ A x ≤ u; their number and pattern never change, an idle row has infinite bounds."""
+
+    @property
+    def pattern(self) -> Bool[np.ndarray, "m 24"]:
+        """Where A may be nonzero."""
+        ...
+
+    @property
+    def soft(self) -> bool:
+        """Whether the fallback may violate these rows at a price."""
+        ...
+
+    def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
+        """Write the rows into A, shape (m, 24), l and u, shape (m,), which come idle: zero and unbounded."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class QuadraticProgram:
+    """min ½ xᵀ P x + qᵀ x subject to l ≤ A x ≤ u."""
+
+    P: Float[np.ndarray, "n n"]
+    """Hessian, symmetric."""
+    q: Float[np.ndarray, "n"]
+    """Gradient at x = 0."""
+    A: Float[np.ndarray, "m n"]
+    """Rows."""
+    l: Float[np.ndarray, "m"]
+    """Lower bounds."""
+    u: Float[np.ndarray, "m"]
+    """Upper bounds."""
+
+    def objective(self, x: Float[np.ndarray, "n"]) -> float:
+        """Value at x."""
+        return float(x @ (0.5 * (self.P @ x) + self.q))
+
+    def violation(self, x: Float[np.ndarray, "n"]) -> float:
+        """Largest violation of a row at x; 0 where all hold."""
+        r = self.A @ x
+        return float(max(np.max(self.l - r), np.max(r - self.u), 0.0))
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A locomotion mode: a tuple of costs and a tuple of constraints."""
+
+    name: str
+    """What the mode is called in a `Reference`."""
+    costs: tuple[Cost, ...]
+    """Terms of the objective."""
+    constraints: tuple[Constraint, ...]
+    """Blocks of rows."""
+    avoid_interference: bool = True
+    """Whether rotors are restricted at all."""
+
+    @cached_property
+    def pattern(self) -> Bool[np.ndarray, "m 24"]:
+        """Where A may be nonzero."""
+        return np.vstack([block.pattern for block in self.constraints])
+
+    @cached_property
+    def idle(self) -> tuple[np.ndarray, ...]:
+        """P, q, A, l, u before any block has written: zero and unbounded."""
+        m = len(self.pattern)
+        bound = np.full(m, INFINITY)
+        return np.zeros((N_FORCES, N_FORCES)), np.zeros(N_FORCES), np.zeros((m, N_FORCES)), -bound, bound
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """The rows of each constraint block."""
+        ends = np.cumsum([0, *(len(block.pattern) for block in self.constraints)]).tolist()
+        return tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
+
+    @cached_property
+    def soft_rows(self) -> np.ndarray:
+        """Indices of the rows that the fallback may violate."""
+        soft = np.concatenate([np.full(len(block.pattern), block.soft) for block in self.constraints])
+        return np.flatnonzero(soft)
+
+
+def assemble(mode: Mode, demand: Demand) -> QuadraticProgram:
+    """The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them."""
+    P, q, A, l, u = (array.copy() for array in mode.idle)
+    for cost in mode.costs:
+        cost.add(demand, P, q)
+    for block, rows in zip(mode.constraints, mode.slices, strict=True):
+        block.write(demand, A[rows], l[rows], u[rows])
+    return QuadraticProgram(P, q, A, l, u)
+
+
+def soften(program: QuadraticProgram, rows: np.ndarray, *, price: float) -> QuadraticProgram:
+    """The same program where `rows` may be violated by slacks s at the cost ½ `price` ‖s‖²; unknowns (x, s)."""
+    n, k, m = len(program.q), len(rows), len(program.l)
+    P = np.zeros((n + k, n + k))
+    P[:n, :n] = program.P
+    P[range(n, n + k), range(n, n + k)] = price
+    A = np.zeros((m, n + k))
+    A[:, :n] = program.A
+    A[rows, range(n, n + k)] = 1.0
+    return QuadraticProgram(P, np.concatenate([program.q, np.zeros(k)]), A, program.l, program.u)

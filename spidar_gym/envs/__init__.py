@@ -1,0 +1,1 @@
+"""Gymnasium environments; importing `spidar_gym` registers them."""

@@ -1,0 +1,119 @@
+"""What an action means: one table of action modes, each a list of channels with their authority."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spidar_gym.errors import UnknownNameError
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.state import Command, Residual
+
+WRENCH_AUTHORITY = np.array([0.15 * ROBOT.weight] * 3 + [8.0] * 3)
+"""Force of 15 % of the weight [N] and torque [Nm] per axis of the wrench residual."""
+JOINT_AUTHORITY = 0.1
+"""Offset of a joint target [rad]."""
+SPEED_AUTHORITY = 0.5
+"""Relative change of the planned joint speed."""
+FORCE_AUTHORITY = 5.0
+"""Force per axis and rotor after the allocation [N]."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A run of action entries with one meaning."""
+
+    name: str
+    """What it is called."""
+    size: int
+    """How many entries."""
+    authority: str
+    """What −1 … 1 becomes, with unit."""
+
+
+WRENCH = Channel(
+    "wrench", 6, f"± {WRENCH_AUTHORITY[0]:.1f} N and ± {WRENCH_AUTHORITY[3]:g} Nm on the desired wrench, torso axes"
+)
+JOINTS = Channel("joint_offset", N_JOINTS, f"± {JOINT_AUTHORITY:g} rad on the joint targets q₁ … q₁₆")
+SPEED = Channel("joint_speed_scale", 1, f"planned joint speed × (1 ± {SPEED_AUTHORITY:g}); the servo's limit stays")
+FORCES = Channel("forces", 3 * N_ROTORS, f"± {FORCE_AUTHORITY:g} N on each rotor force, link axes x, y, z of rotor 1 …")
+
+
+def _wrench(action: np.ndarray) -> Residual:
+    return Residual(wrench=WRENCH_AUTHORITY * action)
+
+
+def _joint(action: np.ndarray) -> Residual:
+    return Residual(
+        joint_offset=JOINT_AUTHORITY * action[:N_JOINTS],
+        joint_speed_scale=1.0 + SPEED_AUTHORITY * float(action[N_JOINTS]),
+    )
+
+
+def _both(action: np.ndarray) -> Residual:
+    joint = _joint(action[6:])
+    return Residual(WRENCH_AUTHORITY * action[:6], joint.joint_offset, joint.joint_speed_scale)
+
+
+def _force(action: np.ndarray) -> Residual:
+    return Residual(forces_l=FORCE_AUTHORITY * action.reshape(N_ROTORS, 3))
+
+
+@dataclass(frozen=True)
+class ActionMode:
+    """Channels of an action and how they reach the controller."""
+
+    channels: tuple[Channel, ...]
+    """In the order of the action's entries."""
+    residual: Callable[[np.ndarray], Residual] | None
+    """Action → residual; None where there is no controller."""
+    doc: str
+    """What the mode is for."""
+
+    @property
+    def size(self) -> int:
+        """Length of the action."""
+        return sum(channel.size for channel in self.channels)
+
+
+ACTION_MODES: dict[str, ActionMode] = {
+    "residual_wrench": ActionMode((WRENCH,), _wrench, "added before the allocation: its constraints hold whatever comes"),
+    "residual_joint": ActionMode((JOINTS, SPEED), _joint, "shapes the joint motion"),
+    "residual": ActionMode((WRENCH, JOINTS, SPEED), _both, "both of them"),
+    "residual_force": ActionMode(
+        (FORCES,), _force,
+        "added after the allocation, then moved to the nearest point of [Zhao2025, Eq. 12, 13, 30-32] and the thrust "
+        "sphere; the wrench may differ",
+    ),
+    "direct": ActionMode(
+        (
+            Channel("thrust", N_ROTORS, f"λ = {ROBOT.max_thrust / 2:g} (1 + a) N"),
+            Channel("phi", N_ROTORS, "φ = π a rad, the nearest turn"),
+            Channel("theta", N_ROTORS, "θ = π a rad, the nearest turn"),
+            Channel("joint_target", N_JOINTS, "q = π/2 a rad, slewed by the servos"),
+        ),
+        None,
+        "no controller at all",
+    ),
+}  # fmt: skip
+"""Action modes by name. All zero is exactly the paper's controller, in every mode but `direct`."""
+
+
+def action_mode(name: str) -> ActionMode:
+    """Mode by name (`UnknownNameError` lists the valid ones)."""
+    if name not in ACTION_MODES:
+        raise UnknownNameError("action mode", name, ACTION_MODES)
+    return ACTION_MODES[name]
+
+
+def direct_command(action: np.ndarray, vectoring: np.ndarray) -> Command:
+    """Command of a `direct` action; the angles turn the short way round from the present `vectoring` (8, 2) [rad]."""
+    thrust, angles, joints = np.split(action, (N_ROTORS, 3 * N_ROTORS))
+    wanted = np.pi * angles.reshape(2, N_ROTORS).T
+    way = np.remainder(wanted - vectoring + np.pi, 2.0 * np.pi) - np.pi
+    return Command(
+        0.5 * ROBOT.max_thrust * (1.0 + thrust),
+        vectoring + way,
+        ROBOT.joint_limit * joints,
+        np.full(N_JOINTS, ROBOT.max_joint_torque),
+    )

@@ -1,0 +1,192 @@
+"""The tasks, a page each: constants with units, initial state, reference, reward terms, failure, success."""
+
+import math
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Vector3
+from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.envs.rewards import norm, tolerance
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.model.dynamics import Model
+from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+
+CLEARANCE = 0.5
+"""Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
+MAX_TILT = 1.0
+"""More tilt than this ends the flight [rad] [JSK]."""
+MAX_DISTANCE = 1.0
+"""Farther than this from the reference ends the flight [m]."""
+SUCCESS_POSITION, SUCCESS_ATTITUDE = 0.05, 0.05
+"""RMS errors of a success stay below these [m], [rad]."""
+ARRIVAL_GRACE = 0.5
+"""A form may be reached this much after its deadline [s]."""
+ARRIVAL_TOLERANCE = 0.05
+"""A form is reached when every joint is this close [rad]."""
+NO_NEXT_FORM = 60.0
+"""Time to the next form when there is none [s]."""
+
+
+@cache
+def hover_height() -> float:
+    """Height of the CoG that leaves the feet of form ③ `CLEARANCE` above the floor [m]."""
+    model, q, level = Model(), FORMS["form3"], np.zeros((N_ROTORS, 2))
+    com_z = model.snapshot(q, np.eye(3), level).com_b[2]
+    feet_z = model.contacts(q)[0][:N_LEGS, 2].min()
+    return float(CLEARANCE + ROBOT.foot_radius + com_z - feet_z)
+
+
+@dataclass(frozen=True)
+class FormGoal:
+    """A form to take, from when on, and by when it should be reached."""
+
+    start: float
+    """When it becomes the target [s]."""
+    deadline: float
+    """When the slowest joint arrives at the joint speed [s]."""
+    joint_target: JointVector
+    """q [rad]."""
+
+
+def _paper(rng: np.random.Generator, task: "HoverTask") -> list[tuple[float, JointVector]]:
+    return [(4.0, FORMS["form2"]), (0.0, FORMS["form3"])]
+
+
+def _equal_legs(rng: np.random.Generator) -> JointVector:
+    """All legs alike, with a common twist of the yaw joints [rad]."""
+    leg = rng.uniform((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4))
+    return np.tile(leg, N_LEGS)
+
+
+def _independent_legs(rng: np.random.Generator) -> JointVector:
+    """Every leg for itself: yaw ±0.5, inner pitch −0.2 … 0.8, outer pitch 0 … 1.4 rad."""
+    return rng.uniform(np.tile((-0.5, -0.2, -0.5, 0.0), N_LEGS), np.tile((0.5, 0.8, 0.5, 1.4), N_LEGS))
+
+
+def _paper_form(rng: np.random.Generator) -> JointVector:
+    return FORMS[f"form{rng.integers(1, 4)}"]
+
+
+SAMPLERS = {"equal": _equal_legs, "independent": _independent_legs}
+SEQUENCES = ("paper", *FORMS, *SAMPLERS, "mixed")
+"""Valid form sequences."""
+
+
+@dataclass(frozen=True)
+class HoverTask:
+    """Hold the CoG and a level attitude while the joints go through a sequence of forms."""
+
+    forms: str = "mixed"
+    """`paper` (① at once, ② from 4 s on, ③ without a stop), one of the forms held, `equal` legs with a common twist,
+    `independent` legs with yaw, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
+    joint_speed: float = ROBOT.joint_speed
+    """Speed of the joint motion [rad/s]."""
+    horizon_s: float = 20.0
+    """Length of an episode [s]."""
+    perturbation: float = 1.0
+    """Scale of the initial offset: 1 is ±3 cm, ±3° and ±5 cm/s … per axis; 0 starts on the reference."""
+    avoid_interference: bool = True
+    """Whether rotors are restricted; False is the paper's baseline method."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be flown."""
+        if self.forms not in SEQUENCES:
+            raise UnknownNameError("form sequence", self.forms, SEQUENCES)
+        for name in ("joint_speed", "horizon_s"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
+                raise InvalidValueError(name, value, "a number above 0")
+        if not (math.isfinite(self.perturbation) and self.perturbation >= 0.0):
+            raise InvalidValueError("perturbation", self.perturbation, "a number of at least 0")
+
+    @classmethod
+    def option_names(cls) -> list[str]:
+        """Names of the arguments."""
+        return [f.name for f in fields(cls)]
+
+    @property
+    def mode(self) -> str:
+        """Allocation mode."""
+        return "flight" if self.avoid_interference else "flight_unrestricted"
+
+    @property
+    def horizon(self) -> int:
+        """Length of an episode in ticks."""
+        return max(1, round(self.horizon_s * CONTROL_RATE))
+
+    @cached_property
+    def position_w(self) -> Vector3:
+        """Desired position of the CoG [m]."""
+        return np.array([0.0, 0.0, hover_height()])
+
+    def schedule(self, rng: np.random.Generator) -> list[FormGoal]:
+        """The episode's forms in order; the first one is the initial form, reached at time 0."""
+        if self.forms in FORMS:
+            return [FormGoal(0.0, 0.0, FORMS[self.forms])]
+        if self.forms == "paper":
+            goals = [FormGoal(0.0, 0.0, FORMS["form1"])]
+            self._append(goals, 4.0, FORMS["form2"])
+            self._append(goals, goals[-1].deadline, FORMS["form3"])
+            return goals
+        goals = [FormGoal(0.0, 0.0, self._sample(rng))]
+        while (start := goals[-1].deadline + rng.uniform(1.0, 2.5)) < self.horizon_s:
+            self._append(goals, start, self._sample(rng))
+        return goals
+
+    def _append(self, goals: list[FormGoal], start: float, target: JointVector) -> None:
+        """Add a goal at the first tick from `start` on."""
+        start = math.ceil(start * CONTROL_RATE - 1e-9) / CONTROL_RATE
+        travel = float(np.abs(target - goals[-1].joint_target).max())
+        goals.append(FormGoal(start, start + travel / self.joint_speed, target))
+
+    def _sample(self, rng: np.random.Generator) -> JointVector:
+        if self.forms != "mixed":
+            return SAMPLERS[self.forms](rng)
+        kind = rng.random()
+        if kind < 0.25:
+            return _paper_form(rng)
+        return _equal_legs(rng) if kind < 0.55 else _independent_legs(rng)
+
+    def offset(self, rng: np.random.Generator) -> tuple[Vector3, Vector3]:
+        """Initial offset of the torso: position [m] and rotation vector [rad]."""
+        unit = rng.uniform(-1.0, 1.0, 6) * self.perturbation
+        return 0.03 * unit[:3], 0.05 * unit[3:]
+
+    def reward_terms(self, position: Vector3, attitude: Vector3, joints: JointVector, action: np.ndarray) -> dict[str, float]:
+        """Terms in [0, 1]; the reward is their weighted sum with `REWARD_WEIGHTS`.
+
+        Args:
+            position: CoG error [m].
+            attitude: Attitude error [rad].
+            joints: Commanded plan − measured joint angles [rad].
+            action: The action, in [−1, 1].
+        """
+        return {
+            "position": tolerance(norm(position), 0.02),
+            "attitude": tolerance(norm(attitude), 0.03),
+            "joints": tolerance(float(np.abs(joints).max()), 0.1),
+            "action": 1.0 - float(action @ action) / len(action),
+        }
+
+    def failed(self, position: Vector3, tilt: float, in_contact: bool) -> str:
+        """Why the flight is over, empty while it goes on.
+
+        Args:
+            position: CoG error [m].
+            tilt: Angle between the torso's z axis and the vertical [rad].
+            in_contact: Whether the robot touches the floor.
+        """
+        if in_contact:
+            return "contact"
+        if tilt > MAX_TILT:
+            return "tilt"
+        return "position" if norm(position) > MAX_DISTANCE else ""
+
+
+REWARD_WEIGHTS = {"position": 0.4, "attitude": 0.4, "joints": 0.1, "action": 0.1}
+"""Weights of the reward's terms; they add up to 1, so the reward lies in [0, 1] too."""
+TASKS = {"hover": HoverTask}
+"""Tasks by name."""
+assert N_JOINTS == 4 * N_LEGS

@@ -1,0 +1,42 @@
+"""Every error that the tools raise: one base class, each message says what would have been valid."""
+
+from collections.abc import Iterable
+
+
+class SpidarError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class UnknownNameError(SpidarError, ValueError):
+    """A name (form, preset, action mode, camera, id) that does not exist."""
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+        """Say which `kind` of name is unknown and list the `valid` ones."""
+        super().__init__(f"unknown {kind} {name!r}; valid: {', '.join(valid)}")
+
+
+class InvalidValueError(SpidarError, ValueError):
+    """A value outside its range, or an array of the wrong shape."""
+
+    def __init__(self, name: str, value: object, expected: str) -> None:
+        """Say which argument has which `value` and what was `expected`."""
+        super().__init__(f"{name} = {value!r} is not valid; expected {expected}")
+
+
+class StaleAssetError(SpidarError, RuntimeError):
+    """A generated file that differs from what the robot description generates."""
+
+    def __init__(self, path: object) -> None:
+        """Name the file and the command that writes it anew."""
+        super().__init__(
+            f"{path} is missing or differs from the robot description (edited by hand, or written by "
+            "another version); valid: the file that `spidar assets` writes"
+        )
+
+
+class MissingDependencyError(SpidarError, ImportError):
+    """An optional package or system library that is not installed."""
+
+    def __init__(self, what: str, install: str) -> None:
+        """Say `what` is missing and how to `install` it."""
+        super().__init__(f"{what} is not available; install it with: {install}")

@@ -1,0 +1,1 @@
+"""The controller's model of the robot: dynamics, vectoring geometry, interference between rotors."""

@@ -1,0 +1,143 @@
+"""Pinocchio behind one door: (joint angles, attitude, vectoring angles) → `Snapshot`, the numbers of one control tick.
+
+Frames: `b` torso origin and axes, `c` CoG with torso axes (the paper's {CoG}), `l` axes of the link that carries a
+rotor. Joint-space quantities hold the torso fixed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+
+from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Vectoring
+from spidar_gym.description import mjcf_path
+from spidar_gym.robot import CONTACT_SITES, GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_JOINTS, N_ROTORS, ROTOR_SITES
+from spidar_gym.so3 import CROSS
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Model quantities at one configuration; torso axes unless the suffix says otherwise."""
+
+    mass: float
+    """Total mass mΣ [kg]."""
+    com_b: Vector3
+    """CoG seen from the torso's origin [m]."""
+    inertia_c: Matrix3
+    """Centroidal inertia IΣ(q) [kg m²]."""
+    R_bl: Float[np.ndarray, "8 3 3"]
+    """Attitude of each rotor's link."""
+    rotor_c: RotorForces
+    """Rotor centres p_i seen from the CoG [m]; they depend on φ, since the rotor hangs 27 mm below the φ axis."""
+    J_rotor: Float[np.ndarray, "8 3 16"]
+    """∂(rotor centre)/∂q, torso held fixed [m/rad]: the paper's J_r."""
+    gravity_torque: JointVector
+    """Joint torque that holds the links against gravity without thrust, −Σ J_sᵀ m_s g [Nm]."""
+    momentum_map: Float[np.ndarray, "6 16"]
+    """Linear and angular momentum about the CoG per joint velocity, torso held fixed [kg m, kg m²]."""
+
+
+class Model:
+    """The robot's kinematics and mass distribution; owns the Pinocchio model and its work space."""
+
+    def __init__(self) -> None:
+        """Load the committed MJCF (`StaleAssetError` where it was edited)."""
+        self._model = pin.buildModelFromMJCF(str(mjcf_path()))
+        self._data = self._model.createData()
+        self._q = pin.neutral(self._model)
+        self._no_velocity = np.zeros(self._model.nv)
+        joint = self._model.getJointId
+        self._q_joint = np.array([self._model.idx_qs[joint(name)] for name in JOINT_NAMES])
+        self._v_joint = np.array([self._model.idx_vs[joint(name)] for name in JOINT_NAMES])
+        self._q_gimbal = np.array([self._model.idx_qs[joint(name)] for name in GIMBAL_NAMES])
+        self._mass = float(pin.computeTotalMass(self._model))
+        # Views into Pinocchio's own memory: they show the numbers of the latest forward pass.
+        self._J, self._com = self._data.J, self._data.com[0]
+        self._link_views = [self._data.oMi[joint(f"joint{i}_pitch")].rotation for i in range(1, N_ROTORS + 1)]
+        self._rotor_views = [self._data.oMi[joint(f"gimbal{i}_pitch")].translation for i in range(1, N_ROTORS + 1)]
+        # A rotor is moved by the joints between the torso and its link: two for an inner link, all four of the leg
+        # for an outer one.
+        self._moves = np.array(
+            [[[j // 4 == i // 2 and (i % 2 == 1 or j % 4 < 2) for j in range(N_JOINTS)]] for i in range(N_ROTORS)], float
+        )
+
+    def snapshot(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> Snapshot:
+        """All model quantities of one control tick.
+
+        Args:
+            q: Joint angles [rad].
+            R_wb: Attitude of the torso; it turns gravity.
+            vectoring: (φ, θ) of each rotor [rad].
+
+        Returns:
+            The snapshot, independent of the model's work space.
+        """
+        configuration, data, joints = self._q, self._data, self._v_joint
+        configuration[self._q_joint] = q
+        configuration[self._q_gimbal] = vectoring.reshape(-1)
+        self._model.gravity.linear = -GRAVITY * R_wb[2]
+        gravity = pin.computeGeneralizedGravity(self._model, data, configuration).take(joints)
+        momentum = pin.ccrba(self._model, data, configuration, self._no_velocity).take(joints, axis=1)
+        rotors = np.array(self._rotor_views)
+        # Velocity of a point per joint, v = v_O + ω × p = v_O − [p]ₓ ω, for all rotors and joints at once.
+        J = self._J.take(joints, axis=1)
+        J_rotor = J[:3] - (rotors @ CROSS).reshape(N_ROTORS, 3, 3) @ J[3:]
+        J_rotor *= self._moves
+        com = self._com.copy()
+        return Snapshot(
+            mass=self._mass,
+            com_b=com,
+            inertia_c=data.Ig.inertia,
+            R_bl=np.array(self._link_views),
+            rotor_c=rotors - com,
+            J_rotor=J_rotor,
+            gravity_torque=gravity,
+            momentum_map=momentum,
+        )
+
+    def segments(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Masses (k,) [kg], CoGs from the torso's origin (k, 3) [m] and Jacobians (k, 3, 16) of the k = 33 segments."""
+        self._configure(q, vectoring)
+        pin.computeJointJacobians(self._model, self._data, self._q)
+        masses, positions, jacobians = [], [], []
+        for j in range(1, self._model.njoints):
+            inertia, placement = self._model.inertias[j], self._data.oMi[j]
+            position = placement.act(inertia.lever)
+            J = pin.getJointJacobian(self._model, self._data, j, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            offset = position - placement.translation
+            masses.append(inertia.mass)
+            positions.append(position)
+            jacobians.append((J[:3] + np.cross(J[3:].T, offset).T)[:, self._v_joint])
+        return np.array(masses), np.array(positions), np.array(jacobians)
+
+    def contacts(self, q: JointVector) -> tuple[np.ndarray, np.ndarray]:
+        """Positions from the torso's origin (12, 3) [m] and Jacobians (12, 3, 16) of the points in `CONTACT_SITES`."""
+        return self._frames(CONTACT_SITES, q, np.zeros((N_ROTORS, 2)))
+
+    def rotors(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray]:
+        """Positions from the torso's origin (8, 3) [m] and attitudes (8, 3, 3) of the thrust frames."""
+        self._configure(q, vectoring)
+        pin.framesForwardKinematics(self._model, self._data, self._q)
+        placements = [self._data.oMf[self._model.getFrameId(name)] for name in ROTOR_SITES]
+        return np.array([p.translation for p in placements]), np.array([p.rotation for p in placements])
+
+    def mass_matrix(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, list[str]]:
+        """Joint-space inertia (38, 38) with a free torso at the origin, and the names of its joints, root first."""
+        self._configure(q, vectoring)
+        upper = np.triu(pin.crba(self._model, self._data, self._q))
+        return upper + np.triu(upper, 1).T, list(self._model.names)[1:]
+
+    def _configure(self, q: JointVector, vectoring: Vectoring) -> None:
+        self._q[self._q_joint] = q
+        self._q[self._q_gimbal] = vectoring.reshape(-1)
+
+    def _frames(self, names: tuple[str, ...], q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray]:
+        self._configure(q, vectoring)
+        pin.computeJointJacobians(self._model, self._data, self._q)
+        pin.updateFramePlacements(self._model, self._data)
+        ids = [self._model.getFrameId(name) for name in names]
+        world_aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobians = [pin.getFrameJacobian(self._model, self._data, i, world_aligned)[:3, self._v_joint] for i in ids]
+        return np.array([self._data.oMf[i].translation for i in ids]), np.array(jacobians)
+

@@ -1,0 +1,180 @@
+"""Inter-rotor interference: from the configuration to the restricted rotors and the bounds of their θ.
+
+A rotor that blows on another rotor below it, or on the torso, loses lift. With φ held at φ̂ the vectoring range of a
+rotor is an interval of angles ψ = θ − θ̂ about the torso's vertical, minus one forbidden interval per target below it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from spidar_gym.arrays import RotorMask, RotorVector, Vectoring
+from spidar_gym.model.dynamics import Snapshot
+from spidar_gym.model.rotor import HALF_PI
+from spidar_gym.robot import N_ROTORS, ROBOT
+
+
+@dataclass(frozen=True)
+class InterferenceConfig:
+    """Thresholds of the interference test; the values that the lab flew [JSK]."""
+
+    alpha: float = 0.4
+    """α̲: a pair inclined by more than this along φ does not interfere [rad] [Zhao2025, Eq. 22]."""
+    horizon: float = 1.2
+    """A target seen farther than this from straight below is not met by a hovering rotor [rad]."""
+    rotor_radius: float = 0.09
+    """Radius of a rotor and of its jet: duct inner radius 0.075 m times 1.2 [m]."""
+    torso_radius: float = ROBOT.torso_radius
+    """Radius of the torso disc [m]."""
+    width: float = 0.4
+    """A subset of the range narrower than this is not used [rad]."""
+    theta: float = 0.2
+    """θ̲: a rotor is restricted when a bound comes nearer than this to the vertical [rad] [Zhao2025, Eq. 33]."""
+    hysteresis: float = 0.05
+    """A restricted rotor is released only when its bound is farther than θ̲ plus this [rad]."""
+    tie: float = 0.05
+    """Two subsets whose distances from the vertical differ by less than this tie: the previous side is kept [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interference:
+    """The valid vectoring range of each rotor."""
+
+    restricted: RotorMask
+    """𝓘: the rotors whose vectoring is restricted."""
+    lower: RotorVector
+    """μ̲ + θ̂: lower bound of θ [rad]; meaningful where restricted."""
+    upper: RotorVector
+    """μ̄ + θ̂: upper bound of θ [rad]; meaningful where restricted."""
+    side: Int[np.ndarray, "8"]
+    """+1 where the lower bound is the one nearer to the vertical, −1 where the upper one is."""
+
+
+def no_interference() -> Interference:
+    """The state before the first tick: nothing restricted, ties go to the lower bound."""
+    free = np.zeros(N_ROTORS, bool)
+    return Interference(free, np.full(N_ROTORS, -np.inf), np.full(N_ROTORS, np.inf), np.ones(N_ROTORS, int))
+
+
+def forbidden_interval(x: float, z: float, radius: float, target_radius: float) -> tuple[float, float]:
+    """Angles ψ at which a jet meets a target in the plane [Zhao2025, Eq. 20, 21, 23].
+
+    Args:
+        x: Position of the target along the nominal rotor frame's x axis [m]; ψ > 0 tilts the thrust to +x, so the
+            jet to −x.
+        z: Height of the target in that frame [m], negative below.
+        radius: Radius of the jet [m].
+        target_radius: Radius of the target [m].
+
+    Returns:
+        (η̲′, η̄′) [rad]: every ψ between them blows on the target.
+    """
+    below = -z
+    right, left = x + target_radius, x - target_radius
+    low = -(math.atan2(right, below) + math.atan2(radius, math.hypot(right, below)))
+    high = -(math.atan2(left, below) - math.atan2(radius, math.hypot(left, below)))
+    return low, high
+
+
+def valid_subsets(forbidden: list[tuple[float, float]], *, width: float) -> list[tuple[float, float]]:
+    """Disjoint intervals S″ of [−π/2, π/2] that no forbidden interval covers, at least `width` wide.
+
+    [Zhao2025, Eq. 18, 19, 24, 25]: the intersection of the pairs' ranges as a union of isolated subsets.
+    """
+    subsets = [(-HALF_PI, HALF_PI)]
+    for low, high in forbidden:
+        subsets = [
+            (a, b)
+            for start, end in subsets
+            for a, b in ((start, low if low < end else end), (high if high > start else start, end))
+            if b - a >= width
+        ]
+    return subsets
+
+
+def best_subset(subsets: list[tuple[float, float]], side: int, *, tie: float) -> tuple[float, float] | None:
+    """The subset that needs the least tilt, Ŝ [Zhao2025, Eq. 26, 27].
+
+    Args:
+        subsets: Disjoint intervals of ψ [rad].
+        side: +1 or −1: where the previous choice lay; subsets that tie within `tie` [rad] go to this side.
+        tie: Width of a tie [rad].
+    """
+
+    best, least = None, math.inf
+    for subset in subsets:
+        low, high = subset
+        tilt = low if low > 0.0 else -high if high < 0.0 else 0.0
+        if low > 0.0 and side < 0 or high < 0.0 and side > 0:
+            tilt += tie
+        if tilt < least:
+            best, least = subset, tilt
+    return best
+
+
+def interference(
+    snapshot: Snapshot, nominal: Vectoring, previous: Interference, *, config: InterferenceConfig
+) -> Interference:
+    """Restricted rotors 𝓘 and the bounds of their θ [Zhao2025, Eq. 18-27, 33].
+
+    Args:
+        snapshot: The configuration.
+        nominal: (φ̂, θ̂) of each rotor [rad].
+        previous: The result of the last tick: it decides ties and the hysteresis of 𝓘.
+        config: Thresholds.
+
+    Returns:
+        Bounds on θ itself (θ̂ added). The torso disc counts as a target. Rotors that no subset leaves room for
+        (none in the robot's range was found) keep their full range.
+    """
+    intervals = _forbidden_intervals(snapshot, nominal, config)
+    if not intervals:
+        return Interference(_NONE.restricted, _NONE.lower, _NONE.upper, previous.side)
+    restricted, lower, upper = [False] * N_ROTORS, [-math.inf] * N_ROTORS, [math.inf] * N_ROTORS
+    side, was, theta_hat = previous.side.tolist(), previous.restricted.tolist(), nominal[:, 1].tolist()
+    for i, forbidden in intervals.items():
+        best = best_subset(valid_subsets(forbidden, width=config.width), side[i], tie=config.tie)
+        if best is None:
+            continue
+        low, high = best
+        side[i] = 1 if -low <= high else -1
+        restricted[i] = min(-low, high) < config.theta + (config.hysteresis if was[i] else 0.0)
+        lower[i], upper[i] = low + theta_hat[i], high + theta_hat[i]
+    return Interference(np.array(restricted), np.array(lower), np.array(upper), np.array(side))
+
+
+_NONE = no_interference()
+
+
+def _forbidden_intervals(
+    snapshot: Snapshot, nominal: Vectoring, config: InterferenceConfig
+) -> dict[int, list[tuple[float, float]]]:
+    """Forbidden intervals of each rotor that has a target below it: the pairs of [Zhao2025, Eq. 22, 23]."""
+    targets = [(*p, config.rotor_radius) for p in snapshot.rotor_c.tolist()]
+    targets.append((*(-snapshot.com_b).tolist(), config.torso_radius))
+    tan_alpha, tan_horizon = math.tan(config.alpha), math.tan(config.horizon)
+    R_bl, phi_hat = snapshot.R_bl[:, :2, 1:].tolist(), nominal[:, 0].tolist()
+    intervals: dict[int, list[tuple[float, float]]] = {}
+    for i in range(N_ROTORS):
+        x0, y0, z0, _ = targets[i]
+        yx = yy = 0.0
+        for x, y, z, radius in targets:
+            below = z0 - z
+            if below <= 0.0:
+                continue
+            dx, dy = x - x0, y - y0
+            if yx == yy == 0.0:
+                # Nominal thrust frame of rotor i: z up in the torso, y along its θ axis R_bl Rx(φ̂) ŷ, horizontal.
+                c, s = math.cos(phi_hat[i]), math.sin(phi_hat[i])
+                (ax, bx), (ay, by) = R_bl[i]
+                yx, yy = c * ax + s * bx, c * ay + s * by
+                length = math.sqrt(yx * yx + yy * yy)
+                yx, yy = yx / length, yy / length
+            # α = atan2(|v_y|, |v_z|) ≥ α̲, or too far to the side to be met at hover; the frame's x axis is y × z.
+            if abs(dx * yx + dy * yy) >= tan_alpha * below or abs(dx * yy - dy * yx) >= tan_horizon * below:
+                continue
+            interval = forbidden_interval(dx * yy - dy * yx, -below, config.rotor_radius, radius)
+            intervals.setdefault(i, []).append(interval)
+    return intervals

@@ -1,0 +1,164 @@
+"""Vectoring geometry: force ↔ (λ, φ, θ), the branch nearest to the present angles, and the lock near a vertical link.
+
+The force of a module in the axes of its link is f = λ (sin θ, −sin φ cos θ, cos φ cos θ): φ turns it about the link's
+rod, θ about the axis on which the two ducts sit. (φ, θ) and (φ + π, π − θ) are the same force, and φ is undefined where
+the force lies along the rod: near a link that is vertical while the robot hovers.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spidar_gym.arrays import RotorForces, RotorMask, RotorVector, Vectoring
+from spidar_gym.so3 import CROSS
+
+TWO_PI = 2.0 * math.pi
+HALF_PI = 0.5 * math.pi
+MIN_FORCE = 0.5
+"""Below this thrust [N] the direction of a force means nothing."""
+
+def vectoring_to_force(thrust: RotorVector, vectoring: Vectoring) -> RotorForces:
+    """Force of each module in link axes, f = λ u(φ, θ) [N] [Zhao2025, Eq. 1]."""
+    phi, theta = vectoring[:, 0], vectoring[:, 1]
+    c = np.cos(theta)
+    return thrust[:, None] * np.stack([np.sin(theta), -np.sin(phi) * c, np.cos(phi) * c], axis=1)
+
+
+def thrust_map(R_bl: Float[np.ndarray, "8 3 3"], rotor_c: RotorForces) -> Float[np.ndarray, "6 24"]:
+    """Matrix from the eight forces in link axes to the total wrench in {CoG} [Zhao2025, Eq. 2].
+
+    Args:
+        R_bl: Attitude of each link.
+        rotor_c: Rotor centres seen from the CoG, torso axes [m].
+
+    Returns:
+        Q with (f_λ, τ_λ) = Q f; columns 3i … 3i + 2 belong to rotor i. Differs from [Zhao2025, Eq. 2]: the unknowns
+        are the forces themselves, because the bounds on them are constant rows in link axes.
+    """
+    Q = np.empty((6, 8, 3))
+    Q[:3] = R_bl.transpose(1, 0, 2)
+    Q[3:] = ((rotor_c @ CROSS).reshape(8, 3, 3) @ R_bl).transpose(1, 0, 2)
+    return Q.reshape(6, 24)
+
+
+def point(
+    force_l: Sequence[float], phi0: float, theta0: float, held: float | None = None, *, min_force: float = MIN_FORCE
+) -> tuple[float, float]:
+    """Vectoring angles (φ, θ) [rad] that point one module along its force [Zhao2025, Eq. 15, 16].
+
+    Args:
+        force_l: Force in link axes [N].
+        phi0: Present φ, unwrapped [rad]. Of the equal solutions the one nearest to the present angles is returned, so
+            that nothing jumps by π or 2π where the formulas' arctangents do.
+        theta0: Present θ, unwrapped [rad].
+        held: φ where it is locked [rad]; θ then points along the force's projection on the plane that it sweeps.
+        min_force: Below this thrust [N] a direction means nothing and the present angles stay.
+    """
+    fx, fy, fz = force_l
+    if held is None:
+        phi = math.atan2(-fy, fz)
+        along = math.sqrt(fy * fy + fz * fz)  # = −f_y sin φ + f_z cos φ
+    else:
+        phi = held
+        along = -fy * math.sin(phi) + fz * math.cos(phi)
+    if fx * fx + along * along < min_force * min_force:
+        return (phi0 if held is None else held), theta0
+    theta = math.atan2(fx, along)
+    if held is None:
+        way = phi - phi0
+        if abs(way) > HALF_PI:
+            turns = round(way / math.pi)
+            phi -= math.pi * turns
+            if turns % 2:
+                theta = math.pi - theta
+    way = theta - theta0
+    return phi, (theta if -math.pi <= way <= math.pi else theta - TWO_PI * round(way / TWO_PI))
+
+
+def force_to_vectoring(forces_l: RotorForces, present: Vectoring) -> Vectoring:
+    """Vectoring angles (φ, θ) [rad] of eight forces in link axes [N], none of them locked; see `point`."""
+    return np.array([point(f, *angles) for f, angles in zip(forces_l.tolist(), present.tolist(), strict=True)])
+
+
+def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> Vectoring:
+    """Angles (φ̂, θ̂) [rad] that point each rotor along the torso's z axis, on the branch nearest to `present`.
+
+    Solves u(φ̂, θ̂) = (0, 0, 1) in {CoG} [Zhao2025, Sec. Interrotor Aerointerference].
+    """
+    up_l = R_bl[:, 2].tolist()
+    return np.array(
+        [point(up, *angles, min_force=0.0) for up, angles in zip(up_l, present.tolist(), strict=True)]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Lock:
+    """Which rotors have their φ held, and where."""
+
+    vertical: RotorMask
+    """The link is near vertical (with hysteresis)."""
+    active: RotorMask
+    """φ is held: near a vertical link, restricted by interference, or on its way back from either."""
+    phi: RotorVector
+    """The held angle [rad]; where `active` is False, the angle last commanded."""
+
+
+@dataclass(frozen=True)
+class LockConfig:
+    """When and how φ is held."""
+
+    enter: float = 0.30
+    """φ is locked when the link comes within this angle of the vertical [rad] [JSK]."""
+    leave: float = 0.35
+    """… and released when it is farther than this [rad]."""
+    slew: float = 0.04
+    """A held φ moves by at most this much a tick [rad] [JSK]."""
+
+
+def update_lock(
+    previous: Lock,
+    restricted: RotorMask,
+    nominal: Vectoring,
+    R_bl: Float[np.ndarray, "8 3 3"],
+    phi_command: RotorVector,
+    *,
+    config: LockConfig,
+) -> Lock:
+    """Advance the lock of φ by one tick.
+
+    Near a vertical link φ is held **where it is when the lock begins**: any angle gives the same lift there, and this
+    one moves nothing. A rotor restricted by interference is held at φ̂, so that its thrust stays in the plane of
+    [Zhao2025, Eq. 32]. A rotor that is neither any more is led to φ̂ and released when it arrives. Every held angle
+    moves by at most `slew` a tick. Differs from the lab's implementation, which searches for the angle of the largest
+    guaranteed wrench: at 2 rad/s that search never arrives while the links move.
+
+    Args:
+        previous: The lock of the last tick.
+        restricted: Rotors restricted by interference.
+        nominal: (φ̂, θ̂).
+        R_bl: Attitude of each link; the angle from the vertical is that of its x axis to the torso's z axis.
+        phi_command: φ commanded at the last tick [rad].
+        config: Thresholds and slew.
+    """
+    enter, leave = math.cos(config.enter), math.cos(config.leave)
+    slew = config.slew
+    was_vertical, was_active, held_phi = previous.vertical.tolist(), previous.active.tolist(), previous.phi.tolist()
+    command, phi_hat, is_restricted = phi_command.tolist(), nominal[:, 0].tolist(), restricted.tolist()
+    vertical, active, phi = [], [], []
+    for i, up in enumerate(R_bl[:, 2, 0].tolist()):  # cosine of the angle between the link and the torso's z axis
+        upright = abs(up) > (leave if was_vertical[i] else enter)
+        held = held_phi[i] if was_active[i] else command[i]
+        # The nearest of φ̂ + kπ: both branches lie in the same plane, so turning by π is never needed.
+        rest = phi_hat[i] - held
+        if abs(rest) > HALF_PI:
+            rest -= math.pi * round(rest / math.pi)
+        lock = upright or is_restricted[i] or (was_active[i] and abs(rest) > slew)
+        if lock and not upright:
+            held += -slew if rest < -slew else slew if rest > slew else rest
+        vertical.append(upright)
+        active.append(lock)
+        phi.append(held)
+    return Lock(vertical=np.array(vertical), active=np.array(active), phi=np.array(phi))

@@ -1,0 +1,216 @@
+"""The owner of MuJoCo: `step(Command) → RobotState`, with exact saving and restoring."""
+
+import copy
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
+from spidar_gym.description import mjcf_path
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
+from spidar_gym.state import Command, RobotState
+
+TIMESTEP = 0.0025
+"""Physics step [s], implicitfast."""
+_LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """What can be chosen about the simulated robot."""
+
+    substeps: int = 10
+    """Physics steps a control period: 10 × 2.5 ms = 25 ms, 40 Hz."""
+    joint_speed: float = ROBOT.joint_speed
+    """The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is."""
+    idle_thrust: float = 0.0
+    """Least thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        if self.substeps < 1:
+            raise InvalidValueError("substeps", self.substeps, "a whole number of at least 1")
+        if not (math.isfinite(self.joint_speed) and self.joint_speed > 0.0):
+            raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
+        if not 0.0 <= self.idle_thrust <= ROBOT.max_thrust:
+            raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {ROBOT.max_thrust:g} N")
+
+
+@cache
+def scene(visual: bool) -> mujoco.MjModel:
+    """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step."""
+    spec = mujoco.MjSpec.from_file(str(mjcf_path()))
+    if not visual:
+        for geom in list(spec.geoms):
+            if geom.contype == 0 and geom.conaffinity == 0:
+                spec.delete(geom)
+    world = spec.worldbody
+    floor = world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+    floor.contype, floor.conaffinity, floor.friction = 1, 0, [0.8, 0.005, 0.0001]
+    if visual:
+        spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+        spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+        getattr(spec.visual, "global").offwidth = 1920
+        getattr(spec.visual, "global").offheight = 1080
+        builtin = mujoco.mjtBuiltin
+        spec.add_texture(
+            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=builtin.mjBUILTIN_GRADIENT,
+            rgb1=[0.75, 0.83, 0.92], rgb2=[0.95, 0.96, 0.97], width=256, height=1536,
+        )  # fmt: skip
+        spec.add_texture(
+            name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER,
+            rgb1=[0.72, 0.74, 0.76], rgb2=[0.78, 0.80, 0.82], width=512, height=512,
+            mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.6, 0.62, 0.65],
+        )  # fmt: skip
+        grid = spec.add_material(name="grid", texrepeat=[1, 1], texuniform=True, reflectance=0.05)
+        grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
+        floor.material = "grid"
+        world.add_light(
+            pos=[1, -1, 4], dir=[-0.25, 0.25, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            castshadow=True, diffuse=[0.6, 0.6, 0.6],
+        )  # fmt: skip
+    model = spec.compile()
+    # A state that diverges must be seen, not silently reset.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return model
+
+
+class Plant:
+    """One simulated robot over a floor."""
+
+    def __init__(self, config: PlantConfig | None = None) -> None:
+        """Compile the scene (`StaleAssetError` where the model file was edited by hand)."""
+        self.config = config or PlantConfig()
+        self.model = copy.copy(scene(visual=False))
+        self.data = mujoco.MjData(self.model)
+        self.period = self.config.substeps * TIMESTEP
+        """Control period [s]."""
+        joints = [self.model.joint(name) for name in (*JOINT_NAMES, *GIMBAL_NAMES)]
+        self._qpos = np.array([joint.qposadr[0] for joint in joints])
+        self._qvel = np.array([joint.dofadr[0] for joint in joints])
+        servos = [self.model.actuator(name) for name in (*ROTOR_SITES, *JOINT_NAMES, *GIMBAL_NAMES)]
+        # `_actuators[k]` is the k-th of eight thrusts, sixteen joints, sixteen vectoring angles, in this order.
+        self._ctrl = np.array([self.model.actuator_ctrladr[servo.id] for servo in servos])
+        self._act = np.array([self.model.actuator_actadr[servo.id] for servo in servos])
+        self._joint_servos = np.array([servo.id for servo in servos[N_ROTORS : N_ROTORS + N_JOINTS]])
+        self.model.actuator_dynprm[self._joint_servos, 1] = self.config.joint_speed  # the pid servo's slewmax
+        self._torque_limit = np.full(N_JOINTS, ROBOT.max_joint_torque)
+        self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
+
+    def reset(
+        self,
+        position_w: Vector3,
+        quat_wb: Quaternion = _LEVEL,
+        joint_position: JointVector | None = None,
+        vectoring: Vectoring | None = None,
+        thrust: RotorVector | None = None,
+    ) -> RobotState:
+        """Put the robot somewhere at rest, servos at their setpoints.
+
+        Args:
+            position_w: Origin of the torso [m].
+            quat_wb: Attitude (w, x, y, z).
+            joint_position: q [rad]; zero by default.
+            vectoring: (φ, θ) [rad]; zero by default.
+            thrust: Thrust that the modules already deliver [N]; zero by default.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        targets = self._targets
+        targets[:N_ROTORS] = 0.0 if thrust is None else thrust
+        targets[N_ROTORS : N_ROTORS + N_JOINTS] = 0.0 if joint_position is None else joint_position
+        targets[N_ROTORS + N_JOINTS :] = 0.0 if vectoring is None else vectoring.reshape(-1)
+        self.data.qpos[:3] = position_w
+        self.data.qpos[3:7] = quat_wb
+        self.data.qpos[self._qpos] = targets[N_ROTORS:]
+        self.data.act[self._act] = targets
+        self.data.ctrl[self._ctrl] = targets
+        self._limit_torque(np.full(N_JOINTS, ROBOT.max_joint_torque))
+        mujoco.mj_forward(self.model, self.data)
+        return self.state()
+
+    def step(self, command: Command) -> RobotState:
+        """Advance by one control period.
+
+        Args:
+            command: Thrusts are clipped to idle … λ̄, joint setpoints to ± 90° and slewed by the servos.
+
+        Returns:
+            The true state at the end of the period.
+        """
+        targets = self._targets
+        targets[:N_ROTORS] = command.thrust
+        targets[N_ROTORS : N_ROTORS + N_JOINTS] = command.joint_position
+        targets[N_ROTORS + N_JOINTS :] = command.vectoring.reshape(-1)
+        if self.config.idle_thrust > 0.0:
+            np.maximum(targets[:N_ROTORS], self.config.idle_thrust, out=targets[:N_ROTORS])
+        self.data.ctrl[self._ctrl] = targets
+        if command.joint_torque_limit is not self._torque_limit:
+            self._limit_torque(command.joint_torque_limit)
+        mujoco.mj_step(self.model, self.data, self.config.substeps)
+        return self.state()
+
+    def state(self) -> RobotState:
+        """The true state."""
+        data = self.data
+        q, v = data.qpos[self._qpos], data.qvel[self._qvel]
+        return RobotState(
+            time=data.time,
+            position_w=data.qpos[:3].copy(),
+            quat_wb=data.qpos[3:7].copy(),
+            velocity_w=data.qvel[:3].copy(),
+            omega_b=data.qvel[3:6].copy(),
+            joint_position=q[:N_JOINTS],
+            joint_velocity=v[:N_JOINTS],
+            vectoring=q[N_JOINTS:].reshape(N_ROTORS, 2),
+            vectoring_velocity=v[N_JOINTS:].reshape(N_ROTORS, 2),
+            thrust=data.act[self._act[:N_ROTORS]],
+            joint_torque=data.actuator_force[self._joint_servos],
+        )
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether any part of the robot touches the floor."""
+        return self.data.ncon > 0
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the state is no longer a number, or MuJoCo found it beyond its limits."""
+        warning = self.data.warning
+        bad = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+        return any(warning[kind].number > 0 for kind in bad) or not math.isfinite(
+            float(self.data.qpos.sum() + self.data.qvel.sum())
+        )
+
+    def save(self) -> np.ndarray:
+        """The full state of the simulation as one vector; `restore` continues from it bit for bit."""
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, state, kind)
+        warnings = [float(warning.number) for warning in self.data.warning]
+        return np.concatenate([state, self._torque_limit, warnings])
+
+    def restore(self, saved: np.ndarray) -> RobotState:
+        """Return to a saved state (`InvalidValueError` for a vector of another length)."""
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        size = mujoco.mj_stateSize(self.model, kind)
+        warnings = len(self.data.warning)
+        if saved.shape != (size + N_JOINTS + warnings,):
+            raise InvalidValueError("saved", saved.shape, f"a vector of {size + N_JOINTS + warnings} numbers from save()")
+        mujoco.mj_setState(self.model, self.data, saved[:size], kind)
+        self._limit_torque(saved[size : size + N_JOINTS].copy())
+        mujoco.mj_forward(self.model, self.data)
+        # The forward pass warms the solver anew: put the saved start back, or the next step differs in its last bits.
+        mujoco.mj_setState(self.model, self.data, saved[:size], kind)
+        for warning, number in zip(self.data.warning, saved[size + N_JOINTS :], strict=True):
+            warning.number = int(number)
+        return self.state()
+
+    def _limit_torque(self, limit: JointVector) -> None:
+        self._torque_limit = limit
+        bound = np.minimum(limit, ROBOT.max_joint_torque)
+        self.model.actuator_forcerange[self._joint_servos, 0] = -bound
+        self.model.actuator_forcerange[self._joint_servos, 1] = bound

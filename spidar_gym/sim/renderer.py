@@ -1,0 +1,86 @@
+"""Draws a plant: off-screen pictures and depth images, or MuJoCo's window."""
+
+from typing import Any
+
+import mujoco
+import mujoco.viewer
+import numpy as np
+
+from spidar_gym.description import CAMERAS
+from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
+from spidar_gym.sim.plant import Plant, scene
+
+INSTALL_GL = "apt-get install libegl1 libgl1 (then MUJOCO_GL=egl), or libosmesa6 (then MUJOCO_GL=osmesa)"
+
+
+class OffscreenRenderer:
+    """Pictures of a plant from one of its cameras."""
+
+    def __init__(self, camera: str = "chase", width: int = 640, height: int = 480) -> None:
+        """Open an OpenGL context (`MissingDependencyError` says what to install where there is none)."""
+        if camera not in CAMERAS:
+            raise UnknownNameError("camera", camera, CAMERAS)
+        self._camera = camera
+        self._model = scene(visual=True)
+        self._data = mujoco.MjData(self._model)
+        try:
+            self._renderer = mujoco.Renderer(self._model, height, width)
+        except ValueError as error:
+            raise SpidarError(f"cannot render {width} × {height}: {error}; valid: up to 1920 × 1080") from error
+        except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
+            raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
+        self._options = mujoco.MjvOption()
+        self._options.geomgroup[3] = 0
+
+    def render(self, plant: Plant, *, depth: bool = False) -> np.ndarray:
+        """Picture (height, width, 3) uint8, or distances (height, width) float32 [m] with `depth`."""
+        self._data.qpos[:] = plant.data.qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        if depth:
+            self._renderer.enable_depth_rendering()
+        self._renderer.update_scene(self._data, self._camera, self._options)
+        image = self._renderer.render().copy()
+        if depth:
+            self._renderer.disable_depth_rendering()
+        return image
+
+    def close(self) -> None:
+        """Give the OpenGL context back; a second call does nothing."""
+        renderer, self._renderer = self._renderer, None
+        if renderer is not None:
+            renderer.close()
+
+
+class Window:
+    """MuJoCo's interactive viewer, following a plant."""
+
+    def __init__(self) -> None:
+        """Open the window (`SpidarError` where there is no screen)."""
+        self._model = scene(visual=True)
+        self._data = mujoco.MjData(self._model)
+        try:
+            self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
+        except Exception as error:  # glfw, GLX and macOS each raise their own
+            raise SpidarError(
+                "cannot open a window: no display; valid without one: render_mode='rgb_array' or 'depth_array'"
+            ) from error
+        self._viewer.opt.geomgroup[3] = 0
+
+    def render(self, plant: Plant) -> None:
+        """Show the present state."""
+        self._data.qpos[:] = plant.data.qpos
+        mujoco.mj_forward(self._model, self._data)
+        self._viewer.sync()
+
+    @property
+    def is_open(self) -> bool:
+        """False once the user has closed it."""
+        return self._viewer is not None and self._viewer.is_running()
+
+    def close(self) -> None:
+        """Close the window; a second call does nothing."""
+        viewer, self._viewer = self._viewer, None
+        if viewer is not None:
+            viewer.close()

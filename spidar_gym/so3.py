@@ -1,0 +1,107 @@
+"""Rotations: skew, exponential and logarithm of SO(3), quaternions (the one place where their order lives)."""
+
+import math
+
+import numpy as np
+
+from spidar_gym.arrays import Matrix3, Quaternion, Vector3
+
+
+def skew(v: Vector3) -> Matrix3:
+    """Matrix [v]ₓ with [v]ₓ u = v × u."""
+    x, y, z = v.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+CROSS = np.array([skew(axis).reshape(-1) for axis in np.eye(3)])
+"""points @ CROSS, reshaped to (k, 3, 3), are the matrices [p]ₓ of k points at once."""
+
+
+def vee(M: Matrix3) -> Vector3:
+    """Vector v of the skew-symmetric part of M: the inverse of `skew`."""
+    return 0.5 * np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
+
+
+def exp(v: Vector3) -> Matrix3:
+    """Rotation by |v| [rad] about v (Rodrigues)."""
+    angle = math.sqrt(float(v @ v))
+    K = skew(v)
+    if angle < 1e-7:
+        return np.eye(3) + K + 0.5 * (K @ K)
+    return np.eye(3) + (math.sin(angle) / angle) * K + ((1.0 - math.cos(angle)) / angle**2) * (K @ K)
+
+
+def log(R: Matrix3) -> Vector3:
+    """Rotation vector [rad] of R, of length 0 … π; at π its sign is the one with the first nonzero entry positive."""
+    axis = vee(R)
+    sine = math.sqrt(float(axis @ axis))
+    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-6:
+        return axis * (angle / sine)
+    if cosine > 0.0:
+        return axis
+    # Close to a half turn the skew part vanishes: R ≈ 2 n nᵀ − 1, so n is a column of R + 1.
+    outer = 0.5 * (R + np.eye(3))
+    n = outer[:, int(np.argmax(np.diag(outer)))]
+    n = n / math.sqrt(float(n @ n))
+    sign = math.copysign(1.0, float(n @ axis)) if sine > 0.0 else math.copysign(1.0, n[np.flatnonzero(n)[0]])
+    return sign * angle * n
+
+
+def quat_to_matrix(quat: Quaternion) -> Matrix3:
+    """Rotation matrix of the quaternion (w, x, y, z); it need not be normalised."""
+    w, x, y, z = quat.tolist()
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return np.array(
+        [
+            [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+            [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
+            [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
+        ]
+    )
+
+
+def matrix_to_quat(R: Matrix3) -> Quaternion:
+    """Unit quaternion (w, x, y, z) with w ≥ 0 of the rotation matrix."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    # Each row is the quaternion times four times one of its entries; the longest row is the best conditioned.
+    rows = np.array(
+        [
+            [1.0 + a + e + i, h - f, c - g, d - b],
+            [h - f, 1.0 + a - e - i, d + b, c + g],
+            [c - g, d + b, 1.0 - a + e - i, h + f],
+            [d - b, c + g, h + f, 1.0 - a - e + i],
+        ]
+    )
+    quat = rows[int(np.argmax(np.diag(rows)))]
+    quat = quat / math.sqrt(float(quat @ quat))
+    return -quat if quat[0] < 0.0 else quat
+
+
+def to_xyzw(quat: Quaternion) -> Quaternion:
+    """Quaternion (x, y, z, w), Pinocchio's and ROS's order, of (w, x, y, z)."""
+    return np.roll(quat, -1)
+
+
+def from_xyzw(quat_xyzw: Quaternion) -> Quaternion:
+    """Quaternion (w, x, y, z), this package's and MuJoCo's order, of (x, y, z, w)."""
+    return np.roll(quat_xyzw, 1)
+
+
+def rotation_x(angle: float) -> Matrix3:
+    """Rotation about x by `angle` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rotation_y(angle: float) -> Matrix3:
+    """Rotation about y by `angle` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def rotation_z(angle: float) -> Matrix3:
+    """Rotation about z by `angle` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
