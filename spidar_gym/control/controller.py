@@ -146,6 +146,25 @@ class Controller:
             unallocated_torque=zero,
         )
 
+    def rest_vectoring(self, q: JointVector) -> Vectoring:
+        """(φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it [rad].
+
+        θ is on the branch that goes on from the flat form: −135° for the inverted outer links of form ③.
+        """
+        pitch = np.cumsum(q.reshape(-1, 2, 2)[:, :, 1], axis=1).reshape(-1)
+        guess = np.stack([np.zeros(N_ROTORS), -pitch], axis=1)
+        snapshot = self.model.snapshot(q, np.eye(3), guess)
+        nominal = nominal_vectoring(snapshot.R_bl, guess)
+        bounds = interference(snapshot, nominal, no_interference(), config=self.config.interference)
+        lock = update_lock(
+            Lock(_ALL_FREE, _ALL_FREE, nominal[:, 0]), bounds.restricted, nominal, snapshot, nominal[:, 0],
+            config=replace(self.config.lock, slew=math.inf),
+        )  # fmt: skip
+        angles = zip(snapshot.R_bl[:, 2].tolist(), nominal.tolist(), lock.active.tolist(), lock.phi.tolist(), strict=True)
+        return np.array(
+            [point(up, *hat, phi if active else None, min_force=0.0) for up, hat, active, phi in angles]
+        )
+
     def perceive(self, state: RobotState, reference: Reference) -> Percept:
         """What the controller makes of a state: model quantities and errors. Pure, but for the model's work space."""
         R_wb = quat_to_matrix(state.quat_wb)
@@ -209,7 +228,7 @@ class Controller:
         if not self.allocator.modes[mode].avoid_interference:
             bounds = replace(bounds, restricted=_ALL_FREE)
         lock = update_lock(
-            memory.lock, bounds.restricted, nominal, snapshot.R_bl, memory.vectoring[:, 0], config=config.lock
+            memory.lock, bounds.restricted, nominal, snapshot, memory.vectoring[:, 0], config=config.lock
         )
         demand = Demand(
             wrench=wrench,

@@ -99,7 +99,7 @@ ACTION_MODES: dict[str, ActionMode] = {
 """Action modes by name. All zero is exactly the paper's controller, in every mode but `direct`."""
 
 
-def action_mode(name: str) -> ActionMode:
+def find_action_mode(name: str) -> ActionMode:
     """Mode by name (`UnknownNameError` lists the valid ones)."""
     if name not in ACTION_MODES:
         raise UnknownNameError("action mode", name, ACTION_MODES)

@@ -1,7 +1,7 @@
 """The tasks, a page each: constants with units, initial state, reference, reward terms, failure, success."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.envs.rewards import norm, tolerance
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.model.dynamics import Model
-from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import FORMS, N_LEGS, N_ROTORS, ROBOT
 
 CLEARANCE = 0.5
 """Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
@@ -50,10 +50,6 @@ class FormGoal:
     """q [rad]."""
 
 
-def _paper(rng: np.random.Generator, task: "HoverTask") -> list[tuple[float, JointVector]]:
-    return [(4.0, FORMS["form2"]), (0.0, FORMS["form3"])]
-
-
 def _equal_legs(rng: np.random.Generator) -> JointVector:
     """All legs alike, with a common twist of the yaw joints [rad]."""
     leg = rng.uniform((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4))
@@ -63,10 +59,6 @@ def _equal_legs(rng: np.random.Generator) -> JointVector:
 def _independent_legs(rng: np.random.Generator) -> JointVector:
     """Every leg for itself: yaw ±0.5, inner pitch −0.2 … 0.8, outer pitch 0 … 1.4 rad."""
     return rng.uniform(np.tile((-0.5, -0.2, -0.5, 0.0), N_LEGS), np.tile((0.5, 0.8, 0.5, 1.4), N_LEGS))
-
-
-def _paper_form(rng: np.random.Generator) -> JointVector:
-    return FORMS[f"form{rng.integers(1, 4)}"]
 
 
 SAMPLERS = {"equal": _equal_legs, "independent": _independent_legs}
@@ -83,8 +75,6 @@ class HoverTask:
     `independent` legs with yaw, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
     joint_speed: float = ROBOT.joint_speed
     """Speed of the joint motion [rad/s]."""
-    horizon_s: float = 20.0
-    """Length of an episode [s]."""
     perturbation: float = 1.0
     """Scale of the initial offset: 1 is ±3 cm, ±3° and ±5 cm/s … per axis; 0 starts on the reference."""
     avoid_interference: bool = True
@@ -94,11 +84,9 @@ class HoverTask:
         """Refuse what cannot be flown."""
         if self.forms not in SEQUENCES:
             raise UnknownNameError("form sequence", self.forms, SEQUENCES)
-        for name in ("joint_speed", "horizon_s"):
-            value = getattr(self, name)
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
-                raise InvalidValueError(name, value, "a number above 0")
-        if not (math.isfinite(self.perturbation) and self.perturbation >= 0.0):
+        if not (isinstance(self.joint_speed, int | float) and math.isfinite(self.joint_speed) and self.joint_speed > 0.0):
+            raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
+        if not (isinstance(self.perturbation, int | float) and 0.0 <= self.perturbation < math.inf):
             raise InvalidValueError("perturbation", self.perturbation, "a number of at least 0")
 
     @classmethod
@@ -111,18 +99,13 @@ class HoverTask:
         """Allocation mode."""
         return "flight" if self.avoid_interference else "flight_unrestricted"
 
-    @property
-    def horizon(self) -> int:
-        """Length of an episode in ticks."""
-        return max(1, round(self.horizon_s * CONTROL_RATE))
-
     @cached_property
     def position_w(self) -> Vector3:
         """Desired position of the CoG [m]."""
         return np.array([0.0, 0.0, hover_height()])
 
-    def schedule(self, rng: np.random.Generator) -> list[FormGoal]:
-        """The episode's forms in order; the first one is the initial form, reached at time 0."""
+    def schedule(self, rng: np.random.Generator, horizon_s: float) -> list[FormGoal]:
+        """The forms of `horizon_s` seconds in order; the first one is the initial form, reached at time 0."""
         if self.forms in FORMS:
             return [FormGoal(0.0, 0.0, FORMS[self.forms])]
         if self.forms == "paper":
@@ -131,7 +114,7 @@ class HoverTask:
             self._append(goals, goals[-1].deadline, FORMS["form3"])
             return goals
         goals = [FormGoal(0.0, 0.0, self._sample(rng))]
-        while (start := goals[-1].deadline + rng.uniform(1.0, 2.5)) < self.horizon_s:
+        while (start := goals[-1].deadline + rng.uniform(1.0, 2.5)) < horizon_s:
             self._append(goals, start, self._sample(rng))
         return goals
 
@@ -146,7 +129,7 @@ class HoverTask:
             return SAMPLERS[self.forms](rng)
         kind = rng.random()
         if kind < 0.25:
-            return _paper_form(rng)
+            return FORMS[f"form{rng.integers(1, 4)}"]
         return _equal_legs(rng) if kind < 0.55 else _independent_legs(rng)
 
     def offset(self, rng: np.random.Generator) -> tuple[Vector3, Vector3]:
@@ -154,13 +137,15 @@ class HoverTask:
         unit = rng.uniform(-1.0, 1.0, 6) * self.perturbation
         return 0.03 * unit[:3], 0.05 * unit[3:]
 
-    def reward_terms(self, position: Vector3, attitude: Vector3, joints: JointVector, action: np.ndarray) -> dict[str, float]:
-        """Terms in [0, 1]; the reward is their weighted sum with `REWARD_WEIGHTS`.
+    def reward_terms(
+        self, position: Vector3, attitude: Vector3, joints: JointVector, action: np.ndarray
+    ) -> dict[str, float]:
+        """Terms in [0, 1]; the reward is their sum weighted with `REWARD_WEIGHTS`.
 
         Args:
             position: CoG error [m].
             attitude: Attitude error [rad].
-            joints: Commanded plan − measured joint angles [rad].
+            joints: The schedule's plan − measured joint angles [rad].
             action: The action, in [−1, 1].
         """
         return {
@@ -185,8 +170,83 @@ class HoverTask:
         return "position" if norm(position) > MAX_DISTANCE else ""
 
 
-REWARD_WEIGHTS = {"position": 0.4, "attitude": 0.4, "joints": 0.1, "action": 0.1}
-"""Weights of the reward's terms; they add up to 1, so the reward lies in [0, 1] too."""
+REWARD_TERMS = {
+    "position": (0.4, "1 / (1 + (‖position error‖ / 0.02 m)²)"),
+    "attitude": (0.4, "1 / (1 + (‖attitude error‖ / 0.03 rad)²)"),
+    "joints": (0.1, "1 / (1 + (max |planned − measured joint angle| / 0.1 rad)²)"),
+    "action": (0.1, "1 − mean a²"),
+}
+"""Weight and formula of the reward's terms; the weights add up to 1, so the reward lies in [0, 1] too."""
+FAILURES = {
+    "contact": "a part of the robot touches the floor",
+    "tilt": f"the torso tilts by more than {MAX_TILT:g} rad",
+    "position": f"the CoG is more than {MAX_DISTANCE:g} m from its reference",
+    "diverged": "the simulation's state is no longer finite",
+}
+"""Words of `info["failure"]` and what they mean."""
+
+
+@dataclass
+class Progress:
+    """How far an episode has come: RMS errors and arrivals; what `is_success` is made of."""
+
+    goals: list[FormGoal]
+    """The schedule."""
+    ticks: int = 0
+    """Ticks flown."""
+    current: int = 0
+    """Index of the goal that is the target now."""
+    position_sum: float = 0.0
+    """Sum of squared position errors [m²]."""
+    attitude_sum: float = 0.0
+    """Sum of squared attitude errors [rad²]."""
+    reached: set[int] = field(default_factory=set)
+    """Goals reached in time."""
+
+    @property
+    def time(self) -> float:
+        """Time flown [s]."""
+        return self.ticks / CONTROL_RATE
+
+    @property
+    def goal(self) -> FormGoal:
+        """The form to reach now."""
+        return self.goals[self.current]
+
+    @property
+    def next_goal(self) -> FormGoal | None:
+        """The form after it."""
+        return self.goals[self.current + 1] if self.current + 1 < len(self.goals) else None
+
+    def plan(self) -> JointVector:
+        """Joint angles of the schedule now: straight lines from form to form [rad]."""
+        goal = self.goal
+        if self.current == 0 or self.time >= goal.deadline:
+            return goal.joint_target
+        start = self.goals[self.current - 1].joint_target
+        return start + (self.time - goal.start) / (goal.deadline - goal.start) * (goal.joint_target - start)
+
+    def advance(self, position: Vector3, attitude: Vector3, joints: JointVector) -> None:
+        """Count one tick with the given errors [m], [rad] and measured joint angles [rad]."""
+        self.ticks += 1
+        self.position_sum += float(position @ position)
+        self.attitude_sum += float(attitude @ attitude)
+        for i in range(max(0, self.current - 1), self.current + 1):
+            goal = self.goals[i]
+            if i not in self.reached and goal.deadline <= self.time + 1e-9 <= goal.deadline + ARRIVAL_GRACE:
+                if np.abs(joints - goal.joint_target).max() <= ARRIVAL_TOLERANCE:
+                    self.reached.add(i)
+        if (upcoming := self.next_goal) is not None and self.time >= upcoming.start - 1e-9:
+            self.current += 1
+
+    def succeeded(self, horizon: int) -> bool:
+        """Whether the whole horizon [ticks] was flown, within the errors, with every due form reached in time."""
+        if self.ticks < horizon:
+            return False
+        due = {i for i, goal in enumerate(self.goals) if i > 0 and goal.deadline + ARRIVAL_GRACE <= self.time}
+        position, attitude = math.sqrt(self.position_sum / self.ticks), math.sqrt(self.attitude_sum / self.ticks)
+        return position < SUCCESS_POSITION and attitude < SUCCESS_ATTITUDE and due <= self.reached
+
+
 TASKS = {"hover": HoverTask}
 """Tasks by name."""
-assert N_JOINTS == 4 * N_LEGS

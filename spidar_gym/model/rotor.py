@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spidar_gym.arrays import RotorForces, RotorMask, RotorVector, Vectoring
+from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.so3 import CROSS
 
 TWO_PI = 2.0 * math.pi
@@ -116,49 +117,80 @@ class LockConfig:
     """… and released when it is farther than this [rad]."""
     slew: float = 0.04
     """A held φ moves by at most this much a tick [rad] [JSK]."""
+    least: float = 0.1
+    """Least turn of a φ locked near a vertical link away from φ̂, towards the tangential plane [rad]."""
+    most: float = math.pi / 4
+    """Largest such turn [rad]."""
 
 
 def update_lock(
     previous: Lock,
     restricted: RotorMask,
     nominal: Vectoring,
-    R_bl: Float[np.ndarray, "8 3 3"],
+    snapshot: Snapshot,
     phi_command: RotorVector,
     *,
     config: LockConfig,
 ) -> Lock:
     """Advance the lock of φ by one tick.
 
-    Near a vertical link φ is held **where it is when the lock begins**: any angle gives the same lift there, and this
-    one moves nothing. A rotor restricted by interference is held at φ̂, so that its thrust stays in the plane of
-    [Zhao2025, Eq. 32]. A rotor that is neither any more is led to φ̂ and released when it arrives. Every held angle
-    moves by at most `slew` a tick. Differs from the lab's implementation, which searches for the angle of the largest
-    guaranteed wrench: at 2 rad/s that search never arrives while the links move.
+    A rotor restricted by interference is held at φ̂, so that its thrust stays in the plane of [Zhao2025, Eq. 32]. Near
+    a vertical link φ̂ means nothing, any φ gives the same lift, and the question is which horizontal force is left. The
+    locked angle turns from φ̂ towards the plane that is **tangential** about the CoG as the link comes up to the
+    vertical, from `least` to `most`, stays there through the vertical, and turns back as the link leaves. So a form of
+    vertical links and restricted rotors, all of whose planes would be radial, keeps its yaw torque, and the branch is
+    the same on both sides of the vertical. A rotor that is neither any more is led to φ̂ and released when it arrives.
+    Every held angle moves by at most `slew` a tick. Differs from the lab's implementation, which searches for the
+    angle of the largest guaranteed wrench.
 
     Args:
         previous: The lock of the last tick.
         restricted: Rotors restricted by interference.
         nominal: (φ̂, θ̂).
-        R_bl: Attitude of each link; the angle from the vertical is that of its x axis to the torso's z axis.
+        snapshot: Attitude of each link and positions of the rotors.
         phi_command: φ commanded at the last tick [rad].
         config: Thresholds and slew.
     """
-    enter, leave = math.cos(config.enter), math.cos(config.leave)
-    slew = config.slew
+    enter, leave, slew = math.cos(config.enter), math.cos(config.leave), config.slew
     was_vertical, was_active, held_phi = previous.vertical.tolist(), previous.active.tolist(), previous.phi.tolist()
     command, phi_hat, is_restricted = phi_command.tolist(), nominal[:, 0].tolist(), restricted.tolist()
     vertical, active, phi = [], [], []
-    for i, up in enumerate(R_bl[:, 2, 0].tolist()):  # cosine of the angle between the link and the torso's z axis
+    for i, up in enumerate(snapshot.R_bl[:, 2, 0].tolist()):  # cosine between the link and the torso's z axis
         upright = abs(up) > (leave if was_vertical[i] else enter)
         held = held_phi[i] if was_active[i] else command[i]
-        # The nearest of φ̂ + kπ: both branches lie in the same plane, so turning by π is never needed.
-        rest = phi_hat[i] - held
+        target = phi_hat[i]
+        if upright:
+            target = held if is_restricted[i] else _vertical_target(snapshot, i, target, held, up, config)
+        # The nearest of target + kπ: both branches lie in the same plane, so turning by π is never needed.
+        rest = target - held
         if abs(rest) > HALF_PI:
             rest -= math.pi * round(rest / math.pi)
         lock = upright or is_restricted[i] or (was_active[i] and abs(rest) > slew)
-        if lock and not upright:
+        if lock:
             held += -slew if rest < -slew else slew if rest > slew else rest
         vertical.append(upright)
         active.append(lock)
         phi.append(held)
     return Lock(vertical=np.array(vertical), active=np.array(active), phi=np.array(phi))
+
+
+def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up: float, config: LockConfig) -> float:
+    """Where φ of a rotor near a vertical link is led [rad]; see `update_lock`."""
+    x, y, _ = snapshot.rotor_c[i].tolist()
+    (_, y_x, z_x), (_, y_y, z_y) = snapshot.R_bl[i, :2].tolist()
+    # The plane of φ holds the horizontal direction −sin φ ŷ + cos φ ẑ of the link; tangential is ẑ × p.
+    tangential = math.atan2(y_x * y - y_y * x, z_y * x - z_x * y)
+    lean = math.acos(min(1.0, abs(up)))
+    if lean < 0.5 * config.leave:
+        # φ̂ turns wildly here: stay, unless farther from the tangential plane than `most` allows.
+        off = held - tangential
+        off -= math.pi * round(off / math.pi)
+        room = HALF_PI - config.most
+        return held + max(-room, min(room, off)) - off
+    weight = max(0.0, 1.0 - lean / config.leave)
+    way = (tangential - phi_hat) % math.pi
+    back = math.pi - way
+    forward = phi_hat + min(way, config.most, max(config.least, weight * way))
+    backward = phi_hat - min(back, config.most, max(config.least, weight * back))
+    # Both lead to the same plane. Go the way that φ has gone already; at a tie, the positive one.
+    return backward if abs(backward - held) < abs(forward - held) - 0.1 else forward

@@ -1,5 +1,7 @@
 """Draws a plant: off-screen pictures and depth images, or MuJoCo's window."""
 
+import os
+import sys
 from typing import Any
 
 import mujoco
@@ -58,14 +60,12 @@ class Window:
 
     def __init__(self) -> None:
         """Open the window (`SpidarError` where there is no screen)."""
+        # The viewer ends the whole process where it finds no screen, so look first.
+        if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+            raise SpidarError("no display to open a window on; valid without one: render_mode rgb_array or depth_array")
         self._model = scene(visual=True)
         self._data = mujoco.MjData(self._model)
-        try:
-            self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
-        except Exception as error:  # glfw, GLX and macOS each raise their own
-            raise SpidarError(
-                "cannot open a window: no display; valid without one: render_mode='rgb_array' or 'depth_array'"
-            ) from error
+        self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
         self._viewer.opt.geomgroup[3] = 0
 
     def render(self, plant: Plant) -> None:

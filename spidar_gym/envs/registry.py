@@ -1,0 +1,44 @@
+"""One table: environment id → task and horizon. String entry points only, so that every spec survives JSON."""
+
+from dataclasses import dataclass
+
+import gymnasium
+
+from spidar_gym.errors import UnknownNameError
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One registered environment."""
+
+    task: str
+    """Name of its task in `spidar_gym.envs.tasks.TASKS`."""
+    horizon: int
+    """Ticks an episode; `gym.make(..., max_episode_steps=n)` changes it."""
+    doc: str
+    """What it is, in one line."""
+
+
+ENVIRONMENTS: dict[str, Entry] = {
+    "spidar_gym/Hover-v0": Entry("hover", 800, "hold the CoG while the joints go through a sequence of forms"),
+}
+"""Every environment of this package."""
+
+
+def register() -> None:
+    """Tell Gymnasium about them; importing `spidar_gym` does this."""
+    for name, entry in ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                id=name,
+                entry_point="spidar_gym.envs.env:SpidarEnv",
+                kwargs={"task": entry.task},
+                max_episode_steps=entry.horizon,
+            )
+
+
+def environment(name: str) -> Entry:
+    """Entry by id (`UnknownNameError` lists the valid ones)."""
+    if name not in ENVIRONMENTS:
+        raise UnknownNameError("environment", name, ENVIRONMENTS)
+    return ENVIRONMENTS[name]
