@@ -347,7 +347,7 @@ def assets_readme(spec: RobotSpec = ROBOT) -> str:
         "",
         "| name | value | what it is |",
         "|---|---|---|",
-        *(f"| `{name}` | {value} | {' '.join(doc.split())} |" for name, value, doc in spec_rows(spec)),
+        *(f"| `{name}` | {value} | {doc} |" for name, value, doc in spec_rows(spec)),
         "",
         "## Moving bodies, scaled to the total mass",
         "",

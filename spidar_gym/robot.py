@@ -5,6 +5,8 @@ Sources: [Zhao2025, Tab. 1] the paper's specification table; [JSK] facts read fr
 as flown for the paper; [Dynamixel] the servo maker's manual; [estimate] ours. Part frames as in `PARTS`.
 """
 
+import ast
+import inspect
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -261,18 +263,20 @@ ROBOT = RobotSpec()
 """The nominal robot."""
 
 
-def spec_rows(spec: RobotSpec = ROBOT) -> list[tuple[str, str, str]]:
-    """(name, value, documentation) of every number of `spec`, for the generated tables."""
-    import ast
-    import inspect
-
-    body = next(node for node in ast.parse(inspect.getsource(RobotSpec)).body if isinstance(node, ast.ClassDef)).body
-    docs = {
-        node.target.id: following.value.value
-        for node, following in zip(body, body[1:], strict=False)
+def field_docs(cls: type) -> dict[str, str]:
+    """The docstring under each field of a dataclass, on one line: what the generated tables say of it."""
+    body = next(node for node in ast.parse(inspect.getsource(cls)).body if isinstance(node, ast.ClassDef)).body
+    return {
+        node.target.id: " ".join(str(after.value.value).split())
+        for node, after in zip(body, body[1:], strict=False)
         if isinstance(node, ast.AnnAssign)
         and isinstance(node.target, ast.Name)
-        and isinstance(following, ast.Expr)
-        and isinstance(following.value, ast.Constant)
+        and isinstance(after, ast.Expr)
+        and isinstance(after.value, ast.Constant)
     }
+
+
+def spec_rows(spec: RobotSpec = ROBOT) -> list[tuple[str, str, str]]:
+    """(name, value, documentation) of every number of `spec`, for the generated tables."""
+    docs = field_docs(RobotSpec)
     return [(f.name, f"{getattr(spec, f.name)}", docs[f.name]) for f in fields(spec) if f.init]

@@ -264,6 +264,10 @@ class Allocator:
         unmet = np.abs(demand.wrench - demand.thrust_map @ held.reshape(-1)).max() / WRENCH_SCALE
         return held, AllocationStatus.HELD, iterations, float(unmet) if np.isfinite(unmet) else INFINITY
 
+    def solver(self, mode: Mode) -> Workspace:
+        """The OSQP workspace of a mode's own program, for benchmarks and comparisons."""
+        return self._workspace(mode, "hard")
+
     def _workspace(self, mode: Mode, kind: str) -> Workspace:
         key = (mode.name, kind)
         if key not in self._workspaces:

@@ -220,6 +220,16 @@ class Controller:
         thrust = np.linalg.norm(memory.forces_l, axis=1)
         return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
 
+    def demand_at(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench) -> Demand:
+        """The demand of a first tick in a configuration, for benchmarks and tests: no history, interference avoided."""
+        snapshot = self.model.snapshot(q, R_wb, vectoring)
+        zero = np.zeros(3)
+        self.memory = Memory(
+            Integrals(zero, zero), Lock(_ALL_FREE, _ALL_FREE, vectoring[:, 0]), no_interference(), vectoring,
+            np.zeros((N_ROTORS, 3)), q, zero, zero,
+        )  # fmt: skip
+        return self._demand(snapshot, "flight", wrench)[0]
+
     def _demand(self, snapshot: Snapshot, mode: str, wrench: Wrench) -> tuple[Demand, Lock, Interference]:
         """What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted."""
         memory, config = self.memory, self.config

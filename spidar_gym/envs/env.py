@@ -102,6 +102,13 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Ticks an episode: TimeLimit's, where there is one."""
         return (self.spec.max_episode_steps if self.spec is not None else None) or self._default_horizon
 
+    @property
+    def state(self) -> RobotState:
+        """The true state of the robot (`SpidarError` before the first reset)."""
+        if self._state is None:
+            raise SpidarError("there is no state before reset(); valid: call reset() first")
+        return self._state
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode.
 
@@ -136,7 +143,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._legs = LegMomentum(_STILL, _STILL)
         self._joint_velocity = _NO_JOINTS
         self._command: Command | None = None
-        self._percept = self.controller.perceive(self._state, self._reference())
+        self._percept = self.controller.perceive(self._state, self.reference())
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info(self._errors(), "")
@@ -154,22 +161,20 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InvalidValueError: For an action of the wrong shape or with a NaN.
             SpidarError: When `reset` was never called.
         """
-        if self._state is None:
-            raise SpidarError("step() before reset(); valid: call reset() first")
         action = np.asarray(action, np.float64)
         if action.shape != (self._mode.size,):
             raise InvalidValueError("action", action.shape, f"an array of shape ({self._mode.size},)")
         if not math.isfinite(action.sum()):
             raise InvalidValueError("action", action.tolist(), "finite numbers within −1 … 1")
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
-        self._command = self._act(self._action)
+        self._command = self._act(self.state, self._action)
         self._state = self.plant.step(self._command)
         if self.plant.diverged:
             info = self._info((np.zeros(3), np.zeros(3)), "diverged")
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
         progress = self._progress
         errors = self._perceive()
-        progress.advance(*errors, self._state.joint_position)
+        progress.advance(*errors, self.state.joint_position)
         tilt = math.acos(max(-1.0, min(1.0, float(self._percept.R_wb[2, 2]))))
         failure = self.task.failed(errors[0], tilt, self.plant.in_contact)
         info = self._info(errors, failure)
@@ -197,17 +202,17 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if renderer is not None:
             renderer.close()
 
-    def _reference(self) -> Reference:
+    def reference(self) -> Reference:
+        """What the controller is asked to do now."""
         goal = self._progress.goal
         return Reference(self.task.position_w, _LEVEL, _STILL, _STILL, goal.joint_target, self.task.mode)
 
-    def _act(self, action: np.ndarray) -> Command:
+    def _act(self, state: RobotState, action: np.ndarray) -> Command:
         """The command of this tick; keeps what observations need of it."""
-        assert self._state is not None
         controller = self.controller
         if self._mode.residual is not None:
             residual = self._mode.residual(action)
-            command = controller.step(self._state, self._reference(), residual, self._percept)
+            command = controller.step(state, self.reference(), residual, self._percept)
             assert controller.tick is not None
             self._joint_velocity = controller.tick.joint_velocity
             return command
@@ -227,8 +232,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _perceive(self) -> tuple[np.ndarray, np.ndarray]:
         """Look at the new state; returns the errors of `info`."""
-        assert self._state is not None
-        self._percept = self.controller.perceive(self._state, self._reference())
+        self._percept = self.controller.perceive(self.state, self.reference())
         h = self._percept.snapshot.momentum_map[3:] @ self._joint_velocity
         self._legs = LegMomentum(h, (h - self._legs.value) * CONTROL_RATE)
         return self._errors()
@@ -239,7 +243,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return percept.error.position_w, log(percept.R_wb.T)  # the reference is level
 
     def _observation(self) -> np.ndarray:
-        assert self._state is not None
         progress, goal, upcoming = self._progress, self._progress.goal, self._progress.next_goal
         preview = Preview(
             joint_target=goal.joint_target,
@@ -247,7 +250,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             time_to_next=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
         )
         return observe(
-            self._state,
+            self.state,
             self._percept,
             self.controller.memory,
             self._joint_velocity,
@@ -259,8 +262,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _info(self, errors: tuple[np.ndarray, np.ndarray], failure: str) -> dict[str, Any]:
         """The same keys and shapes at every step and at reset; nothing in it is written or handed out again."""
-        state, command, memory = self._state, self._command, self.controller.memory
-        assert state is not None
+        state, command, memory = self.state, self._command, self.controller.memory
         tick = self.controller.tick
         allocation = None if tick is None else tick.allocation
         terms = self.task.reward_terms(*errors, self._progress.plan() - state.joint_position, self._action)

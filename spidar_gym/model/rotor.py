@@ -183,8 +183,8 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
     lean = math.acos(min(1.0, abs(up)))
     if lean < 0.5 * config.leave:
         # φ̂ turns wildly here: stay, unless farther from the tangential plane than `most` allows.
-        off = held - tangential
-        off -= math.pi * round(off / math.pi)
+        # The range is off centre, so that the tie at a quarter turn falls the same way for every leg.
+        off = (held - tangential + HALF_PI + 0.1) % math.pi - HALF_PI - 0.1
         room = HALF_PI - config.most
         return held + max(-room, min(room, off)) - off
     weight = max(0.0, 1.0 - lean / config.leave)

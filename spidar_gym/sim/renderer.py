@@ -15,6 +15,12 @@ from spidar_gym.sim.plant import Plant, scene
 INSTALL_GL = "apt-get install libegl1 libgl1 (then MUJOCO_GL=egl), or libosmesa6 (then MUJOCO_GL=osmesa)"
 
 
+def require_display() -> None:
+    """Refuse to go on without a screen: MuJoCo's viewer would end the whole process."""
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        raise SpidarError("no display to open a window on; valid without one: render_mode rgb_array or depth_array")
+
+
 class OffscreenRenderer:
     """Pictures of a plant from one of its cameras."""
 
@@ -60,9 +66,7 @@ class Window:
 
     def __init__(self) -> None:
         """Open the window (`SpidarError` where there is no screen)."""
-        # The viewer ends the whole process where it finds no screen, so look first.
-        if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
-            raise SpidarError("no display to open a window on; valid without one: render_mode rgb_array or depth_array")
+        require_display()
         self._model = scene(visual=True)
         self._data = mujoco.MjData(self._model)
         self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)

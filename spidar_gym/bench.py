@@ -1,0 +1,198 @@
+"""`spidar bench`: where the time of a control tick and of an environment step goes, on this machine."""
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.utils.performance import benchmark_step
+
+import spidar_gym.envs.registry
+from spidar_gym.control.allocator import Allocator, closed_form
+from spidar_gym.control.controller import Controller, ControllerConfig
+from spidar_gym.control.modes import preset
+from spidar_gym.control.qp import Demand, assemble
+from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
+from spidar_gym.so3 import exp
+
+HARD_STATES = 400
+"""How many hard states the solver is timed on."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Distribution of one duration [µs]."""
+
+    median: float
+    """Median."""
+    p99: float
+    """99th percentile."""
+    best: float
+    """Fastest."""
+
+
+def measure(function: Callable[[], object], *, seconds: float = 0.5) -> Timing:
+    """Call `function` again and again for about `seconds` and report the durations."""
+    durations = []
+    function()
+    end = time.perf_counter() + seconds
+    while (start := time.perf_counter()) < end:
+        function()
+        durations.append(time.perf_counter() - start)
+    return summary(durations)
+
+
+def summary(durations: list[float]) -> Timing:
+    """Median, 99th percentile and minimum of durations [s], in µs."""
+    us = 1e6 * np.array(durations)
+    return Timing(float(np.median(us)), float(np.percentile(us, 99)), float(us.min()))
+
+
+def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
+    """Demands with wide wrenches in random forms: many active rows, some of them infeasible."""
+    controller = Controller(ControllerConfig(preset="paper"))
+    demands = []
+    for _ in range(count):
+        q = rng.uniform(np.tile((-0.5, -0.2, -0.5, 0.0), 4), np.tile((0.5, 0.8, 0.5, 1.4), 4))
+        if rng.random() < 0.4:
+            q = FORMS[f"form{rng.integers(1, 4)}"] + rng.uniform(-0.05, 0.05, 16)
+        R_wb = exp(rng.uniform(-0.2, 0.2, 3))
+        vectoring = controller.rest_vectoring(q)
+        wrench = rng.uniform(-1.0, 1.0, 6) * np.array([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
+        wrench[2] += ROBOT.weight
+        demands.append(controller.demand_at(q, R_wb, vectoring, wrench))
+    return demands
+
+
+def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+    """All figures as one dictionary; keys end in their unit, µs unless they say otherwise."""
+    spidar_gym.envs.registry.register()
+    result: dict[str, Any] = {"machine": _machine()}
+    on_step("reference")
+    x = np.arange(8.0)
+    result["numpy_add_us"] = measure(lambda: x + x, seconds=seconds / 5).__dict__
+    for preset_name in ("as_flown", "paper"):
+        block: dict[str, Any] = {}
+        for form in FORMS:
+            on_step(f"{preset_name} {form}")
+            block[form] = _form(preset_name, form, seconds)
+        result[preset_name] = block
+    on_step("hard states")
+    result["hard_states"] = _hard()
+    for name in ("mixed", "paper"):
+        on_step(f"environment, {name}")
+        env = gymnasium.make("spidar_gym/Hover-v0", forms=name)
+        result[f"env_steps_per_s_{name}"] = benchmark_step(_ZeroAction(env), target_duration=max(2, round(6 * seconds)))
+        env.close()
+    return result
+
+
+class _ZeroAction(gymnasium.Wrapper):
+    """Gymnasium's benchmark samples actions; the controller alone is what is timed here."""
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        super().__init__(env)
+        self._zero = np.zeros(env.action_space.shape or (), np.float32)
+
+    def step(self, action: np.ndarray) -> Any:  # noqa: ANN401 - Gymnasium's tuple
+        return self.env.step(self._zero)
+
+
+def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
+    wrapped = gymnasium.make("spidar_gym/Hover-v0", forms=form, preset=preset_name, max_episode_steps=10**6)
+    env = wrapped.unwrapped
+    assert isinstance(env, SpidarEnv)
+    wrapped.reset(seed=0)
+    zero = np.zeros(6)
+    for _ in range(80):
+        wrapped.step(zero)
+    controller, state, plant = env.controller, env.state, env.plant
+    assert controller.tick is not None
+    percept, demand = controller.tick.percept, controller.tick.demand
+    reference = env.reference()
+    mode = controller.allocator.modes["flight"]
+    program = assemble(mode, demand)
+    allocator = Allocator(preset(preset_name))
+    forces = controller.memory.forces_l
+    saved = plant.save()
+    figures = {
+        "snapshot_us": lambda: controller.model.snapshot(state.joint_position, percept.R_wb, state.vectoring),
+        "qp_assembly_us": lambda: assemble(mode, demand),
+        "closed_form_us": lambda: closed_form(program),
+        "osqp_us": lambda: allocator.solver(mode).solve(program),
+        "allocation_us": lambda: allocator.allocate(demand, "flight", forces),
+        "control_tick_us": lambda: controller.step(state, reference),
+        "mj_step_us": lambda: mujoco.mj_step(plant.model, plant.data),
+    }
+    timings: dict[str, Any] = {name: measure(function, seconds=seconds).__dict__ for name, function in figures.items()}
+    plant.restore(saved)
+    wrapped.close()
+    return timings
+
+
+def _hard() -> dict[str, Any]:
+    """Every hard state once, after one round that warms the caches."""
+    demands = hard_demands(np.random.default_rng(0), HARD_STATES)
+    allocator = Allocator(preset("paper"))
+    mode = allocator.modes["flight"]
+    forces = np.zeros((N_ROTORS, 3))
+    programs = [assemble(mode, demand) for demand in demands]
+    statuses = [str(allocator.allocate(demand, "flight", forces).status) for demand in demands]
+    feasible = [program for program, status in zip(programs, statuses, strict=True) if status in ("closed_form", "solved")]
+    solver = allocator.solver(mode)
+    osqp, iterations, total = [], [], []
+    for program in feasible:
+        start = time.perf_counter()
+        _, _, count = solver.solve(program)
+        osqp.append(time.perf_counter() - start)
+        iterations.append(count)
+    for demand in demands:
+        total.append(allocator.allocate(demand, "flight", forces).solve_time)
+    return {
+        "osqp_us": summary(osqp).__dict__,
+        "osqp_iterations": {"median": float(np.median(iterations)), "max": int(max(iterations))},
+        "allocation_us": summary(total).__dict__,
+        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
+    }
+
+
+def _machine() -> dict[str, str]:
+    packages = ("gymnasium", "mujoco", "numpy", "osqp", "pin")
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        names = [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        cpu = names[0] if names else cpu
+    return {"cpu": cpu, "python": platform.python_version(), **{name: metadata.version(name) for name in packages}}
+
+
+def bench_table(result: dict[str, Any]) -> str:
+    """The figures as text."""
+    machine = result["machine"]
+    lines = [", ".join(f"{name} {value}" for name, value in machine.items()), ""]
+    names = list(next(iter(result["paper"].values())))
+    forms = [(p, form) for p in ("as_flown", "paper") for form in FORMS]
+    lines.append(f"{'median (p99) [µs]':22}" + "".join(f"{p + ' ' + form:>20}" for p, form in forms))
+    for name in names:
+        cells = (f"{result[p][form][name]['median']:.0f} ({result[p][form][name]['p99']:.0f})" for p, form in forms)
+        lines.append(f"{name.removesuffix('_us'):22}" + "".join(f"{cell:>20}" for cell in cells))
+    hard = result["hard_states"]
+    step = result["paper"]["form1"]["mj_step_us"]["median"]
+    lines += [
+        "",
+        f"hard states, OSQP part: median {hard['osqp_us']['median']:.0f}, p99 {hard['osqp_us']['p99']:.0f} µs, "
+        f"iterations median {hard['osqp_iterations']['median']:.0f}, max {hard['osqp_iterations']['max']}; "
+        f"answers {hard['statuses']}",
+        f"one numpy addition of 8 numbers: {result['numpy_add_us']['median']:.2f} µs (the machine's unit)",
+        f"environment, zero action: {result['env_steps_per_s_mixed']:.0f} steps/s (mixed forms), "
+        f"{result['env_steps_per_s_paper']:.0f} steps/s (the paper's forms); "
+        f"the bare 10 × mj_step would allow {1e5 / step:.0f}",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,140 @@
+"""Figures and videos of experiments."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.errors import MissingDependencyError, SpidarError
+from spidar_gym.experiments import FLIGHT_SECONDS, FlightLog
+from spidar_gym.sim.plant import Plant
+from spidar_gym.sim.renderer import OffscreenRenderer
+
+INSTALL_VIZ = "pip install 'spidar-gym[viz]'"
+
+
+def replace_file(path: Path, temporary: Path) -> None:
+    """Move a finished file into its place, so that an interrupted run leaves no half of it."""
+    try:
+        os.replace(temporary, path)
+    except OSError as error:
+        raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
+
+
+def output_folder(path: Path) -> Path:
+    """The folder, made if needed (`SpidarError` where it cannot be)."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SpidarError(f"cannot write into {path}: {error.strerror}; valid: a writable folder") from error
+    return path
+
+
+def flight_figure(log: FlightLog, path: Path) -> None:
+    """The six panels of the paper's flight figure: errors, joints, torques, vectoring angles and thrusts of leg 1."""
+    try:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot as plt
+    except ImportError as error:
+        raise MissingDependencyError("matplotlib", INSTALL_VIZ) from error
+    panels: list[tuple[str, str, np.ndarray, list[str]]] = [
+        ("A  CoG position error", "[m]", log.position_error, ["x", "y", "z"]),
+        ("B  attitude error", "[rad]", log.attitude_error, ["x", "y", "z"]),
+        ("C  joint angles, leg 1", "[rad]", log.joint_position[:, :4], ["q₁", "q₂", "q₃", "q₄"]),
+        ("D  allocated joint torques, leg 1", "[Nm]", log.joint_torque[:, :4], ["τ₁", "τ₂", "τ₃", "τ₄"]),
+        ("E  vectoring angles, leg 1", "[rad]", log.vectoring[:, :2].reshape(-1, 4), ["φ₁", "θ₁", "φ₂", "θ₂"]),
+        ("F  thrust, leg 1", "[N]", log.thrust[:, :2], ["λ₁", "λ₂"]),
+    ]
+    figure, axes = plt.subplots(3, 2, figsize=(12, 9), sharex=True, constrained_layout=True)
+    for axis, (title, unit, values, labels) in zip(axes.flat, panels, strict=True):
+        for label, column in zip(labels, values.T, strict=True):
+            axis.plot(log.time, column, label=label, linewidth=1.2)
+        for edge in (4.0, 12.0):
+            axis.axvline(edge, color="0.75", linewidth=0.8, linestyle="--")
+        axis.set_title(title, loc="left", fontsize=10)
+        axis.set_ylabel(unit)
+        axis.grid(alpha=0.3)
+        axis.legend(loc="right", fontsize=8)
+        axis.margins(x=0)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    # The paper's own bands make the scale of the errors readable.
+    for axis, band in ((axes[0, 0], 0.05), (axes[0, 1], 0.05)):
+        axis.axhspan(-band, band, color="0.92", zorder=0)
+    figure.suptitle(f"Flight with joint motion, forms ① → ② → ③, preset {log.preset} (grey: the paper's ± 0.05 band)")
+    temporary = path.with_name(f".{path.name}.part.png")
+    figure.savefig(temporary, dpi=110)
+    plt.close(figure)
+    replace_file(path, temporary)
+
+
+class VideoWriter:
+    """Writes frames to an MP4; the file appears under its name only when it is complete."""
+
+    def __init__(self, path: Path, fps: int) -> None:
+        """Open the encoder (`MissingDependencyError` says what to install)."""
+        try:
+            import imageio.v2 as imageio
+
+            handle, name = tempfile.mkstemp(suffix=".mp4", prefix=f".{path.stem}-", dir=path.parent)
+            os.close(handle)
+            self._temporary = Path(name)
+            self._writer: Any = imageio.get_writer(name, fps=fps, macro_block_size=8, quality=7)
+        except ImportError as error:
+            raise MissingDependencyError("imageio with ffmpeg", INSTALL_VIZ) from error
+        self._path = path
+
+    def add(self, frame: np.ndarray, caption: str = "") -> None:
+        """Append a picture (height, width, 3), with a caption in its corner."""
+        if caption:
+            from PIL import Image, ImageDraw, ImageFont
+
+            image = Image.fromarray(frame)
+            draw = ImageDraw.Draw(image)
+            draw.text((12, 8), caption, fill=(20, 24, 32), font=ImageFont.load_default(18))
+            frame = np.asarray(image)
+        self._writer.append_data(frame)
+
+    def close(self, *, keep: bool = True) -> None:
+        """Finish the file, or throw it away."""
+        self._writer.close()
+        if keep:
+            replace_file(self._path, self._temporary)
+        else:
+            self._temporary.unlink(missing_ok=True)
+
+
+class FlightVideo:
+    """Films a plant while an experiment runs, every `stride`-th tick."""
+
+    def __init__(self, path: Path, *, camera: str = "chase", stride: int = 2, size: tuple[int, int] = (960, 640)) -> None:
+        """Open renderer and encoder (`MissingDependencyError` says what to install)."""
+        self._renderer = OffscreenRenderer(camera, *size)
+        try:
+            self._writer = VideoWriter(path, fps=round(CONTROL_RATE / stride))
+        except BaseException:
+            self._renderer.close()
+            raise
+        self._stride = stride
+
+    def film(self, tick: int, plant: Plant, caption: str = "") -> None:
+        """Add a frame, if this tick has one."""
+        if tick % self._stride == 0:
+            self._writer.add(self._renderer.render(plant), caption)
+
+    def close(self, *, keep: bool = True) -> None:
+        """Finish the video, or throw it away."""
+        self._writer.close(keep=keep)
+        self._renderer.close()
+
+
+def flight_caption(tick: int) -> str:
+    """Time and form of the flight experiment at a tick."""
+    t = tick / CONTROL_RATE
+    form = "form 1" if t < 4.0 else "form 1 to 2 to 3" if t < 11.9 else "form 3"
+    return f"{t:5.1f} s of {FLIGHT_SECONDS:.0f} s   {form}"

@@ -1,0 +1,462 @@
+"""Pins the allocator: optimal by two independent measures, bounded when there is no optimum, the same in any order."""
+
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize, nnls
+from states import demand_of, exact, random_demands
+
+from spidar_gym.control import allocator as module
+from spidar_gym.control.allocator import AllocationStatus, Allocator, AllocatorConfig, Workspace, closed_form
+from spidar_gym.control.blocks import JointTorqueEffort, ThrustEffort, sphere_planes
+from spidar_gym.control.modes import PRESETS, PROJECTION
+from spidar_gym.control.qp import FORCE_SCALE, INFINITY, QuadraticProgram, assemble
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.robot import FORMS, ROBOT
+
+OPTIMAL = (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED)
+NO_FORCES = np.zeros((8, 3))
+LEVEL_HOVER = np.array([0.0, 0.0, ROBOT.weight, 0.0, 0.0, 0.0])
+
+
+@cache
+def ticks(preset, hard, seed=0, n=1000):
+    """Random demands with their exact optima in N, None where there is none."""
+    mode = PRESETS[preset]["flight"]
+    demands = random_demands(np.random.default_rng(seed), n, hard)
+    optima = [exact(assemble(mode, demand)) for demand in demands]
+    return [(d, None if x is None else FORCE_SCALE * x.reshape(8, 3)) for d, x in zip(demands, optima, strict=True)]
+
+
+def within_sphere(forces):
+    return forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(np.linalg.norm(forces, axis=1), 1e-9))[:, None]
+
+
+def cost(preset, demand, forces):
+    """w₁ Σ‖f‖² + w₂ ‖τ‖²."""
+    torque = demand.gravity_torque - demand.torque_map @ forces.reshape(-1)
+    terms = {ThrustEffort: np.sum(forces**2), JointTorqueEffort: torque @ torque}
+    return sum(term.weight * terms[type(term)] for term in PRESETS[preset]["flight"].costs)
+
+
+def stationarity(program: QuadraticProgram, x, margin=1e-6):
+    """Distance of −∇ from the cone of the normals of the rows that x touches, relative to ‖∇‖: 0 at the optimum."""
+    r, equal = program.A @ x, program.l == program.u
+    high, low = ~equal & (program.u - r < margin), ~equal & (r - program.l < margin)
+    normals = [program.A[equal], -program.A[equal], program.A[high], -program.A[low]]
+    gradient = program.P @ x + program.q
+    return nnls(np.vstack(normals).T, -gradient)[1] / np.linalg.norm(gradient)
+
+
+def assert_bounded(demand, preset, allocation):
+    """Finite, in the sphere, and every row holds that no fallback may violate: box, lock, interference."""
+    assert np.isfinite(allocation.forces_l).all()
+    assert np.linalg.norm(allocation.forces_l, axis=1).max() <= ROBOT.max_thrust + 1e-9
+    mode = PRESETS[preset]["flight"]
+    program = assemble(mode, demand)
+    r, hard = program.A @ allocation.forces_l.reshape(-1) / FORCE_SCALE, np.ones(len(program.l), bool)
+    hard[mode.soft_rows] = False
+    assert np.all((program.l - 1e-5 <= r) & (r <= program.u + 1e-5) | ~hard)
+
+
+def same(a, b):
+    """Equal bit for bit, but for the time it took."""
+    return all(
+        np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=f.name != "status")
+        for f in fields(a)
+        if f.name != "solve_time"
+    )
+
+
+@pytest.fixture
+def no_shortcut(monkeypatch):
+    """Every tick goes through OSQP."""
+    monkeypatch.setattr(module, "closed_form", lambda *_, **__: None)
+
+
+def test_hover_of_the_flat_form_takes_an_eighth_of_the_weight_from_each_rotor():
+    demand = demand_of(FORMS["form1"], np.eye(3), LEVEL_HOVER)
+    for preset, per_rotor in (("as_flown", 0.05), ("paper", 0.15)):
+        allocation = Allocator(PRESETS[preset]).allocate(demand, "flight", NO_FORCES)
+        assert allocation.status == AllocationStatus.CLOSED_FORM
+        assert allocation.thrust.sum() == pytest.approx(ROBOT.weight, rel=0.02)
+        np.testing.assert_allclose(allocation.thrust, ROBOT.hover_thrust, rtol=per_rotor)
+
+
+def test_hover_without_torque_cost_is_the_least_norm_solution():
+    demand = demand_of(FORMS["form1"], np.eye(3), LEVEL_HOVER)
+    allocation = Allocator(PRESETS["as_flown"]).allocate(demand, "flight", NO_FORCES)
+    least_norm = np.linalg.pinv(demand.thrust_map) @ LEVEL_HOVER
+    np.testing.assert_allclose(allocation.forces_l.reshape(-1), least_norm, atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("hard", [False, True], ids=["easy", "hard"])
+def test_forces_and_cost_agree_with_an_exact_solver(preset, hard):
+    allocator = Allocator(PRESETS[preset])
+    agree(allocator, preset, hard)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("hard", [False, True], ids=["easy", "hard"])
+def test_osqp_alone_agrees_with_an_exact_solver(preset, hard, no_shortcut):
+    agree(Allocator(PRESETS[preset]), preset, hard)
+
+
+def agree(allocator, preset, hard):
+    compared = 0
+    for demand, optimum in ticks(preset, hard):
+        allocation = allocator.allocate(demand, "flight", NO_FORCES)
+        if optimum is None:
+            assert allocation.status not in OPTIMAL
+        elif allocation.status in OPTIMAL:
+            compared += 1
+            forces = within_sphere(optimum)
+            np.testing.assert_allclose(allocation.forces_l, forces, atol=1e-3, rtol=0)
+            assert cost(preset, demand, allocation.forces_l) == pytest.approx(cost(preset, demand, forces), rel=1e-6)
+    assert compared > 900
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_feasible_demand_stays_unsolved(preset, seed):
+    allocator = Allocator(PRESETS[preset])
+    answers = [
+        allocator.allocate(demand, "flight", NO_FORCES).status
+        for demand, optimum in ticks(preset, True, seed)
+        if optimum is not None
+    ]
+    assert len(answers) > 900
+    assert [status for status in answers if status not in OPTIMAL] == []
+
+
+def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
+    allocator = Allocator(PRESETS["paper"], AllocatorConfig(max_iter=300))
+    feasible, fallen = 0, 0
+    for demand, optimum in ticks("paper", True, 1) + ticks("paper", True, 2):
+        allocation = allocator.allocate(demand, "flight", NO_FORCES)
+        assert_bounded(demand, "paper", allocation)
+        if optimum is not None:
+            feasible += 1
+            fallen += allocation.status not in OPTIMAL
+    assert feasible > 1800
+    assert fallen / feasible < 0.02
+
+
+def test_most_hard_demands_press_against_an_inequality():
+    mode, pressed, feasible = PRESETS["paper"]["flight"], 0, 0
+    for demand, optimum in ticks("paper", True):
+        if optimum is not None:
+            program = assemble(mode, demand)
+            r = program.A @ optimum.reshape(-1) / FORCE_SCALE
+            touched = (program.l != program.u) & (np.minimum(r - program.l, program.u - r) < 1e-6)
+            pressed, feasible = pressed + bool(touched.any()), feasible + 1
+    assert pressed / feasible > 0.7
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_optimal_answers_satisfy_the_kkt_conditions(preset, monkeypatch):
+    mode = PRESETS[preset]["flight"]
+    for shortcut, margin, residual in ((True, 1e-8, 1e-9), (False, 1e-5, 1e-4)):
+        if not shortcut:
+            monkeypatch.setattr(module, "closed_form", lambda *_, **__: None)
+        allocator = Allocator(PRESETS[preset])
+        for demand, _ in ticks(preset, True)[:150]:
+            allocation = allocator.allocate(demand, "flight", NO_FORCES)
+            if allocation.status in OPTIMAL and not allocation.saturated.any():
+                program, x = assemble(mode, demand), allocation.forces_l.reshape(-1) / FORCE_SCALE
+                exactly = allocation.status == AllocationStatus.CLOSED_FORM
+                assert program.violation(x) < (1e-8 if exactly else 1e-5)
+                assert stationarity(program, x, margin) < (residual if exactly else 1e-4)
+
+
+def test_closed_form_is_an_optimum_or_nothing():
+    found = 0
+    for demand, optimum in ticks("paper", True)[:250] + ticks("paper", False)[:250]:
+        program = assemble(PRESETS["paper"]["flight"], demand)
+        x = closed_form(program)
+        if x is not None:
+            found += 1
+            assert optimum is not None
+            assert program.violation(x) < 1e-8
+            assert stationarity(program, x, 1e-8) < 1e-9
+    assert 250 < found <= 500
+
+
+def test_optimal_answers_give_the_wrench_within_every_limit():
+    allocator = Allocator(PRESETS["paper"])
+    for demand, _ in ticks("paper", True)[:300]:
+        allocation = allocator.allocate(demand, "flight", NO_FORCES)
+        if allocation.status in OPTIMAL and not allocation.saturated.any():
+            np.testing.assert_allclose(allocation.wrench, demand.wrench, atol=2e-3)
+            assert np.abs(allocation.joint_torques).max() <= ROBOT.max_joint_torque + 1e-4
+            assert np.abs(allocation.forces_l).max() <= ROBOT.max_thrust + 1e-3
+            np.testing.assert_allclose(allocation.thrust, np.linalg.norm(allocation.forces_l, axis=1), rtol=1e-12)
+
+
+def test_unallocated_wrench_is_what_the_forces_do_not_give():
+    allocator = Allocator(PRESETS["paper"])
+    for i, (demand, _) in enumerate(ticks("paper", True)[:200]):
+        demand = replace(demand, wrench=demand.wrench * (1.0 + i % 5))
+        allocation = allocator.allocate(demand, "flight", NO_FORCES)
+        given = sum(demand.thrust_map[:, 3 * k : 3 * k + 3] @ f for k, f in enumerate(allocation.forces_l))
+        np.testing.assert_allclose(allocation.unallocated_wrench, demand.wrench - given, atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("excess", ["five weights", "60 Nm"])
+def test_an_infeasible_demand_is_softened_within_the_hard_limits(preset, excess):
+    rng, allocator, infeasible = np.random.default_rng(20), Allocator(PRESETS[preset]), 0
+    for demand in random_demands(rng, 100, True):
+        torque = rng.normal(size=3)
+        torque *= 60.0 / np.linalg.norm(torque)
+        wrench = 5.0 * demand.wrench if excess == "five weights" else np.concatenate([demand.wrench[:3], torque])
+        demand = replace(demand, wrench=wrench)
+        allocation = allocator.allocate(demand, "flight", NO_FORCES)
+        assert_bounded(demand, preset, allocation)
+        if exact(assemble(PRESETS[preset]["flight"], demand)) is None:
+            infeasible += 1
+            assert allocation.status in (AllocationStatus.SOFTENED, AllocationStatus.HELD)
+            assert allocation.slack > 0.0
+    assert infeasible > 60
+
+
+def test_five_weights_are_answered_with_nearly_all_the_thrust_there_is():
+    demand = demand_of(FORMS["form1"], np.eye(3), 5.0 * LEVEL_HOVER)
+    allocation = Allocator(PRESETS["as_flown"]).allocate(demand, "flight", NO_FORCES)
+    assert allocation.status == AllocationStatus.SOFTENED
+    assert allocation.wrench[2] > 0.95 * 8 * 40.0
+    assert np.abs(allocation.wrench[:2]).max() < 1.0
+
+
+def softened_by_hand(demand, mode, price):
+    """Optimum of the program whose wrench and torque rows are replaced by ½ price × (their violation)²."""
+    program = assemble(mode, demand)
+    k, m = len(mode.soft_rows), len(program.l)
+    A = np.zeros((m, 24 + k))
+    A[:, :24] = program.A
+    A[mode.soft_rows, 24 + np.arange(k)] = 1.0
+    P = np.diag(np.full(24 + k, float(price)))
+    P[:24, :24] = program.P
+    return exact(QuadraticProgram(P, np.concatenate([program.q, np.zeros(k)]), A, program.l, program.u))
+
+
+def test_softened_forces_agree_with_an_exact_solver():
+    allocator, mode, compared = Allocator(PRESETS["paper"]), PRESETS["paper"]["flight"], 0
+    for demand in random_demands(np.random.default_rng(21), 100, True):
+        demand = replace(demand, wrench=2.5 * demand.wrench)
+        allocation = allocator.allocate(demand, "flight", NO_FORCES)
+        if allocation.status == AllocationStatus.SOFTENED:
+            compared += 1
+            forces = FORCE_SCALE * softened_by_hand(demand, mode, AllocatorConfig().price)[:24].reshape(8, 3)
+            np.testing.assert_allclose(allocation.forces_l, within_sphere(forces), atol=1e-2, rtol=0)
+    assert compared > 80
+
+
+def restricted_demand():
+    """A tick in which the allocation reads every field: rotors restricted, locked and free."""
+    demand = demand_of(FORMS["form3"], np.eye(3), LEVEL_HOVER)
+    assert demand.restricted.any()
+    return demand
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["wrench", "thrust_map", "torque_map", "gravity_torque", "phi", "lower", "upper"])
+@pytest.mark.parametrize("shortcut", [True, False], ids=["closed_form", "osqp"])
+def test_a_demand_that_is_not_finite_holds_the_previous_forces_and_poisons_nothing(name, value, shortcut, monkeypatch):
+    if not shortcut:
+        monkeypatch.setattr(module, "closed_form", lambda *_, **__: None)
+    good, previous = restricted_demand(), np.random.default_rng(22).uniform(-20.0, 20.0, (8, 3))
+    array = getattr(good, name).copy()
+    array.flat[0] = value
+    allocator, fresh = Allocator(PRESETS["paper"]), Allocator(PRESETS["paper"])
+    for _ in range(2):
+        held = allocator.allocate(replace(good, **{name: array}), "flight", previous)
+        assert held.status == AllocationStatus.HELD
+        np.testing.assert_allclose(held.forces_l, previous, rtol=1e-15)
+        assert same(allocator.allocate(good, "flight", previous), fresh.allocate(good, "flight", previous))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e3, 1e200])
+def test_held_forces_are_finite_and_in_the_sphere_whatever_was_before(bad):
+    demand = replace(restricted_demand(), wrench=np.full(6, np.nan))
+    previous = np.full((8, 3), 10.0)
+    previous[3, 1] = bad
+    allocation = Allocator(PRESETS["paper"]).allocate(demand, "flight", previous)
+    assert allocation.status == AllocationStatus.HELD
+    assert np.isfinite(allocation.forces_l).all()
+    assert np.linalg.norm(allocation.forces_l, axis=1).max() <= ROBOT.max_thrust + 1e-9
+    np.testing.assert_array_equal(np.delete(allocation.forces_l, 3, axis=0), np.full((7, 3), 10.0))
+
+
+@pytest.mark.parametrize("shortcut", [True, False], ids=["closed_form", "osqp"])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_order_of_the_ticks_changes_no_bit(preset, shortcut, monkeypatch):
+    if not shortcut:
+        monkeypatch.setattr(module, "closed_form", lambda *_, **__: None)
+    rng = np.random.default_rng(23)
+    demands = random_demands(rng, 60, False) + random_demands(rng, 100, True)
+    demands += [replace(demand, wrench=4.0 * demand.wrench) for demand in random_demands(rng, 30, True)]
+    demands += [replace(demands[i], wrench=np.full(6, np.nan)) for i in range(10)]
+    answers = []
+    for order in (np.arange(200), rng.permutation(200), rng.permutation(200)):
+        allocator, answer = Allocator(PRESETS[preset]), {}
+        for i in order.tolist():
+            answer[i] = allocator.allocate(demands[i], "flight", np.full((8, 3), 5.0))
+        answers.append(answer)
+    assert {a.status for a in answers[0].values()} > {AllocationStatus.SOFTENED, AllocationStatus.HELD}
+    for answer in answers[1:]:
+        assert all(same(answer[i], answers[0][i]) for i in range(200))
+
+
+def test_a_force_in_a_corner_of_the_cube_is_flagged_and_shortened_to_the_sphere():
+    lateral = np.array([200.0, 0.0, 280.0, 0.0, 0.0, 0.0])
+    demand = demand_of(FORMS["form1"], np.eye(3), lateral)
+    allocation = Allocator(PRESETS["as_flown"]).allocate(demand, "flight", NO_FORCES)
+    wished = exact(assemble(PRESETS["as_flown"]["flight"], demand)).reshape(8, 3) * FORCE_SCALE
+    long = np.linalg.norm(wished, axis=1) > ROBOT.max_thrust
+    assert long.any()
+    np.testing.assert_array_equal(allocation.saturated, long)
+    assert allocation.thrust.max() <= ROBOT.max_thrust
+    cosine = np.sum(wished * allocation.forces_l, axis=1) / np.linalg.norm(wished, axis=1) / allocation.thrust
+    np.testing.assert_allclose(cosine, 1.0, atol=1e-9)
+    assert np.linalg.norm(allocation.unallocated_wrench) > 1.0
+
+
+def test_no_rotor_is_flagged_in_a_hover():
+    for form in FORMS.values():
+        demand = demand_of(form, np.eye(3), LEVEL_HOVER)
+        assert not Allocator(PRESETS["paper"]).allocate(demand, "flight", NO_FORCES).saturated.any()
+
+
+@pytest.mark.parametrize("spoil", ["crossed bounds", "NaN bound", "NaN cost", "NaN row"])
+def test_a_spoiled_program_is_not_answered_with_a_stale_solution_and_poisons_nothing(spoil):
+    mode = PRESETS["paper"]["flight"]
+    first, good = (assemble(mode, d) for d, x in ticks("paper", True)[:2])
+    legs = np.arange(24) // 6
+    workspaces = [Workspace(legs[:, None] == legs, mode.pattern, AllocatorConfig()) for _ in range(2)]
+    assert workspaces[0].solve(first)[1]
+    crossed = first.u.copy()
+    crossed[7] = first.l[7] - 0.1
+    nan = {name: np.where(np.arange(n) == 3, np.nan, getattr(first, name)) for name, n in (("q", 24), ("u", len(crossed)))}
+    A = first.A.copy()
+    A[0, 0] = np.nan
+    change = {"crossed bounds": {"u": crossed}, "NaN bound": {"u": nan["u"]}, "NaN cost": {"q": nan["q"]}, "NaN row": {"A": A}}
+    assert not workspaces[0].solve(replace(first, **change[spoil]))[1]
+    after, fresh = (workspace.solve(good) for workspace in workspaces)
+    np.testing.assert_array_equal(after[0], fresh[0])
+    assert after[1:] == fresh[1:]
+
+
+def test_an_unknown_mode_or_a_cap_below_one_is_refused_with_the_valid_choice():
+    with pytest.raises(UnknownNameError, match="flight"):
+        Allocator(PRESETS["paper"]).allocate(restricted_demand(), "walk", NO_FORCES)
+    with pytest.raises(InvalidValueError, match="at least 1"):
+        Allocator(PRESETS["paper"], AllocatorConfig(max_iter=0))
+
+
+def wishes(n, seed=30):
+    """Demands, and forces around their optimum that a policy might wish for: up to 30 N off."""
+    rng = np.random.default_rng(seed)
+    for demand, optimum in ticks("paper", True)[:n] + ticks("paper", False)[:n]:
+        if optimum is not None:
+            yield demand, within_sphere(optimum), optimum + rng.uniform(0.5, 30.0) * rng.uniform(-1.0, 1.0, (8, 3))
+
+
+def nearest(demand, wish):
+    """Projection onto the rows and the sphere: an exact solver, cut by ever more tangent planes."""
+    program = assemble(PROJECTION, demand)
+    x = wish.reshape(-1) / FORCE_SCALE
+    program = replace(program, q=-x)
+    for _ in range(100):
+        A, u = sphere_planes(FORCE_SCALE * x.reshape(8, 3))
+        cut = u < INFINITY
+        program = replace(
+            program,
+            A=np.vstack([program.A, A[cut]]),
+            l=np.concatenate([program.l, np.full(cut.sum(), -INFINITY)]),
+            u=np.concatenate([program.u, u[cut]]),
+        )
+        x = exact(program)
+        if x is None or np.linalg.norm(x.reshape(8, 3), axis=1).max() < 1.0 + 1e-9:
+            return None if x is None else FORCE_SCALE * x.reshape(8, 3)
+    raise AssertionError("the cuts do not converge")
+
+
+def test_projection_leaves_valid_forces_where_they_are():
+    allocator = Allocator(PRESETS["paper"])
+    for demand, optimum, _ in wishes(100):
+        program = assemble(PROJECTION, demand)
+        if program.violation(optimum.reshape(-1) / FORCE_SCALE) < 1e-12:
+            projected = allocator.project(demand, optimum, NO_FORCES)
+            np.testing.assert_allclose(projected.forces_l, optimum, atol=1e-6)
+
+
+def test_projected_forces_are_valid():
+    allocator = Allocator(PRESETS["paper"])
+    for demand, _, wish in wishes(150):
+        projected = allocator.project(demand, wish, NO_FORCES)
+        assert projected.status in OPTIMAL
+        assert projected.thrust.max() <= ROBOT.max_thrust + 1e-9
+        assert FORCE_SCALE * assemble(PROJECTION, demand).violation(projected.forces_l.reshape(-1) / FORCE_SCALE) < 1e-4
+
+
+def test_projected_forces_are_the_nearest_valid_ones():
+    allocator = Allocator(PRESETS["paper"])
+    for demand, _, wish in wishes(150):
+        projected = allocator.project(demand, wish, NO_FORCES)
+        np.testing.assert_allclose(projected.forces_l, nearest(demand, wish), atol=2e-3, rtol=0)
+
+
+def test_projected_forces_agree_with_sequential_quadratic_programming_on_the_sphere_itself():
+    allocator, cut = Allocator(PRESETS["paper"]), 0
+    for demand, optimum, wish in list(wishes(60, seed=31))[:80:10]:
+        program, wish = assemble(PROJECTION, demand), 1.6 * wish
+        equal, low, high = program.l == program.u, program.l > -INFINITY, program.u < INFINITY
+        x0, target = optimum.reshape(-1) / FORCE_SCALE, wish.reshape(-1) / FORCE_SCALE
+        found = minimize(
+            lambda x, target=target: 0.5 * np.sum((x - target) ** 2),
+            x0,
+            jac=lambda x, target=target: x - target,
+            method="SLSQP",
+            options={"ftol": 1e-14, "maxiter": 500},
+            constraints=[
+                {"type": "eq", "fun": lambda x, p=program, k=equal: (p.A @ x - p.l)[k]},
+                {"type": "ineq", "fun": lambda x, p=program, k=low & ~equal: (p.A @ x - p.l)[k]},
+                {"type": "ineq", "fun": lambda x, p=program, k=high & ~equal: (p.u - p.A @ x)[k]},
+                {"type": "ineq", "fun": lambda x: 1.0 - np.sum(x.reshape(8, 3) ** 2, axis=1)},
+            ],
+        )
+        projected = allocator.project(demand, wish, NO_FORCES)
+        cut += int((np.linalg.norm(projected.forces_l, axis=1) > 41.99).sum())
+        np.testing.assert_allclose(projected.forces_l, FORCE_SCALE * found.x.reshape(8, 3), atol=5e-3, rtol=0)
+    assert cut > 5
+
+
+def test_projecting_twice_is_projecting_once():
+    allocator = Allocator(PRESETS["paper"])
+    for demand, _, wish in wishes(100):
+        once = allocator.project(demand, wish, NO_FORCES).forces_l
+        np.testing.assert_allclose(allocator.project(demand, once, NO_FORCES).forces_l, once, atol=1e-3, rtol=0)
+
+
+def test_projection_brings_no_two_wishes_farther_apart():
+    allocator, rng = Allocator(PRESETS["paper"]), np.random.default_rng(32)
+    for demand, _, wish in wishes(80):
+        other = wish + rng.normal(scale=3.0, size=(8, 3))
+        a, b = (allocator.project(demand, w, NO_FORCES).forces_l for w in (wish, other))
+        assert np.linalg.norm(a - b) <= np.linalg.norm(wish - other) + 1e-2
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_wish_that_is_not_finite_holds_the_previous_forces_and_poisons_nothing(value):
+    demand, previous = restricted_demand(), np.full((8, 3), 5.0)
+    bad, wish = np.full((8, 3), 10.0), np.random.default_rng(33).uniform(-60.0, 60.0, (8, 3))
+    bad[2, 1] = value
+    allocator, fresh = Allocator(PRESETS["paper"]), Allocator(PRESETS["paper"])
+    held = allocator.project(demand, bad, previous)
+    assert held.status == AllocationStatus.HELD
+    np.testing.assert_allclose(held.forces_l, previous, rtol=1e-15)
+    assert same(allocator.project(demand, wish, previous), fresh.project(demand, wish, previous))
