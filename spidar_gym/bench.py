@@ -1,5 +1,8 @@
 """`spidar bench`: where the time of a control tick and of an environment step goes, on this machine."""
 
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
 import platform
 import time
 from collections.abc import Callable
@@ -145,7 +148,9 @@ def _hard() -> dict[str, Any]:
     forces = np.zeros((N_ROTORS, 3))
     programs = [assemble(mode, demand) for demand in demands]
     statuses = [str(allocator.allocate(demand, "flight", forces).status) for demand in demands]
-    feasible = [program for program, status in zip(programs, statuses, strict=True) if status in ("closed_form", "solved")]
+    feasible = [
+        program for program, status in zip(programs, statuses, strict=True) if status in ("closed_form", "solved")
+    ]
     solver = allocator.solver(mode)
     osqp, iterations, total = [], [], []
     for program in feasible:

@@ -1,5 +1,8 @@
 """`spidar`: the command line. Degrees and file paths exist here only."""
 
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
 import contextlib
 import io
 import json
@@ -56,12 +59,34 @@ def flight(
     if camera not in CAMERAS:
         raise UnknownNameError("camera", camera, CAMERAS)
     folder = viz.output_folder(out)
-    film, remark = None, ""
-    if video:
-        try:
-            film = viz.FlightVideo(folder / "flight.mp4", camera=camera)
-        except MissingDependencyError as error:
-            remark = f"no video: {error}"
+    film, remarks = _open_film(folder / "flight.mp4", camera) if video else (None, [])
+    log = _fly(preset, film)
+    figures = experiments.flight_figures(log)
+    text = json_text({"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}})
+    write_text(folder / "flight.json", text)
+    try:
+        viz.flight_figure(log, folder / "flight.png")
+    except MissingDependencyError as error:
+        remarks.append(f"no figure: {error}")
+    if json:
+        print(text)
+    else:
+        print(experiments.flight_table(figures))
+        print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob('flight.*')))}")
+    for remark in remarks:
+        print(remark, file=sys.__stderr__)
+
+
+def _open_film(path: Path, camera: str) -> tuple[viz.FlightVideo | None, list[str]]:
+    """A video, or the remark why there is none."""
+    try:
+        return viz.FlightVideo(path, camera=camera), []
+    except MissingDependencyError as error:
+        return None, [f"no video: {error}"]
+
+
+def _fly(preset: str, film: viz.FlightVideo | None) -> experiments.FlightLog:
+    """Fly the experiment with a progress bar; an interrupted flight leaves no video."""
     ticks = round(experiments.FLIGHT_SECONDS * CONTROL_RATE)
     finished = False
     try:
@@ -77,21 +102,7 @@ def flight(
     finally:
         if film is not None:
             film.close(keep=finished)
-    figures = experiments.flight_figures(log)
-    result = {"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}}
-    text = json_text(result)
-    write_text(folder / "flight.json", text)
-    try:
-        viz.flight_figure(log, folder / "flight.png")
-    except MissingDependencyError as error:
-        remark = "; ".join(filter(None, [remark, f"no figure: {error}"]))
-    if json:
-        print(text)
-    else:
-        print(experiments.flight_table(figures))
-        print("\nwritten: " + ", ".join(str(p) for p in sorted(folder.glob("flight.*"))))
-    if remark:
-        print(remark, file=sys.__stderr__)
+    return log
 
 
 app.command(paper_app, name="paper", help="Fly the paper's experiments and print our figures beside the paper's.")
@@ -148,7 +159,9 @@ def run(
         for episode in range(episodes):
             env.reset(seed=seed + episode)
             rewards, errors, ended, info = [], [], False, {}
-            with tqdm(total=horizon, unit="tick", desc=f"episode {episode + 1}", file=sys.__stderr__, leave=False) as bar:
+            with tqdm(
+                total=horizon, unit="tick", desc=f"episode {episode + 1}", file=sys.__stderr__, leave=False
+            ) as bar:
                 while not ended:
                     _, reward, terminated, truncated, info = env.step(zero)
                     ended = terminated or truncated

@@ -53,7 +53,7 @@ def _add(parent: ET.Element, tag: str, **attributes: str | Numbers) -> ET.Elemen
 
 
 def _camera_axes(position: str, target: str) -> list[float]:
-    """x and y axis of a camera at `position` that looks at `target` with the horizon level."""
+    """The x and y axes of a camera at `position` that looks at `target` with the horizon level."""
     back = np.array(position.split(), float) - np.array(target.split(), float)
     x = np.cross([0.0, 0.0, 1.0], back)
     y = np.cross(back, x)
@@ -73,7 +73,7 @@ def _module(link: ET.Element, i: int, spec: RobotSpec) -> None:
     roll = _add(link, "body", name=f"gimbal{i}_roll_module", pos=[spec.roll_axis_x, 0, 0])
     _inertial(roll, spec.bodies["roll_module"])
     _add(roll, "joint", name=f"gimbal{i}_roll", class_="gimbal", axis=[1, 0, 0])
-    x, y, z = spec.pitch_axis_offset
+    x, _, z = spec.pitch_axis_offset
     _visual(roll, "cylinder", "metal", fromto=[-0.012, 0, 0, 0.030, 0, 0], size=0.024)
     _visual(roll, "box", "metal", pos=[0.012, 0, z / 2 - 0.004], size=[0.014, 0.022, 0.018])
     _visual(roll, "capsule", "rod", fromto=[x, -spec.duct_offset_y, z, x, spec.duct_offset_y, z], size=0.008)
@@ -317,7 +317,7 @@ SPECIFICATION = (
         "the lab's package has a collision radius of 0.025 m; the table's 2.5 cm is the rod's diameter",
     ),
     (
-        "link length", "0.54 m", lambda s: f"{s.pitch_to_yaw:g} m rod, {s.pitch_to_foot + s.foot_radius:g} m to the tip",
+        "link length", "0.54 m", lambda s: f"{s.pitch_to_yaw:g} m rod, {s.pitch_to_foot + s.foot_radius:g} m outer",
         "0.54 m is no distance of the lab's kinematics: it lies between the rod and the outer link with its foot; the "
         "span of 2.70 m agrees with the lab's numbers",
     ),

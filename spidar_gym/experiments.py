@@ -145,7 +145,6 @@ def _rms(values: np.ndarray) -> list[float]:
 
 def flight_table(figures: dict[str, Any]) -> str:
     """Our figures beside the paper's, as text."""
-    paper = PAPER_FLIGHT
 
     def row(name: str, ours: str, theirs: str = "–") -> tuple[str, str, str]:
         return name, ours, theirs
@@ -153,22 +152,27 @@ def flight_table(figures: dict[str, Any]) -> str:
     def numbers(values: list[float], digits: int) -> str:
         return "  ".join(f"{value + 0.0:.{digits}f}" for value in values)
 
-    sums = {form: sum(figures[f"thrust_{form}_n"]) for form in ("form1", "form3")}
+    def rmse(name: str, key: str) -> tuple[str, str, str]:
+        return row(name, numbers(figures[key], 5), numbers(PAPER_FLIGHT[key], 3))
+
+    form1, form3 = (sum(figures[f"thrust_{form}_n"]) for form in ("form1", "form3"))
     qp = figures["qp"]
+    times = f"{qp['median_us']:.0f} / {qp['p99_us']:.0f} / {qp['max_us']:.0f}"
     rows = [
-        row("RMSE position x y z, 0–27 s [m]", numbers(figures["rmse_position_m"], 4), numbers(paper["rmse_position_m"], 3)),
-        row("RMSE attitude x y z, 0–27 s [rad]", numbers(figures["rmse_attitude_rad"], 4), numbers(paper["rmse_attitude_rad"], 3)),
+        rmse("RMSE position x y z, 0–27 s [m]", "rmse_position_m"),
+        rmse("RMSE attitude x y z, 0–27 s [rad]", "rmse_attitude_rad"),
         row("θ of rotors 1 3 5 7, form ③ [rad]", numbers(figures["theta_form3_rad"], 3), "about −0.4 each"),
         row("φ of rotors 1 3 5 7, form ③ [rad]", numbers(figures["phi_form3_rad"], 3), "0, fixed"),
         row("allocated τ₂, form ③ [Nm]", f"{figures['tau2_form3_nm']:.2f}", "around 2"),
         row("thrust λ₁ … λ₈, form ① [N]", numbers(figures["thrust_form1_n"], 1), "near mg/8 = 20"),
         row("thrust λ₁ … λ₈, form ③ [N]", numbers(figures["thrust_form3_n"], 1), "λ₁, λ₂ larger than in ①"),
-        row("Σλ, form ① → form ③ [N]", f"{sums['form1']:.1f} → {sums['form3']:.1f} ({sums['form3'] / sums['form1'] - 1:+.1%})", "larger in ③"),
-        row("QP time, median / p99 / max [µs]", f"{qp['median_us']:.0f} / {qp['p99_us']:.0f} / {qp['max_us']:.0f}", "within 5000 (Jetson TX2)"),
+        row("Σλ, form ① → form ③ [N]", f"{form1:.1f} → {form3:.1f} ({form3 / form1 - 1:+.1%})", "larger in ③"),
         row("ticks without an optimum", f"{qp['unsolved']}"),
-    ]  # fmt: skip
+        row("QP time, median / p99 / max [µs]", times, "within 5000 (Jetson TX2)"),
+    ]
     header = row(f"flight, preset {figures['preset']}", "simulated", "paper")
     widths = [max(len(r[k]) for r in (header, *rows)) for k in range(3)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(r, widths, strict=True)).rstrip() for r in (header, *rows)]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(r, widths, strict=True)).rstrip() for r in (header, *rows)
+    ]
     return "\n".join([lines[0], "  ".join("─" * width for width in widths), *lines[1:]])
-

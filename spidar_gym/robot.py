@@ -9,7 +9,7 @@ import ast
 import inspect
 import math
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,28 +68,28 @@ class Inertial:
     def placed(self, position: tuple[float, float, float], roll: float = 0.0) -> "Inertial":
         """The same part seen from a frame in which its own frame sits at `position` [m], turned by `roll` about x."""
         R = rotation_x(roll)
-        return Inertial(
-            self.mass, tuple((np.array(position) + R @ self.com).tolist()), _six(R @ self.matrix @ R.T)
-        )
+        x, y, z = (np.array(position) + R @ self.com).tolist()
+        return Inertial(self.mass, (x, y, z), _six(R @ self.matrix @ R.T))
 
     def scaled(self, factor: float) -> "Inertial":
         """The same shape with `factor` times the density."""
-        return Inertial(self.mass * factor, self.com, tuple(factor * i for i in self.inertia))
+        return Inertial(self.mass * factor, self.com, _six(factor * self.matrix))
 
 
 def _six(I: np.ndarray) -> tuple[float, float, float, float, float, float]:
-    return tuple(float(I[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    return float(I[0, 0]), float(I[1, 1]), float(I[2, 2]), float(I[0, 1]), float(I[0, 2]), float(I[1, 2])
 
 
 def merge(*parts: Inertial) -> Inertial:
     """One rigid body of several parts given in one frame (parallel axes)."""
     mass = sum(part.mass for part in parts)
-    com = sum(part.mass * np.array(part.com) for part in parts) / mass
+    com = np.sum([part.mass * np.array(part.com) for part in parts], axis=0) / mass
     I = np.zeros((3, 3))
     for part in parts:
         S = skew(np.array(part.com) - com)
         I += part.matrix - part.mass * S @ S
-    return Inertial(mass, tuple(com.tolist()), _six(I))
+    x, y, z = com.tolist()
+    return Inertial(mass, (x, y, z), _six(I))
 
 
 PARTS: dict[str, Inertial] = {
@@ -243,7 +243,7 @@ class RobotSpec:
         """Thrust of each module in a level hover with all rotors upright, mΣ g / 8 [N]."""
         return self.weight / N_ROTORS
 
-    @cached_property
+    @property
     def yaw_axis_radius(self) -> float:
         """Distance of the inner yaw axes from the torso's axis."""
         return math.hypot(self.yaw_axis_xy, self.yaw_axis_xy)
@@ -268,7 +268,7 @@ def field_docs(cls: type) -> dict[str, str]:
     body = next(node for node in ast.parse(inspect.getsource(cls)).body if isinstance(node, ast.ClassDef)).body
     return {
         node.target.id: " ".join(str(after.value.value).split())
-        for node, after in zip(body, body[1:], strict=False)
+        for node, after in pairwise(body)
         if isinstance(node, ast.AnnAssign)
         and isinstance(node.target, ast.Name)
         and isinstance(after, ast.Expr)

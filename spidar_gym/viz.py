@@ -112,7 +112,9 @@ class VideoWriter:
 class FlightVideo:
     """Films a plant while an experiment runs, every `stride`-th tick."""
 
-    def __init__(self, path: Path, *, camera: str = "chase", stride: int = 2, size: tuple[int, int] = (960, 640)) -> None:
+    def __init__(
+        self, path: Path, *, camera: str = "chase", stride: int = 4, size: tuple[int, int] = (720, 540)
+    ) -> None:
         """Open renderer and encoder (`MissingDependencyError` says what to install)."""
         self._renderer = OffscreenRenderer(camera, *size)
         try:

@@ -1,4 +1,4 @@
-"""Random ticks for the tests of the controller: configurations, demands, states, and an exact solver to compare with."""
+"""Random ticks for the tests of the controller: poses, demands, states, and an exact solver to compare with."""
 
 from dataclasses import replace
 from functools import cache
@@ -90,8 +90,9 @@ def exact(program: QuadraticProgram) -> np.ndarray | None:
     try:
         return quadprog.solve_qp(program.P, -program.q, C.T.copy(), b, int(equal.sum()))[0]
     except ValueError as error:
-        assert "inconsistent" in str(error), error
-        return None
+        if "inconsistent" in str(error):
+            return None
+        raise
 
 
 def resting(q, R_wb=None, vectoring=None, **changes) -> RobotState:

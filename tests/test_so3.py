@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from spidar_gym import so3
 
-SMALL = (0.0, 1e-12, 1e-8, 1e-7, 1e-5, 1e-3)
+SMALL = (0.0, 1e-12, 1e-8, 1e-7, 1e-5, 1e-3, 1e-2)
 ANGLES = (*SMALL, 0.5, 1.7, 3.0, *(math.pi - small for small in reversed(SMALL)))
 AXIS_ROTATIONS = (so3.rotation_x, so3.rotation_y, so3.rotation_z)
 
@@ -56,6 +56,12 @@ def test_the_sign_of_a_half_turn_does_not_depend_on_the_sign_of_its_axis():
     for n in axes(4):
         v = so3.log(2.0 * np.outer(n, n) - np.eye(3))
         close(v, math.pi * n * np.sign(n[np.flatnonzero(n)[0]]), atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_exp_is_scipys_at_every_angle(angle):
+    for v in angle * axes(15):
+        close(so3.exp(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-14)
 
 
 def test_exp_and_log_agree_with_scipy():

@@ -4,6 +4,9 @@ A tick is a pure function of its inputs: the workspace starts cold, with the sam
 scaling, whose state would otherwise leak from one tick into the next.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
 import time
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,7 +14,6 @@ from enum import StrEnum
 import numpy as np
 import osqp
 import scipy.sparse as sp
-from jaxtyping import Float
 from scipy.linalg import lapack
 
 from spidar_gym.arrays import JointVector, RotorForces, RotorMask, RotorVector, Wrench
@@ -31,7 +33,8 @@ from spidar_gym.control.qp import (
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import N_ROTORS, ROBOT
 
-OSQP_SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+OSQP_SOLVED = 1
+"""The solver's own word for solved; the tests hold it against `osqp.SolverStatus`."""
 
 
 class AllocationStatus(StrEnum):
@@ -93,8 +96,12 @@ class Workspace:
     def __init__(self, P_pattern: np.ndarray, A_pattern: np.ndarray, config: AllocatorConfig) -> None:
         """Factorise a program with the given patterns (True where P and A may be nonzero)."""
         m, n = A_pattern.shape
-        P, A = _compressed(np.triu(P_pattern)), _compressed(A_pattern)
-        self._P_at, self._A_at = (n * columns.indices + _columns(columns) for columns in (P, A))
+        P_rows, P_columns = _by_columns(np.triu(P_pattern))
+        A_rows, A_columns = _by_columns(A_pattern)
+        self._P_at, self._A_at = n * P_rows + P_columns, n * A_rows + A_columns
+        identity = (P_rows == P_columns).astype(float)
+        P = sp.csc_matrix((identity, (P_rows, P_columns)), shape=(n, n))
+        A = sp.csc_matrix((np.ones(len(A_rows)), (A_rows, A_columns)), shape=(m, n))
         ext = osqp.ext_builtin
         settings = ext.OSQPSettings()
         ext.osqp_set_default_settings(settings)
@@ -109,7 +116,6 @@ class Workspace:
         settings.eps_abs = config.tolerance
         settings.eps_rel = 0.0
         settings.max_iter = config.max_iter
-        P.data[:] = P.indices == _columns(P)  # the identity, on the full pattern
         wide = np.full(m, INFINITY)
         self._matrices = ext.CSC(P), ext.CSC(A)
         self._solver = ext.OSQPSolver(self._matrices[0], np.zeros(n), self._matrices[1], -wide, wide, m, n, settings)
@@ -129,14 +135,10 @@ class Workspace:
         return solver.solution.x.copy(), info.status_val == OSQP_SOLVED, info.iter
 
 
-def _compressed(pattern: np.ndarray) -> sp.csc_matrix:
-    """A matrix of ones with the given pattern, stored by columns."""
-    return sp.csc_matrix(pattern, dtype=float)
-
-
-def _columns(matrix: sp.csc_matrix) -> np.ndarray:
-    """Column of each stored entry."""
-    return np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the nonzeros, column after column, as the solver stores them."""
+    columns, rows = np.nonzero(pattern.T)
+    return rows, columns
 
 
 def closed_form(program: QuadraticProgram, *, rounds: int = 3, tolerance: float = 1e-9) -> np.ndarray | None:
@@ -275,7 +277,9 @@ class Allocator:
             P, A = block[:, None] == block[None], mode.pattern
             if kind == "soft":
                 k = len(mode.soft_rows)
-                P = np.block([[P, np.zeros((N_FORCES, k), bool)], [np.zeros((k, N_FORCES), bool), np.eye(k, dtype=bool)]])
+                P = np.block(
+                    [[P, np.zeros((N_FORCES, k), bool)], [np.zeros((k, N_FORCES), bool), np.eye(k, dtype=bool)]]
+                )
                 A = np.hstack([A, np.zeros((len(A), k), bool)])
                 A[mode.soft_rows, N_FORCES + np.arange(k)] = True
             elif kind == "projection":

@@ -93,7 +93,7 @@ class JointTorqueLimit:
     )
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
-        """g − τ̄ ≤ T f ≤ g + τ̄, in units of the servo's limit."""
+        """The rows g − τ̄ ≤ T f ≤ g + τ̄, in units of the servo's limit."""
         np.multiply(demand.torque_map, FORCE_SCALE / TORQUE_SCALE, out=A)
         np.subtract(demand.gravity_torque, self.limit, out=l)
         np.add(demand.gravity_torque, self.limit, out=u)
@@ -114,7 +114,7 @@ class VectoringLock:
     )
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
-        """cos φ f_y + sin φ f_z = 0 for each locked rotor."""
+        """The rows cos φ f_y + sin φ f_z = 0 for each locked rotor."""
         locked = demand.locked.tolist()
         if not any(locked):
             return

@@ -1,6 +1,5 @@
 """Centroidal motion control: position PID and SO(3) attitude control → desired wrench, with anti-windup."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 from spidar_gym.arrays import Matrix3, Vector3, Wrench
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import GRAVITY
-
 
 Gains = tuple[float, float, float]
 """P, I and D of one axis."""

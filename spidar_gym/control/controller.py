@@ -160,9 +160,11 @@ class Controller:
             Lock(_ALL_FREE, _ALL_FREE, nominal[:, 0]), bounds.restricted, nominal, snapshot, nominal[:, 0],
             config=replace(self.config.lock, slew=math.inf),
         )  # fmt: skip
-        angles = zip(snapshot.R_bl[:, 2].tolist(), nominal.tolist(), lock.active.tolist(), lock.phi.tolist(), strict=True)
+        angles = zip(
+            snapshot.R_bl[:, 2].tolist(), nominal.tolist(), lock.active.tolist(), lock.phi.tolist(), strict=True
+        )
         return np.array(
-            [point(up, *hat, phi if active else None, min_force=0.0) for up, hat, active, phi in angles]
+            [point(up, *hat, held=phi if active else None, min_force=0.0) for up, hat, active, phi in angles]
         )
 
     def perceive(self, state: RobotState, reference: Reference) -> Percept:

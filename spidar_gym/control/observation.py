@@ -43,7 +43,9 @@ def layout(action_size: int) -> tuple[Field, ...]:
         Field("vectoring_velocity", 2 * N_ROTORS, 20.0, "rad/s", "rates of φ₁, θ₁, φ₂, θ₂ …"),
         Field("joint_target_error", N_JOINTS, 4.0, "rad", "form to reach − commanded joint position"),
         Field("joint_command_velocity", N_JOINTS, 5.0, "rad/s", "commanded joint velocity of the last tick"),
-        Field("leg_momentum", 3, 20.0, "Nms", "angular momentum of the legs by the commanded joint velocity, torso axes"),
+        Field(
+            "leg_momentum", 3, 20.0, "Nms", "angular momentum of the legs by the commanded joint velocity, torso axes"
+        ),
         Field("leg_momentum_rate", 3, 400.0, "Nm", "its change since the last tick"),
         Field("position_integral", 3, 20.0, "m s", "∫ position error of the controller, world axes"),
         Field("attitude_integral", 3, 20.0, "rad s", "∫ attitude error of the controller, torso axes"),

@@ -7,7 +7,8 @@ on scaling more than on anything else, and because the solver's own scaling woul
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from itertools import pairwise
+from typing import ClassVar, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -61,15 +62,10 @@ class Cost(Protocol):
 class Constraint(Protocol):
     """Rows l ≤ A x ≤ u; their number and pattern never change, an idle row has infinite bounds."""
 
-    @property
-    def pattern(self) -> Bool[np.ndarray, "m 24"]:
-        """Where A may be nonzero."""
-        ...
-
-    @property
-    def soft(self) -> bool:
-        """Whether the fallback may violate these rows at a price."""
-        ...
+    pattern: ClassVar[np.ndarray]
+    """Where A may be nonzero, shape (m, 24) of bool."""
+    soft: ClassVar[bool]
+    """Whether the fallback may violate these rows at a price."""
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Write the rows into A, shape (m, 24), l and u, shape (m,), which come idle: zero and unbounded."""
@@ -82,20 +78,20 @@ class QuadraticProgram:
 
     P: Float[np.ndarray, "n n"]
     """Hessian, symmetric."""
-    q: Float[np.ndarray, "n"]
+    q: Float[np.ndarray, " n"]
     """Gradient at x = 0."""
     A: Float[np.ndarray, "m n"]
     """Rows."""
-    l: Float[np.ndarray, "m"]
+    l: Float[np.ndarray, " m"]
     """Lower bounds."""
-    u: Float[np.ndarray, "m"]
+    u: Float[np.ndarray, " m"]
     """Upper bounds."""
 
-    def objective(self, x: Float[np.ndarray, "n"]) -> float:
+    def objective(self, x: Float[np.ndarray, " n"]) -> float:
         """Value at x."""
         return float(x @ (0.5 * (self.P @ x) + self.q))
 
-    def violation(self, x: Float[np.ndarray, "n"]) -> float:
+    def violation(self, x: Float[np.ndarray, " n"]) -> float:
         """Largest violation of a row at x; 0 where all hold."""
         r = self.A @ x
         return float(max(np.max(self.l - r), np.max(r - self.u), 0.0))
@@ -130,7 +126,7 @@ class Mode:
     def slices(self) -> tuple[slice, ...]:
         """The rows of each constraint block."""
         ends = np.cumsum([0, *(len(block.pattern) for block in self.constraints)]).tolist()
-        return tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
+        return tuple(slice(a, b) for a, b in pairwise(ends))
 
     @cached_property
     def soft_rows(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -28,9 +28,9 @@ _NO_JOINTS = np.zeros(N_JOINTS)
 
 
 class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """SPIDAR under the paper's controller, to which the action adds; docs/ and `spidar list ENV_ID` print its tables."""
+    """SPIDAR under the paper's controller, to which the action adds; `spidar list ENV_ID` prints its page."""
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
         "render_modes": ["human", "rgb_array", "depth_array"],
         "render_fps": int(CONTROL_RATE),
     }
@@ -109,7 +109,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise SpidarError("there is no state before reset(); valid: call reset() first")
         return self._state
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode.
 
         Args:
@@ -288,4 +290,3 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "is_success": failure == "" and self._progress.succeeded(self.horizon),
             "failure": failure,
         }
-

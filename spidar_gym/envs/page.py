@@ -57,8 +57,8 @@ def page(name: str) -> str:
         "",
         "## Action Space",
         "",
-        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the paper's controller in every",
-        "mode but `direct`.",
+        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the paper's controller in",
+        "every mode but `direct`.",
         "",
         "| action_mode | n | entries | what −1 … 1 becomes |",
         "|---|---|---|---|",
@@ -76,7 +76,7 @@ def page(name: str) -> str:
         "",
         "## Observation Space",
         "",
-        f"`Box(-bound, bound, ({size},), float32)` in the default action mode; only what the real robot measures or knows.",
+        f"`Box(-bound, bound, ({size},), float32)` in the default action mode: what the real robot measures or knows.",
         "",
         "| entries | name | bound ± | unit | meaning |",
         "|---|---|---|---|---|",
@@ -159,4 +159,3 @@ def _arguments(task: type) -> list[tuple[str, object, str]]:
 def pages() -> dict[str, str]:
     """Every environment's page: path relative to assets/ → text."""
     return {f"environments/{name.split('/')[1]}.md": page(name) for name in ENVIRONMENTS}
-

@@ -84,7 +84,9 @@ class HoverTask:
         """Refuse what cannot be flown."""
         if self.forms not in SEQUENCES:
             raise UnknownNameError("form sequence", self.forms, SEQUENCES)
-        if not (isinstance(self.joint_speed, int | float) and math.isfinite(self.joint_speed) and self.joint_speed > 0.0):
+        if not (
+            isinstance(self.joint_speed, int | float) and math.isfinite(self.joint_speed) and self.joint_speed > 0.0
+        ):
             raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
         if not (isinstance(self.perturbation, int | float) and 0.0 <= self.perturbation < math.inf):
             raise InvalidValueError("perturbation", self.perturbation, "a number of at least 0")
@@ -233,9 +235,9 @@ class Progress:
         self.attitude_sum += float(attitude @ attitude)
         for i in range(max(0, self.current - 1), self.current + 1):
             goal = self.goals[i]
-            if i not in self.reached and goal.deadline <= self.time + 1e-9 <= goal.deadline + ARRIVAL_GRACE:
-                if np.abs(joints - goal.joint_target).max() <= ARRIVAL_TOLERANCE:
-                    self.reached.add(i)
+            in_time = goal.deadline <= self.time + 1e-9 <= goal.deadline + ARRIVAL_GRACE
+            if in_time and np.abs(joints - goal.joint_target).max() <= ARRIVAL_TOLERANCE:
+                self.reached.add(i)
         if (upcoming := self.next_goal) is not None and self.time >= upcoming.start - 1e-9:
             self.current += 1
 

@@ -4,6 +4,9 @@ Frames: `b` torso origin and axes, `c` CoG with torso axes (the paper's {CoG}), 
 rotor. Joint-space quantities hold the torso fixed.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +62,8 @@ class Model:
         # A rotor is moved by the joints between the torso and its link: two for an inner link, all four of the leg
         # for an outer one.
         self._moves = np.array(
-            [[[j // 4 == i // 2 and (i % 2 == 1 or j % 4 < 2) for j in range(N_JOINTS)]] for i in range(N_ROTORS)], float
+            [[[j // 4 == i // 2 and (i % 2 == 1 or j % 4 < 2) for j in range(N_JOINTS)]] for i in range(N_ROTORS)],
+            float,
         )
 
     def snapshot(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> Snapshot:
@@ -140,4 +144,3 @@ class Model:
         world_aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobians = [pin.getFrameJacobian(self._model, self._data, i, world_aligned)[:3, self._v_joint] for i in ids]
         return np.array([self._data.oMf[i].translation for i in ids]), np.array(jacobians)
-

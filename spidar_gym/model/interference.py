@@ -102,12 +102,11 @@ def best_subset(subsets: list[tuple[float, float]], side: int, *, tie: float) ->
         side: +1 or −1: where the previous choice lay; subsets that tie within `tie` [rad] go to this side.
         tie: Width of a tie [rad].
     """
-
     best, least = None, math.inf
     for subset in subsets:
         low, high = subset
         tilt = low if low > 0.0 else -high if high < 0.0 else 0.0
-        if low > 0.0 and side < 0 or high < 0.0 and side > 0:
+        if (low > 0.0 and side < 0) or (high < 0.0 and side > 0):
             tilt += tie
         if tilt < least:
             best, least = subset, tilt

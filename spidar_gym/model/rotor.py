@@ -21,6 +21,7 @@ HALF_PI = 0.5 * math.pi
 MIN_FORCE = 0.5
 """Below this thrust [N] the direction of a force means nothing."""
 
+
 def vectoring_to_force(thrust: RotorVector, vectoring: Vectoring) -> RotorForces:
     """Force of each module in link axes, f = λ u(φ, θ) [N] [Zhao2025, Eq. 1]."""
     phi, theta = vectoring[:, 0], vectoring[:, 1]
@@ -90,9 +91,7 @@ def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> V
     Solves u(φ̂, θ̂) = (0, 0, 1) in {CoG} [Zhao2025, Sec. Interrotor Aerointerference].
     """
     up_l = R_bl[:, 2].tolist()
-    return np.array(
-        [point(up, *angles, min_force=0.0) for up, angles in zip(up_l, present.tolist(), strict=True)]
-    )
+    return np.array([point(up, *angles, min_force=0.0) for up, angles in zip(up_l, present.tolist(), strict=True)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +118,7 @@ class LockConfig:
     """A held φ moves by at most this much a tick [rad] [JSK]."""
     least: float = 0.1
     """Least turn of a φ locked near a vertical link away from φ̂, towards the tangential plane [rad]."""
-    most: float = math.pi / 4
+    most: float = 0.4
     """Largest such turn [rad]."""
 
 
@@ -181,10 +180,12 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
     # The plane of φ holds the horizontal direction −sin φ ŷ + cos φ ẑ of the link; tangential is ẑ × p.
     tangential = math.atan2(y_x * y - y_y * x, z_y * x - z_x * y)
     lean = math.acos(min(1.0, abs(up)))
+    # Two turns lead to the same plane. φ goes the way that it has gone already; at a tie, neighbouring legs go opposite
+    # ways, so that tilting them all inwards or outwards makes no yaw torque.
+    bias = 0.1 if i // 2 % 2 == 0 else -0.1
     if lean < 0.5 * config.leave:
         # φ̂ turns wildly here: stay, unless farther from the tangential plane than `most` allows.
-        # The range is off centre, so that the tie at a quarter turn falls the same way for every leg.
-        off = (held - tangential + HALF_PI + 0.1) % math.pi - HALF_PI - 0.1
+        off = (held - tangential + HALF_PI + bias) % math.pi - HALF_PI - bias
         room = HALF_PI - config.most
         return held + max(-room, min(room, off)) - off
     weight = max(0.0, 1.0 - lean / config.leave)
@@ -192,5 +193,4 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
     back = math.pi - way
     forward = phi_hat + min(way, config.most, max(config.least, weight * way))
     backward = phi_hat - min(back, config.most, max(config.least, weight * back))
-    # Both lead to the same plane. Go the way that φ has gone already; at a tie, the positive one.
-    return backward if abs(backward - held) < abs(forward - held) - 0.1 else forward
+    return backward if abs(backward - held) + bias < abs(forward - held) else forward

@@ -1,5 +1,8 @@
 """The owner of MuJoCo: `step(Command) → RobotState`, with exact saving and restoring."""
 
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
 import copy
 import math
 from dataclasses import dataclass
@@ -52,10 +55,14 @@ def scene(visual: bool) -> mujoco.MjModel:
     floor = world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     floor.contype, floor.conaffinity, floor.friction = 1, 0, [0.8, 0.005, 0.0001]
     if visual:
-        spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-        spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+        spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
+        spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
         getattr(spec.visual, "global").offwidth = 1920
         getattr(spec.visual, "global").offheight = 1080
+        # Off-screen pictures are mostly drawn by the processor: a reflection, a large shadow map and multiple
+        # sampling would each cost more than the robot.
+        spec.visual.quality.shadowsize = 1024
+        spec.visual.quality.offsamples = 0
         builtin = mujoco.mjtBuiltin
         spec.add_texture(
             name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=builtin.mjBUILTIN_GRADIENT,
@@ -66,12 +73,12 @@ def scene(visual: bool) -> mujoco.MjModel:
             rgb1=[0.72, 0.74, 0.76], rgb2=[0.78, 0.80, 0.82], width=512, height=512,
             mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.6, 0.62, 0.65],
         )  # fmt: skip
-        grid = spec.add_material(name="grid", texrepeat=[1, 1], texuniform=True, reflectance=0.05)
+        grid = spec.add_material(name="grid", texrepeat=[1, 1], texuniform=True)
         grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
         floor.material = "grid"
         world.add_light(
-            pos=[1, -1, 4], dir=[-0.25, 0.25, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            castshadow=True, diffuse=[0.6, 0.6, 0.6],
+            pos=[0, 0, 5], dir=[0, 0, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            castshadow=True, diffuse=[0.45, 0.45, 0.45], specular=[0.2, 0.2, 0.2],
         )  # fmt: skip
     model = spec.compile()
     # A state that diverges must be seen, not silently reset.
@@ -199,7 +206,9 @@ class Plant:
         size = mujoco.mj_stateSize(self.model, kind)
         warnings = len(self.data.warning)
         if saved.shape != (size + N_JOINTS + warnings,):
-            raise InvalidValueError("saved", saved.shape, f"a vector of {size + N_JOINTS + warnings} numbers from save()")
+            raise InvalidValueError(
+                "saved", saved.shape, f"a vector of {size + N_JOINTS + warnings} numbers from save()"
+            )
         mujoco.mj_setState(self.model, self.data, saved[:size], kind)
         self._limit_torque(saved[size : size + N_JOINTS].copy())
         mujoco.mj_forward(self.model, self.data)

@@ -1,5 +1,8 @@
 """Draws a plant: off-screen pictures and depth images, or MuJoCo's window."""
 
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
 import os
 import sys
 from typing import Any
@@ -32,7 +35,7 @@ class OffscreenRenderer:
         self._model = scene(visual=True)
         self._data = mujoco.MjData(self._model)
         try:
-            self._renderer = mujoco.Renderer(self._model, height, width)
+            self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except ValueError as error:
             raise SpidarError(f"cannot render {width} × {height}: {error}; valid: up to 1920 × 1080") from error
         except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here

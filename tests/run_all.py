@@ -1,0 +1,47 @@
+"""Everything that must hold, in the order of CI: format, lint, types, imports, generated files, tests, wheel."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+WORKERS = str(min(4, os.cpu_count() or 1))
+
+STEPS: list[tuple[str, list[str]]] = [
+    ("format", ["ruff", "format", "--check", "."]),
+    ("lint", ["ruff", "check", "."]),
+    ("types", ["pyright"]),
+    ("import layers", ["lint-imports"]),
+    ("generated files", ["spidar", "assets", "--check"]),
+    ("tests", ["pytest", "-n", WORKERS]),
+]
+
+
+def run(title: str, command: list[str], cwd: Path | str = ROOT) -> None:
+    """Run one step; stop everything where it fails."""
+    print(f"── {title}: {' '.join(command)}", flush=True)
+    code = subprocess.run(command, cwd=cwd, check=False).returncode
+    if code != 0:
+        sys.exit(f"{title} failed with exit status {code}")
+
+
+def wheel_alone() -> None:
+    """The built wheel, installed without the checkout, makes an environment and flies it."""
+    with tempfile.TemporaryDirectory() as folder:
+        run("wheel", [sys.executable, "-m", "build", "--wheel", "--installer", "pip", "--outdir", folder, str(ROOT)])
+        wheel = next(Path(folder).glob("*.whl"))
+        venv.create(Path(folder) / "venv", with_pip=True, system_site_packages=False)
+        python = str(Path(folder) / "venv" / "bin" / "python")
+        run("install the wheel alone", [python, "-m", "pip", "install", "-q", str(wheel)])
+        run("smoke test on the wheel", [python, str(ROOT / "tests" / "smoke.py")], cwd=folder)
+
+
+if __name__ == "__main__":
+    for title, command in STEPS:
+        run(title, [str(BIN / command[0]), *command[1:]])
+    wheel_alone()
+    print("all checks passed")
