@@ -17,7 +17,7 @@ import numpy as np
 from spidar_gym.errors import StaleAssetError
 from spidar_gym.robot import N_LEGS, ROBOT, Inertial, RobotSpec, spec_rows
 
-Numbers = float | Iterable[float]
+Numbers = int | float | Iterable[int | float]
 
 COLORS = {
     "shell": "0.93 0.93 0.91 1",

@@ -41,8 +41,8 @@ def log(R: Matrix3) -> Vector3:
         return axis * (angle / sine)
     if cosine > 0.0:
         return axis
-    # Close to a half turn the skew part vanishes: R ≈ 2 n nᵀ − 1, so n is a column of R + 1.
-    outer = 0.5 * (R + np.eye(3))
+    # Close to a half turn the skew part vanishes, and the symmetric part is 2 n nᵀ − 1: n is a column of it plus 1.
+    outer = 0.25 * (R + R.T) + 0.5 * np.eye(3)
     n = outer[:, int(np.argmax(np.diag(outer)))]
     n = n / math.sqrt(float(n @ n))
     sign = math.copysign(1.0, float(n @ axis)) if sine > 0.0 else math.copysign(1.0, n[np.flatnonzero(n)[0]])

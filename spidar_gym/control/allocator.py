@@ -7,6 +7,7 @@ scaling, whose state would otherwise leak from one tick into the next.
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
+import math
 import time
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,7 +15,7 @@ from enum import StrEnum
 import numpy as np
 import osqp
 import scipy.sparse as sp
-from scipy.linalg import lapack
+from scipy.linalg.lapack import dgesv
 
 from spidar_gym.arrays import JointVector, RotorForces, RotorMask, RotorVector, Wrench
 from spidar_gym.control.blocks import SPHERE_PATTERN, sphere_planes
@@ -151,38 +152,38 @@ def closed_form(program: QuadraticProgram, *, rounds: int = 3, tolerance: float 
     """
     P, q, A, l, u = program.P, program.q, program.A, program.l, program.u
     n = len(q)
-    low, high = l - tolerance, u + tolerance
-    rows, signs = np.flatnonzero(l == u), None
-    target = l[rows]
+    rows = np.flatnonzero(l == u)
+    target = l.take(rows)
+    signs: np.ndarray | None = None
     for _ in range(rounds):
-        k = len(rows)
-        if k > n:
+        size = n + len(rows)
+        if size > 2 * n:
             return None
-        active = A[rows]
-        K = np.zeros((n + k, n + k))
+        active = A.take(rows, axis=0)
+        K = np.zeros((size, size))
         K[:n, :n] = P
         K[n:, :n] = active
         K[:n, n:] = active.T
-        right = np.empty(n + k)
+        right = np.empty(size)
         np.negative(q, out=right[:n])
         right[n:] = target
         # K is symmetric: its transpose is the same matrix in LAPACK's own order, which saves a copy.
-        _, _, solution, info = lapack.dgesv(K.T, right, overwrite_a=1, overwrite_b=1)
+        _, _, solution, info = dgesv(K.T, right, overwrite_a=1, overwrite_b=1)
         if info != 0:
             return None
         x = solution[:n]
         r = A @ x
-        kept = (r >= low) & (r <= high)  # NaN is not kept
-        good = signs is None or bool((signs * solution[n:] >= 0.0).all())
-        if good and kept.all():
+        excess = np.maximum(l - r, r - u)
+        right_sign = None if signs is None else signs * solution[n:] >= 0.0
+        if excess.max() <= tolerance and (right_sign is None or right_sign.all()):  # a NaN is not
             return x
-        stay = np.ones(k, bool) if signs is None else signs * solution[n:] >= 0.0
-        violated = np.flatnonzero(~kept)
+        violated = np.flatnonzero(~(excess <= tolerance))
         above = r[violated] > u[violated]
-        old = np.zeros(k) if signs is None else signs
-        rows = np.concatenate((rows[stay], violated))
-        target = np.concatenate((target[stay], np.where(above, u[violated], l[violated])))
-        signs = np.concatenate((old[stay], np.where(above, 1.0, -1.0)))
+        if right_sign is None or signs is None:
+            right_sign, signs = np.ones(len(rows), bool), np.zeros(len(rows))
+        rows = np.concatenate((rows[right_sign], violated))
+        target = np.concatenate((target[right_sign], np.where(above, u[violated], l[violated])))
+        signs = np.concatenate((signs[right_sign], np.where(above, 1.0, -1.0)))
     return None
 
 
@@ -224,9 +225,10 @@ class Allocator:
         start: float,
     ) -> Allocation:
         solve_time = time.perf_counter() - start
-        thrust = np.sqrt(np.einsum("ij,ij->i", forces, forces))  # [Zhao2025, Eq. 14]
+        norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]  # [Zhao2025, Eq. 14]
+        thrust = np.array(norms)
         saturated = thrust > ROBOT.max_thrust
-        if saturated.any():
+        if max(norms) > ROBOT.max_thrust:
             forces = forces * np.where(saturated, ROBOT.max_thrust / thrust, 1.0)[:, None]
             thrust = np.minimum(thrust, ROBOT.max_thrust)
         f = forces.reshape(-1)

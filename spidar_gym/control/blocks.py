@@ -11,7 +11,6 @@ from spidar_gym.control.qp import FORCE_SCALE, INFINITY, N_FORCES, TORQUE_SCALE,
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 
-_DIAGONAL = np.arange(N_FORCES)
 
 
 def torque_map(snapshot: Snapshot) -> np.ndarray:
@@ -29,7 +28,7 @@ class ThrustEffort:
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √w₁ 1 and r = 0."""
-        P[_DIAGONAL, _DIAGONAL] += self.weight
+        P.reshape(-1)[:: N_FORCES + 1] += self.weight
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class ThrustBox:
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """24 bounds, one for each unknown."""
-        A[_DIAGONAL, _DIAGONAL] = 1.0
+        A.reshape(-1)[:: N_FORCES + 1] = 1.0
         u[:] = self.limit / FORCE_SCALE
         l[:] = -self.limit / FORCE_SCALE
 

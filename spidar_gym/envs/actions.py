@@ -77,7 +77,7 @@ class ActionMode:
 
 
 ACTION_MODES: dict[str, ActionMode] = {
-    "residual_wrench": ActionMode((WRENCH,), _wrench, "added before the allocation, whose constraints hold all the same"),
+    "residual_wrench": ActionMode((WRENCH,), _wrench, "added before the allocation; its constraints hold"),
     "residual_joint": ActionMode((JOINTS, SPEED), _joint, "shapes the joint motion"),
     "residual": ActionMode((WRENCH, JOINTS, SPEED), _both, "both of them"),
     "residual_force": ActionMode(

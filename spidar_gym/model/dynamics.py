@@ -80,8 +80,6 @@ class Model:
         configuration, data, joints = self._q, self._data, self._v_joint
         configuration[self._q_joint] = q
         configuration[self._q_gimbal] = vectoring.reshape(-1)
-        self._model.gravity.linear = -GRAVITY * R_wb[2]
-        gravity = pin.computeGeneralizedGravity(self._model, data, configuration).take(joints)
         momentum = pin.ccrba(self._model, data, configuration, self._no_velocity).take(joints, axis=1)
         rotors = np.array(self._rotor_views)
         # Velocity of a point per joint, v = v_O + ω × p = v_O − [p]ₓ ω, for all rotors and joints at once.
@@ -96,7 +94,8 @@ class Model:
             R_bl=np.array(self._link_views),
             rotor_c=rotors - com,
             J_rotor=J_rotor,
-            gravity_torque=gravity,
+            # The rate at which a joint lifts the CoG, times the weight: −Σ J_sᵀ m_s g = mΣ g ∂(height)/∂q.
+            gravity_torque=(GRAVITY * R_wb[2]) @ momentum[:3],
             momentum_map=momentum,
         )
 

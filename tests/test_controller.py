@@ -1,0 +1,300 @@
+"""Pins the controller: the residual's door, synchronised joints, rate limits, memory, motion errors, form three."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from states import model, random_joints, random_pose, resting, staying, upright
+
+from spidar_gym.control.allocator import AllocationStatus, AllocatorConfig
+from spidar_gym.control.controller import Controller, ControllerConfig, motion_error
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
+from spidar_gym.state import NO_RESIDUAL, Residual
+
+REACH = ROBOT.joint_speed / 40.0
+"""Largest step of a joint command in one tick [rad]."""
+HOVER = resting(FORMS["form2"])
+
+
+def controller_at(state, **config):
+    controller = Controller(ControllerConfig(**config), model())
+    controller.reset(state)
+    return controller
+
+
+def shaken(rng, state):
+    """The same robot, a little off in every measured quantity."""
+    return replace(
+        state,
+        position_w=state.position_w + rng.normal(scale=0.02, size=3),
+        quat_wb=matrix_to_quat(quat_to_matrix(state.quat_wb) @ exp(rng.normal(scale=0.02, size=3))),
+        velocity_w=rng.normal(scale=0.05, size=3),
+        omega_b=rng.normal(scale=0.05, size=3),
+        joint_position=state.joint_position + rng.normal(scale=0.01, size=16),
+        joint_velocity=rng.normal(scale=0.05, size=16),
+        vectoring=state.vectoring + rng.normal(scale=0.02, size=(8, 2)),
+    )
+
+
+def same(a, b):
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+
+
+def commands(controller, states, reference, *residual):
+    return [controller.step(state, reference, *residual) for state in states]
+
+
+def flight(seed, n):
+    """States of `n` ticks around a hover, and a reference that changes the form."""
+    rng = np.random.default_rng(seed)
+    return [shaken(rng, HOVER) for _ in range(n)], staying(HOVER, joint_target=FORMS["form3"])
+
+
+def test_a_residual_of_zeros_changes_no_bit():
+    states, reference = flight(0, 15)
+    omitted = commands(controller_at(HOVER), states, reference)
+    for residual in (NO_RESIDUAL, Residual(), Residual(forces_l=np.zeros((8, 3)))):
+        assert all(map(same, omitted, commands(controller_at(HOVER), states, reference, residual)))
+
+
+def test_a_residual_changes_the_command():
+    states, reference = flight(0, 3)
+    plain = commands(controller_at(HOVER), states, reference)[-1]
+    for residual, name in (
+        (Residual(wrench=np.full(6, 0.1)), "thrust"),
+        (Residual(joint_offset=np.linspace(0.01, 0.02, 16)), "joint_position"),
+        (Residual(joint_speed_scale=0.5), "joint_position"),
+        (Residual(forces_l=np.full((8, 3), 0.1)), "thrust"),
+    ):
+        changed = commands(controller_at(HOVER), states, reference, residual)[-1]
+        assert not np.array_equal(getattr(changed, name), getattr(plain, name))
+
+
+def test_residual_wrench_shifts_the_desired_wrench_exactly():
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        state, added = shaken(rng, HOVER), rng.uniform(-5.0, 5.0, 6)
+        plain, shifted = controller_at(HOVER), controller_at(HOVER)
+        plain.step(state, staying(HOVER))
+        shifted.step(state, staying(HOVER), Residual(wrench=added))
+        np.testing.assert_array_equal(shifted.tick.wrench_desired, plain.tick.wrench_desired + added)
+
+
+def test_a_hover_without_error_asks_for_the_weight_alone():
+    for form in FORMS.values():
+        state = resting(form)
+        controller = controller_at(state)
+        controller.step(state, staying(state))
+        np.testing.assert_allclose(controller.tick.wrench_desired, [0, 0, ROBOT.weight, 0, 0, 0], atol=1e-9)
+
+
+def joint_motion(target, speed_scale, ticks, start=None):
+    """Commanded joints of `ticks` ticks towards `target`, start first."""
+    state = resting(FORMS["form1"] if start is None else start)
+    controller, path = controller_at(state), [state.joint_position]
+    reference, residual = staying(state, joint_target=target), Residual(joint_speed_scale=speed_scale)
+    for _ in range(ticks):
+        path.append(controller.step(state, reference, residual).joint_position)
+        np.testing.assert_allclose(controller.tick.joint_velocity / 40.0, path[-1] - path[-2], atol=1e-15)
+    return np.array(path)
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0])
+def test_joints_move_on_a_straight_line_at_the_planned_speed_and_arrive_together(scale):
+    rng = np.random.default_rng(2)
+    start, target = rng.uniform(-0.2, 0.2, (2, 16))
+    arrival = int(np.ceil(np.abs(target - start).max() / (scale * REACH)))
+    path = joint_motion(target, scale, arrival + 5, start)
+    share = (path - start) / (target - start)
+    uniform = np.minimum(1.0, share[1, 0] * np.arange(arrival + 6))
+    np.testing.assert_allclose(share, np.tile(uniform, (16, 1)).T, atol=1e-9)
+    np.testing.assert_allclose(np.abs(np.diff(path[:arrival], axis=0)).max(axis=1), scale * REACH, rtol=1e-9)
+    assert not np.array_equal(path[arrival - 1], path[arrival])
+    np.testing.assert_allclose(path[arrival:], np.tile(target, (6, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [-2.0, 0.0, 0.3, 1.0, 1.5, 50.0, np.inf])
+def test_no_speed_scale_makes_a_joint_command_faster_than_the_joint_speed(scale):
+    path = joint_motion(np.linspace(-1.4, 1.4, 16), scale, 20)
+    assert np.abs(np.diff(path, axis=0)).max() <= REACH * (1.0 + 1e-9)
+    assert np.abs(path[-1]).max() == pytest.approx(20 * REACH * min(1.0, abs(scale)))
+
+
+def test_joint_commands_end_at_a_quarter_turn_whatever_the_target():
+    near = np.tile([1.55, -1.55], 8)
+    path = joint_motion(np.tile([3.0, -3.0], 8), 1.0, 10, near)
+    np.testing.assert_allclose(path[-1], np.tile([np.pi / 2, -np.pi / 2], 8), atol=1e-12)
+    assert np.abs(path).max() <= np.pi / 2
+
+
+def test_vectoring_commands_never_move_faster_than_the_servos_and_always_move_on_from_the_last_one():
+    rng = np.random.default_rng(3)
+    state = resting(FORMS["form1"])
+    controller, previous, fastest = controller_at(state), state.vectoring, 0.0
+    for _ in range(80):
+        q, R_wb = random_pose(rng)
+        residual = Residual(wrench=rng.uniform(-60.0, 60.0, 6), forces_l=rng.uniform(-5.0, 5.0, (8, 3)))
+        state = resting(q, R_wb, previous)
+        vectoring = controller.step(state, staying(state), residual).vectoring
+        fastest = max(fastest, np.abs(vectoring - previous).max())
+        previous = vectoring
+    assert 0.2 < fastest <= ROBOT.max_vectoring_speed / 40.0 + 1e-12
+
+
+MEASURED = ("position_w", "quat_wb", "velocity_w", "omega_b", "joint_position", "joint_velocity", "vectoring")
+
+
+def spoiled(state, name, value):
+    array = getattr(state, name).copy()
+    array.flat[-1] = value
+    return replace(state, **{name: array})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", MEASURED)
+def test_a_state_that_is_not_finite_repeats_the_last_command_and_leaves_no_trace(name, value):
+    states, reference = flight(4, 6)
+    controller, undisturbed = controller_at(HOVER), controller_at(HOVER)
+    last = commands(controller, states[:3], reference)[-1]
+    for _ in range(3):
+        held = controller.step(spoiled(states[3], name, value), reference)
+        assert all(np.allclose(getattr(held, f.name), getattr(last, f.name), rtol=1e-14) for f in fields(last))
+        assert controller.tick.allocation.status == AllocationStatus.HELD
+        assert not controller.tick.joint_velocity.any()
+    expected = commands(undisturbed, states, reference)[3:]
+    assert all(map(same, commands(controller, states[3:], reference), expected))
+    assert controller.tick.allocation.status != AllocationStatus.HELD
+
+
+def test_reset_forgets():
+    states, reference = flight(5, 10)
+    used, fresh = controller_at(HOVER), controller_at(HOVER)
+    commands(used, states, replace(reference, position_w=reference.position_w + 0.3))
+    used.reset(HOVER)
+    assert used.tick is None
+    assert all(map(same, commands(used, states, reference), commands(fresh, states, reference)))
+
+
+def test_a_controller_without_reset_remembers():
+    states, reference = flight(5, 3)
+    used, fresh = controller_at(HOVER), controller_at(HOVER)
+    commands(used, states, replace(reference, position_w=reference.position_w + 0.3))
+    assert not same(used.step(states[0], reference), fresh.step(states[0], reference))
+
+
+def test_two_controllers_on_one_model_do_not_disturb_each_other():
+    states, reference = flight(6, 8)
+    alone = commands(controller_at(HOVER), states, reference)
+    one, other, other_state = controller_at(HOVER), controller_at(resting(FORMS["form1"])), resting(FORMS["form1"])
+    for state, command in zip(states, alone, strict=True):
+        other.step(other_state, staying(other_state))
+        assert same(one.step(state, reference), command)
+
+
+@pytest.mark.parametrize("name", ["joint_speed", "joint_torque_limit", "rate_hz"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_speeds_and_limits_that_are_not_positive_are_refused_with_what_was_expected(name, value):
+    with pytest.raises(InvalidValueError, match=f"{name}.*above 0"):
+        ControllerConfig(**{name: value})
+
+
+def test_unknown_names_are_refused_with_the_valid_ones():
+    with pytest.raises(UnknownNameError, match=r"as flown.*paper, as_flown"):
+        Controller(ControllerConfig(preset="as flown"), model())
+    with pytest.raises(InvalidValueError, match="at least 1"):
+        Controller(ControllerConfig(allocator=AllocatorConfig(max_iter=0)), model())
+    controller = controller_at(HOVER)
+    with pytest.raises(UnknownNameError, match=r"walk.*flight"):
+        controller.step(HOVER, staying(HOVER, mode="walk"))
+
+
+def moving(t, q0, dq, R0, omega_b, velocity_w):
+    """A state on a trajectory of moving joints and a turning, travelling torso."""
+    q, R_wb = q0 + t * dq + 0.1 * t**2, R0 @ exp(t * omega_b)
+    state = resting(q, R_wb, upright(q0, R0))
+    return replace(state, position_w=t * velocity_w, velocity_w=velocity_w, omega_b=omega_b, joint_velocity=dq)
+
+
+def error_at(state, reference):
+    R_wb = quat_to_matrix(state.quat_wb)
+    return motion_error(state, reference, model().snapshot(state.joint_position, R_wb, state.vectoring), R_wb)
+
+
+def test_velocity_error_is_the_rate_of_the_position_error_along_a_trajectory_with_moving_joints():
+    rng, h = np.random.default_rng(7), 1e-5
+    for _ in range(10):
+        q0, R0 = random_pose(rng)
+        motion = (q0, rng.uniform(-1, 1, 16), R0, rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3))
+        reference = staying(resting(q0))
+        after, before = (error_at(moving(t, *motion), reference).position_w for t in (h, -h))
+        velocity = error_at(moving(0.0, *motion), reference).velocity_w
+        np.testing.assert_allclose((after - before) / (2 * h), velocity, atol=1e-7)
+
+
+def test_position_error_is_that_of_the_centre_of_gravity_not_of_the_torso():
+    rng = np.random.default_rng(8)
+    for _ in range(5):
+        state = resting(random_joints(rng), exp(rng.uniform(-0.5, 0.5, 3)), position_w=rng.uniform(-1, 1, 3))
+        masses, centres_b, _ = model().segments(state.joint_position, state.vectoring)
+        com_w = state.position_w + quat_to_matrix(state.quat_wb) @ (masses @ centres_b) / masses.sum()
+        error = error_at(state, staying(HOVER, position_w=np.array([1.0, 2.0, 3.0])))
+        np.testing.assert_allclose(error.position_w, np.array([1.0, 2.0, 3.0]) - com_w, atol=1e-12)
+
+
+def test_attitude_error_is_the_small_rotation_to_the_desired_attitude_in_torso_axes():
+    rng = np.random.default_rng(9)
+    for _ in range(10):
+        R_wb, turn = exp(rng.uniform(-1, 1, 3)), rng.uniform(-0.01, 0.01, 3)
+        state = resting(FORMS["form1"], R_wb, omega_b=rng.uniform(-1, 1, 3))
+        desired = staying(HOVER, quat_wb=matrix_to_quat(R_wb @ exp(turn)), omega_b=rng.uniform(-1, 1, 3))
+        error = error_at(state, desired)
+        np.testing.assert_allclose(error.attitude, turn, atol=1e-6)
+        rotated_w = R_wb @ exp(turn) @ desired.omega_b - R_wb @ state.omega_b
+        np.testing.assert_allclose(R_wb @ error.omega_b, rotated_w, atol=1e-12)
+
+
+def settled(form, preset):
+    """The controller and the last two commands of a hover in a form whose rotors come to where they are commanded."""
+    q, controller = FORMS[form], Controller(ControllerConfig(preset=preset), model())
+    state = resting(q, vectoring=controller.rest_vectoring(q))
+    controller.reset(state)
+    for _ in range(60):
+        last, command = state.vectoring, controller.step(state, staying(state))
+        state = replace(state, vectoring=command.vectoring, thrust=command.thrust)
+    return controller.tick, command, last
+
+
+def test_form_three_restricts_the_inner_rotors_and_tilts_them_by_four_tenths_of_a_radian():
+    tick, command, _ = settled("form3", "as_flown")
+    np.testing.assert_array_equal(np.flatnonzero(tick.demand.restricted) + 1, [1, 3, 5, 7])
+    np.testing.assert_allclose(command.vectoring[::2, 0], 0.0, atol=0.01)
+    np.testing.assert_allclose(command.vectoring[::2, 1], -0.403, atol=0.01)
+    np.testing.assert_allclose(tick.allocation.joint_torques[1::4], 1.9, atol=0.15)
+
+
+def test_form_three_costs_a_few_percent_more_thrust_than_the_flat_form():
+    flat, stacked = (settled(form, "as_flown")[1].thrust.sum() for form in ("form1", "form3"))
+    assert flat == pytest.approx(ROBOT.weight, rel=1e-3)
+    assert 1.02 < stacked / flat < 1.06
+
+
+@pytest.mark.parametrize("preset", ["paper", "as_flown"])
+@pytest.mark.parametrize("form", FORMS)
+def test_a_hover_in_each_form_of_the_paper_is_allocated_whole_and_comes_to_rest(form, preset):
+    tick, command, last = settled(form, preset)
+    assert tick.allocation.status in (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED)
+    assert np.abs(tick.allocation.unallocated_wrench).max() < 2e-3
+    np.testing.assert_allclose(command.vectoring, last, atol=1e-4)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_of_the_paper_can_give_a_torque_about_every_axis(form):
+    q = FORMS[form]
+    for torque in np.vstack([np.eye(3), -np.eye(3)]):
+        controller = Controller(model=model())
+        state = resting(q, vectoring=controller.rest_vectoring(q))
+        controller.reset(state)
+        controller.step(state, staying(state), Residual(wrench=np.concatenate([np.zeros(3), torque])))
+        np.testing.assert_allclose(controller.tick.allocation.unallocated_wrench, np.zeros(6), atol=2e-3)
