@@ -68,7 +68,7 @@ def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
             q = FORMS[f"form{rng.integers(1, 4)}"] + rng.uniform(-0.05, 0.05, 16)
         R_wb = exp(rng.uniform(-0.2, 0.2, 3))
         vectoring = controller.rest_vectoring(q)
-        wrench = rng.uniform(-1.0, 1.0, 6) * np.array([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
+        wrench = rng.uniform(-1.0, 1.0, 6) * np.array([60.0, 60.0, 60.0, 15.0, 15.0, 15.0])
         wrench[2] += ROBOT.weight
         demands.append(controller.demand_at(q, R_wb, vectoring, wrench))
     return demands
@@ -155,7 +155,7 @@ def _hard() -> dict[str, Any]:
     osqp, iterations, total = [], [], []
     for program in feasible:
         start = time.perf_counter()
-        _, _, count = solver.solve(program)
+        _, _, count, _ = solver.solve(program)
         osqp.append(time.perf_counter() - start)
         iterations.append(count)
     for demand in demands:

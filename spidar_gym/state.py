@@ -70,13 +70,17 @@ class Command:
     """Largest torque each joint servo may use [Nm]."""
 
 
+_NO_WRENCH, _NO_OFFSET = np.zeros(6), np.zeros(16)
+_NO_WRENCH.flags.writeable = _NO_OFFSET.flags.writeable = False
+
+
 @dataclass(frozen=True, slots=True)
 class Residual:
     """What a learned policy adds to the controller: the only door it gets. All zero changes nothing, bit for bit."""
 
-    wrench: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    wrench: np.ndarray = field(default_factory=lambda: _NO_WRENCH)
     """Added to the desired wrench before the allocation, force [N] and torque [Nm], shape (6,)."""
-    joint_offset: np.ndarray = field(default_factory=lambda: np.zeros(16))
+    joint_offset: np.ndarray = field(default_factory=lambda: _NO_OFFSET)
     """Added to the joint targets [rad], shape (16,)."""
     joint_speed_scale: float = 1.0
     """Factor on the planned joint speed; the servo's own limit stays."""

@@ -27,7 +27,7 @@ def demands(hard, seed, n):
 
 
 @cache
-def ticks(preset, hard, seed=0, n=500):
+def ticks(preset, hard, seed=0, n=400):
     """Random demands with their exact optima in N, None where there is none."""
     optima = [exact(assemble(PRESETS[preset]["flight"], demand)) for demand in demands(hard, seed, n)]
     forces = [None if x is None else FORCE_SCALE * x.reshape(8, 3) for x in optima]
@@ -76,8 +76,8 @@ def same(a, b):
 
 @pytest.fixture
 def no_shortcut(monkeypatch):
-    """Every tick goes through OSQP."""
-    monkeypatch.setattr(module, "closed_form", lambda *_, **__: None)
+    """Every tick goes through OSQP: the closed form may refine its answer, never replace it."""
+    monkeypatch.setattr(module, "closed_form", lambda program, *duals: closed_form(program, *duals) if duals else None)
 
 
 def test_hover_of_the_flat_form_takes_an_eighth_of_the_weight_from_each_rotor():
@@ -96,20 +96,29 @@ def test_hover_without_torque_cost_is_the_least_norm_solution():
     np.testing.assert_allclose(allocation.forces_l.reshape(-1), least_norm, atol=1e-9)
 
 
-def compare_with_an_exact_solver(preset, demands_and_optima):
-    """Compare every optimal answer; how many were compared, and how many have an optimum that was not found."""
-    allocator, compared, missed = Allocator(PRESETS[preset]), 0, 0
-    for demand, optimum in demands_and_optima:
+@cache
+def answers(preset, hard, seed=0, n=400):
+    """Demands that have an optimum, the optimum, and what the allocator answers."""
+    allocator, found = Allocator(PRESETS[preset]), []
+    for demand, optimum in ticks(preset, hard, seed, n):
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         if optimum is None:
             assert allocation.status not in OPTIMAL
-        elif allocation.status in OPTIMAL:
-            compared, best = compared + 1, within_sphere(optimum)
-            np.testing.assert_allclose(allocation.forces_l, best, atol=1e-3, rtol=0)
-            assert cost(preset, demand, allocation.forces_l) == pytest.approx(cost(preset, demand, best), rel=1e-6)
         else:
-            missed += 1
-    return compared, missed
+            found.append((demand, within_sphere(optimum), allocation))
+    assert len(found) > 0.9 * n
+    return found
+
+
+def unsolved(found):
+    return [allocation.status for _, _, allocation in found if allocation.status not in OPTIMAL]
+
+
+def assert_optimal(preset, found):
+    for demand, optimum, allocation in found:
+        if allocation.status in OPTIMAL:
+            np.testing.assert_allclose(allocation.forces_l, optimum, atol=1e-3, rtol=0)
+            assert cost(preset, demand, allocation.forces_l) == pytest.approx(cost(preset, demand, optimum), rel=1e-6)
 
 
 BOTH = pytest.mark.parametrize("hard", [False, True], ids=["easy", "hard"])
@@ -119,38 +128,42 @@ EACH_PRESET = pytest.mark.parametrize("preset", PRESETS)
 @BOTH
 @EACH_PRESET
 def test_forces_and_cost_agree_with_an_exact_solver(preset, hard):
-    compared, _ = compare_with_an_exact_solver(preset, ticks(preset, hard))
-    assert compared > 450
-
-
-@BOTH
-@EACH_PRESET
-def test_osqp_alone_agrees_with_an_exact_solver(preset, hard, no_shortcut):
-    compared, _ = compare_with_an_exact_solver(preset, ticks(preset, hard))
-    assert compared > 450
+    assert_optimal(preset, answers(preset, hard))
 
 
 @BOTH
 @EACH_PRESET
 def test_no_feasible_demand_stays_unsolved(preset, hard):
-    assert compare_with_an_exact_solver(preset, ticks(preset, hard))[1] == 0
+    assert unsolved(answers(preset, hard)) == []
+
+
+@BOTH
+@EACH_PRESET
+def test_osqp_alone_agrees_with_an_exact_solver(preset, hard, no_shortcut):
+    found = answers.__wrapped__(preset, hard)
+    assert {allocation.status for _, _, allocation in found} >= {AllocationStatus.SOLVED}
+    assert_optimal(preset, found)
 
 
 @pytest.mark.slow
 @BOTH
 @EACH_PRESET
-def test_thousands_of_demands_are_all_solved_and_agree_with_an_exact_solver(preset, hard):
-    compared, missed = compare_with_an_exact_solver(preset, ticks(preset, hard, seed=1, n=3000))
-    assert compared > 2700
-    assert missed == 0
+def test_thousands_of_demands_agree_with_an_exact_solver(preset, hard):
+    assert_optimal(preset, answers(preset, hard, seed=1, n=3000))
+
+
+@pytest.mark.slow
+@BOTH
+@EACH_PRESET
+def test_none_of_thousands_of_feasible_demands_stays_unsolved(preset, hard):
+    assert unsolved(answers(preset, hard, seed=1, n=3000)) == []
 
 
 @pytest.mark.slow
 @BOTH
 @EACH_PRESET
 def test_thousands_of_answers_of_osqp_alone_agree_with_an_exact_solver(preset, hard, no_shortcut):
-    compared, _ = compare_with_an_exact_solver(preset, ticks(preset, hard, seed=1, n=3000))
-    assert compared > 2700
+    assert_optimal(preset, answers.__wrapped__(preset, hard, seed=1, n=3000))
 
 
 def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
@@ -160,7 +173,7 @@ def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
         assert_bounded(demand, "paper", allocation)
         if optimum is not None:
             feasible, fallen = feasible + 1, fallen + (allocation.status not in OPTIMAL)
-    assert feasible > 450
+    assert feasible > 350
     assert fallen / feasible < 0.02
 
 
@@ -226,7 +239,7 @@ def test_unallocated_wrench_is_what_the_forces_do_not_give():
 )
 def test_an_infeasible_demand_is_softened_within_the_hard_limits(preset, weights, torque):
     rng, allocator, infeasible = np.random.default_rng(20), Allocator(PRESETS[preset]), 0
-    for demand in random_demands(rng, 100, True):
+    for demand in random_demands(rng, 60, True):
         axis = rng.normal(size=3)
         turn = np.concatenate([np.zeros(3), torque * axis / np.linalg.norm(axis)])
         demand = replace(demand, wrench=weights * demand.wrench + turn)
@@ -236,7 +249,7 @@ def test_an_infeasible_demand_is_softened_within_the_hard_limits(preset, weights
             infeasible += 1
             assert allocation.status in (AllocationStatus.SOFTENED, AllocationStatus.HELD)
             assert allocation.slack > 0.0
-    assert infeasible > 60
+    assert infeasible > 40
 
 
 def test_five_weights_are_answered_with_nearly_all_the_thrust_there_is():
@@ -327,9 +340,8 @@ def test_the_order_of_the_ticks_changes_no_bit(preset):
     compare_orders(preset)
 
 
-@EACH_PRESET
-def test_the_order_of_the_ticks_changes_no_bit_in_osqp_alone(preset, no_shortcut):
-    compare_orders(preset)
+def test_the_order_of_the_ticks_changes_no_bit_in_osqp_alone(no_shortcut):
+    compare_orders("paper")
 
 
 def compare_orders(preset):
@@ -338,14 +350,13 @@ def compare_orders(preset):
     demands += [replace(demand, wrench=4.0 * demand.wrench) for demand in random_demands(rng, 30, True)]
     demands += [replace(demands[i], wrench=np.full(6, np.nan)) for i in range(10)]
     answers = []
-    for order in (np.arange(200), rng.permutation(200), rng.permutation(200)):
+    for order in (np.arange(200), rng.permutation(200)):
         allocator, answer = Allocator(PRESETS[preset]), {}
         for i in order.tolist():
             answer[i] = allocator.allocate(demands[i], "flight", np.full((8, 3), 5.0))
         answers.append(answer)
     assert {a.status for a in answers[0].values()} > {AllocationStatus.SOFTENED, AllocationStatus.HELD}
-    for answer in answers[1:]:
-        assert all(same(answer[i], answers[0][i]) for i in range(200))
+    assert all(same(answers[1][i], answers[0][i]) for i in range(200))
 
 
 def test_a_force_in_a_corner_of_the_cube_is_flagged_and_shortened_to_the_sphere():
@@ -379,9 +390,7 @@ def test_crossed_bounds_and_nan_are_not_answered_with_a_stale_solution_and_poiso
     array = getattr(first, name).copy()
     array.flat[index] = value
     assert not used.solve(replace(first, **{name: array}))[1]
-    after, expected = used.solve(good), fresh.solve(good)
-    np.testing.assert_array_equal(after[0], expected[0])
-    assert after[1:] == expected[1:]
+    assert all(np.array_equal(a, b) for a, b in zip(used.solve(good), fresh.solve(good), strict=True))
 
 
 def test_an_unknown_mode_or_a_cap_below_one_is_refused_with_the_valid_choice():
@@ -431,7 +440,7 @@ def test_projection_leaves_valid_forces_where_they_are():
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_projected_forces_are_valid(size):
     allocator = Allocator(PRESETS["paper"])
-    for demand, _, wish in wishes(200, size):
+    for demand, _, wish in wishes(120, size):
         projected = allocator.project(demand, wish, NO_FORCES)
         assert projected.status in OPTIMAL
         assert projected.thrust.max() <= ROBOT.max_thrust + 1e-9
@@ -441,17 +450,18 @@ def test_projected_forces_are_valid(size):
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_projected_forces_are_the_nearest_valid_ones(size):
     allocator = Allocator(PRESETS["paper"])
-    for demand, _, wish in wishes(200, size):
+    for demand, _, wish in wishes(120, size):
         projected, best = allocator.project(demand, wish, NO_FORCES).forces_l, nearest(demand, wish)
         np.testing.assert_allclose(projected, best, atol=0.05, rtol=0)
         assert np.linalg.norm(projected - wish) == pytest.approx(np.linalg.norm(best - wish), abs=1e-3)
 
 
 def test_projected_forces_agree_with_sequential_quadratic_programming_on_the_sphere_itself():
-    allocator, cut = Allocator(PRESETS["paper"]), 0
+    allocator, cut, blocks = Allocator(PRESETS["paper"]), 0, np.kron(np.eye(8), np.ones(3))
     for demand, optimum, wish in list(wishes(100, 15.0))[:90:9]:
         program = assemble(PROJECTION, demand)
         equal, low, high = program.l == program.u, program.l > -INFINITY, program.u < INFINITY
+        A, above, below = program.A, low & ~equal, high & ~equal
         target = wish.reshape(-1) / FORCE_SCALE
         found = minimize(
             lambda x, target=target: (0.5 * np.sum((x - target) ** 2), x - target),
@@ -460,11 +470,14 @@ def test_projected_forces_agree_with_sequential_quadratic_programming_on_the_sph
             method="SLSQP",
             options={"ftol": 1e-14, "maxiter": 500},
             constraints=[
-                {"type": "eq", "fun": lambda x, p=program, k=equal: (p.A @ x - p.l)[k]},
-                {"type": "ineq", "fun": lambda x, p=program, k=low & ~equal: (p.A @ x - p.l)[k]},
-                {"type": "ineq", "fun": lambda x, p=program, k=high & ~equal: (p.u - p.A @ x)[k]},
-                {"type": "ineq", "fun": lambda x: 1.0 - np.sum(x.reshape(8, 3) ** 2, axis=1)},
-            ],
+                {"type": kind, "fun": lambda x, C=C, c=c: C @ x - c, "jac": lambda _, C=C: C}
+                for kind, C, c in (
+                    ("eq", A[equal], program.l[equal]),
+                    ("ineq", A[above], program.l[above]),
+                    ("ineq", -A[below], -program.u[below]),
+                )
+            ]
+            + [{"type": "ineq", "fun": lambda x: 1.0 - blocks @ x**2, "jac": lambda x: -2.0 * blocks * x}],
         )
         projected = allocator.project(demand, wish, NO_FORCES)
         cut += int((projected.thrust > 41.99).sum())

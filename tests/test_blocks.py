@@ -98,7 +98,7 @@ def test_joint_torque_rows_measure_the_distance_of_the_virtual_work_torque_from_
 @pytest.mark.parametrize(("w1", "w2"), [(1.0, 1.0), (0.7, 0.0), (0.0, 3.0), (2.0, 20.0)])
 def test_objective_is_the_weighted_sum_of_squared_forces_and_joint_torques(w1, w2):
     rng = np.random.default_rng(2)
-    for _ in range(5):
+    for _ in range(2):
         q, R_wb, vectoring, thrust, forces, demand = scene(rng)
         program = assemble(Mode("costs", (ThrustEffort(w1), JointTorqueEffort(w2)), (ThrustBox(),)), demand)
         torque = virtual_work_torque(q, R_wb, vectoring, thrust)

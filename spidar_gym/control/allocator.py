@@ -34,6 +34,8 @@ from spidar_gym.control.qp import (
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import N_ROTORS, ROBOT
 
+DUAL_TOLERANCE = 1e-7
+"""A row whose multiplier is larger than this counts as active, in scaled units."""
 OSQP_SOLVED = 1
 """The solver's own word for solved; the tests hold it against `osqp.SolverStatus`."""
 
@@ -42,9 +44,9 @@ class AllocationStatus(StrEnum):
     """How a tick was answered, best first."""
 
     CLOSED_FORM = "closed_form"
-    """The optimum: the equalities' closed form satisfied every row."""
+    """The optimum: the closed form of a guessed set of active rows met all KKT conditions."""
     SOLVED = "solved"
-    """The optimum: the solver said solved and our check of the rows passed."""
+    """The optimum: the solver said solved and our check of the rows passed; refined by the closed form."""
     SOFTENED = "softened"
     """No solution within the iteration cap, or none at all: wrench and torque rows were softened."""
     HELD = "held"
@@ -57,7 +59,7 @@ class AllocatorConfig:
 
     max_iter: int = 2000
     """Iteration cap: 2,000 in simulation, 300 on the robot's computer."""
-    tolerance: float = 1e-6
+    tolerance: float = 1e-7
     """Absolute tolerance of the solver, in scaled units."""
     check_tolerance: float = 1e-5
     """Largest violation of a row that our own check lets pass, in scaled units (1.6 mN of lift, 0.07 mNm of torque)."""
@@ -112,7 +114,7 @@ class Workspace:
         settings.polishing = 0
         settings.rho = 1.0
         settings.adaptive_rho = 1
-        settings.adaptive_rho_interval = 50
+        settings.adaptive_rho_interval = 25
         settings.check_termination = 5
         settings.eps_abs = config.tolerance
         settings.eps_rel = 0.0
@@ -121,19 +123,20 @@ class Workspace:
         self._matrices = ext.CSC(P), ext.CSC(A)
         self._solver = ext.OSQPSolver(self._matrices[0], np.zeros(n), self._matrices[1], -wide, wide, m, n, settings)
 
-    def solve(self, program: QuadraticProgram) -> tuple[np.ndarray, bool, int]:
-        """(x, whether the solver says solved, iterations); x is a copy."""
+    def solve(self, program: QuadraticProgram) -> tuple[np.ndarray, bool, int, np.ndarray]:
+        """(x, whether the solver says solved, iterations, multipliers of the rows)."""
         solver = self._solver
         # Vectors first: with the solver's scaling off the order no longer matters, but it once did.
         if solver.update_data_vec(q=program.q, l=program.l, u=program.u) or solver.update_data_mat(
             P_x=program.P.take(self._P_at), P_i=None, A_x=program.A.take(self._A_at), A_i=None
         ):
-            return np.zeros(len(program.q)), False, 0
+            return np.zeros(len(program.q)), False, 0, np.zeros(len(program.l))
         solver.solve()
         info = solver.info
         if info.rho_updates or info.status_val != OSQP_SOLVED:
             solver.update_rho(1.0)
-        return solver.solution.x.copy(), info.status_val == OSQP_SOLVED, info.iter
+        solution = solver.solution
+        return solution.x.copy(), info.status_val == OSQP_SOLVED, info.iter, solution.y.copy()
 
 
 def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -142,19 +145,31 @@ def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
-def closed_form(program: QuadraticProgram, *, rounds: int = 3, tolerance: float = 1e-9) -> np.ndarray | None:
-    """The optimum where few rows decide it, else None.
+def closed_form(
+    program: QuadraticProgram, duals: np.ndarray | None = None, *, rounds: int = 3, tolerance: float = 1e-9
+) -> np.ndarray | None:
+    """The optimum where a good guess of the active rows is enough, else None.
 
-    Solves the KKT system of the equalities. If that point satisfies every row it is the optimum. If not, the rows that
-    it violates are taken for active, those whose multiplier has the wrong sign for idle, and the system is solved
-    again. A point that satisfies every row with multipliers of the right sign satisfies all KKT conditions, so it is
-    the optimum; after `rounds` systems without one the solver takes over.
+    Solves the KKT system of the rows taken for active. A point that satisfies every row, with multipliers of the right
+    sign on those rows, satisfies all KKT conditions: it is the optimum, to rounding. If it does not, the rows that it
+    violates are taken for active, those whose multiplier has the wrong sign for idle, and the system is solved again.
+
+    Args:
+        program: The program.
+        duals: The solver's multipliers, whose signs are the first guess; without them it is the equalities alone.
+        rounds: How many systems are solved before giving up.
+        tolerance: Largest violation of a row, in scaled units.
     """
     P, q, A, l, u = program.P, program.q, program.A, program.l, program.u
     n = len(q)
     rows = np.flatnonzero(l == u)
     target = l.take(rows)
     signs: np.ndarray | None = None
+    if duals is not None:
+        active = np.flatnonzero((np.abs(duals) > DUAL_TOLERANCE) & (l != u))
+        signs = np.concatenate((np.zeros(len(rows)), np.sign(duals[active])))
+        target = np.concatenate((target, np.where(duals[active] > 0.0, u[active], l[active])))
+        rows = np.concatenate((rows, active))
     for _ in range(rounds):
         size = n + len(rows)
         if size > 2 * n:
@@ -209,11 +224,16 @@ class Allocator:
         Returns:
             The allocation. Never raises on numbers: an input that is not finite is answered with the previous forces.
         """
-        if mode not in self.modes:
-            raise UnknownNameError("mode", mode, self.modes)
         start = time.perf_counter()
-        forces, status, iterations, slack = self._solve(demand, self.modes[mode], previous_l)
-        return self._answer(demand, forces, status, iterations, slack, start)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is answered, not warned about
+            forces, status, iterations, slack = self._solve(demand, self.mode(mode), previous_l)
+            return self._answer(demand, forces, status, iterations, slack, start)
+
+    def mode(self, name: str) -> Mode:
+        """Mode by name (`UnknownNameError` lists the valid ones)."""
+        if name not in self.modes:
+            raise UnknownNameError("mode", name, self.modes)
+        return self.modes[name]
 
     @staticmethod
     def _answer(
@@ -249,21 +269,35 @@ class Allocator:
     def _solve(
         self, demand: Demand, mode: Mode, previous_l: RotorForces
     ) -> tuple[RotorForces, AllocationStatus, int, float]:
-        program = assemble(mode, demand)
+        try:
+            program = assemble(mode, demand)
+        except ValueError:  # the sine of infinity
+            return self._held(demand, previous_l, 0)
         x = closed_form(program)
         if x is not None:
             return FORCE_SCALE * x.reshape(N_ROTORS, 3), AllocationStatus.CLOSED_FORM, 0, 0.0
-        iterations = 0
-        if _finite(program):
-            x, solved, iterations = self._workspace(mode, "hard").solve(program)
-            if solved and program.violation(x) <= self.config.check_tolerance:
-                return FORCE_SCALE * x.reshape(N_ROTORS, 3), AllocationStatus.SOLVED, iterations, 0.0
-            soft = soften(program, mode.soft_rows, price=self.config.price)
-            x, solved, more = self._workspace(mode, "soft").solve(soft)
-            iterations += more
-            if solved and soft.violation(x) <= self.config.check_tolerance:
-                slack = float(np.abs(x[N_FORCES:]).max())
-                return FORCE_SCALE * x[:N_FORCES].reshape(N_ROTORS, 3), AllocationStatus.SOFTENED, iterations, slack
+        if not _finite(program):
+            return self._held(demand, previous_l, 0)
+        x, solved, iterations, duals = self.solver(mode).solve(program)
+        solved = solved and program.violation(x) <= self.config.check_tolerance
+        exact = closed_form(program, duals)
+        if exact is not None or solved:
+            status = AllocationStatus.SOLVED if solved else AllocationStatus.CLOSED_FORM
+            forces = FORCE_SCALE * (x if exact is None else exact)
+            return forces.reshape(N_ROTORS, 3), status, iterations, 0.0
+        soft = soften(program, mode.soft_rows, price=self.config.price)
+        x, solved, more, _ = self._workspace(mode, "soft").solve(soft)
+        iterations += more
+        if solved and soft.violation(x) <= self.config.check_tolerance:
+            slack = float(np.abs(x[N_FORCES:]).max())
+            return FORCE_SCALE * x[:N_FORCES].reshape(N_ROTORS, 3), AllocationStatus.SOFTENED, iterations, slack
+        return self._held(demand, previous_l, iterations)
+
+    @staticmethod
+    def _held(
+        demand: Demand, previous_l: RotorForces, iterations: int
+    ) -> tuple[RotorForces, AllocationStatus, int, float]:
+        """The previous forces, bounded."""
         held = _bounded(previous_l)
         unmet = np.abs(demand.wrench - demand.thrust_map @ held.reshape(-1)).max() / WRENCH_SCALE
         return held, AllocationStatus.HELD, iterations, float(unmet) if np.isfinite(unmet) else INFINITY
@@ -289,7 +323,7 @@ class Allocator:
             self._workspaces[key] = Workspace(P, A, self.config)
         return self._workspaces[key]
 
-    def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces, *, rounds: int = 8) -> Allocation:
+    def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces, *, rounds: int = 60) -> Allocation:
         """The valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust sphere hold, Eq. 10 not.
 
         Tangent planes are moved along the sphere, round after round, until the nearest point of the cut polyhedron
@@ -302,28 +336,50 @@ class Allocator:
             rounds: Largest number of tangent planes a rotor.
         """
         start = time.perf_counter()
-        wish = forces_l.reshape(-1) / FORCE_SCALE
-        box = assemble(PROJECTION, demand)
-        planes = sphere_planes(forces_l)
+        with np.errstate(over="ignore", invalid="ignore"):
+            forces, status, iterations = self._nearest(demand, forces_l, previous_l, rounds)
+            return self._answer(demand, forces, status, iterations, 0.0, start)
+
+    def _nearest(
+        self, demand: Demand, wish_l: RotorForces, previous_l: RotorForces, rounds: int
+    ) -> tuple[RotorForces, AllocationStatus, int]:
+        held = _bounded(previous_l), AllocationStatus.HELD
+        try:
+            rows = assemble(PROJECTION, demand)
+        except ValueError:
+            return *held, 0
+        wish = wish_l.reshape(-1) / FORCE_SCALE
+        # A plane turned all the way to the last point would overshoot by how far the wish lies outside.
+        turn = ROBOT.max_thrust / np.maximum(np.linalg.norm(wish_l, axis=1, keepdims=True), ROBOT.max_thrust)
+        forces, normals = wish_l, wish_l
         status, total = AllocationStatus.CLOSED_FORM, 0
-        forces = forces_l
         for _ in range(rounds):
-            A, u = np.concatenate((box.A, planes[0])), np.concatenate((box.u, planes[1]))
-            l = np.concatenate((box.l, np.full(N_ROTORS, -INFINITY)))
-            program = QuadraticProgram(box.P, -wish, A, l, u)
-            x = closed_form(program) if _finite(program) else None
+            A, u = sphere_planes(normals)
+            l = np.concatenate((rows.l, np.full(N_ROTORS, -INFINITY)))
+            program = QuadraticProgram(rows.P, -wish, np.concatenate((rows.A, A)), l, np.concatenate((rows.u, u)))
+            if not _finite(program):
+                return *held, total
+            x = closed_form(program)
             if x is None:
                 status = AllocationStatus.SOLVED
-                x, solved, iterations = self._workspace(PROJECTION, "projection").solve(program)
+                x, solved, iterations, duals = self._workspace(PROJECTION, "projection").solve(program)
                 total += iterations
-                if not solved or program.violation(x) > self.config.check_tolerance:
-                    forces, status = _bounded(previous_l), AllocationStatus.HELD
-                    break
+                exact = closed_form(program, duals)
+                if exact is not None:
+                    x = exact
+                elif not solved or program.violation(x) > self.config.check_tolerance:
+                    return *held, total
             forces = FORCE_SCALE * x.reshape(N_ROTORS, 3)
-            planes = sphere_planes(forces)
-            if (np.linalg.norm(forces, axis=1) <= (1.0 + 1e-6) * ROBOT.max_thrust).all():
+            norm = np.linalg.norm(forces, axis=1, keepdims=True)
+            if (norm <= (1.0 + 1e-8) * ROBOT.max_thrust).all():
                 break
-        return self._answer(demand, forces, status, total, 0.0, start)
+            planes = np.linalg.norm(normals, axis=1, keepdims=True)
+            outside = norm > ROBOT.max_thrust
+            ahead = np.where(planes > ROBOT.max_thrust, normals / planes, forces / norm)
+            ahead += turn * (forces / norm - ahead)
+            ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+            normals = np.where(outside | (planes > ROBOT.max_thrust), 2.0 * ROBOT.max_thrust * ahead, forces)
+        return forces, status, total
 
 
 def _bounded(forces_l: RotorForces) -> RotorForces:

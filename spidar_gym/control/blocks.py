@@ -25,6 +25,7 @@ class ThrustEffort:
 
     weight: float = 1.0
     """w₁ [1/N²]."""
+    constant: ClassVar[bool] = True
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √w₁ 1 and r = 0."""
@@ -37,6 +38,7 @@ class JointTorqueEffort:
 
     weight: float = 1.0
     """w₂ [1/(Nm)²]."""
+    constant: ClassVar[bool] = False
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √w₂ T and r = √w₂ g / λ̄."""
@@ -49,6 +51,7 @@ class JointTorqueEffort:
 class WrenchBalance:
     """Q f = w^d [Zhao2025, Eq. 10]."""
 
+    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.ones((6, N_FORCES), bool)
 
@@ -69,6 +72,7 @@ class ThrustBox:
 
     limit: float = ROBOT.max_thrust
     """λ̄ [N]."""
+    constant: ClassVar[bool] = True
     soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, dtype=bool)
 
@@ -85,6 +89,7 @@ class JointTorqueLimit:
 
     limit: float = ROBOT.max_joint_torque
     """τ̄_q [Nm]."""
+    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.array(
         # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one.
@@ -94,10 +99,10 @@ class JointTorqueLimit:
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """The rows g − τ̄ ≤ T f ≤ g + τ̄, in units of the servo's limit."""
         np.multiply(demand.torque_map, FORCE_SCALE / TORQUE_SCALE, out=A)
-        np.subtract(demand.gravity_torque, self.limit, out=l)
-        np.add(demand.gravity_torque, self.limit, out=u)
-        l /= TORQUE_SCALE
-        u /= TORQUE_SCALE
+        bound = self.limit / TORQUE_SCALE
+        np.divide(demand.gravity_torque, TORQUE_SCALE, out=l)
+        np.add(l, bound, out=u)
+        l -= bound
 
 
 @dataclass(frozen=True)
@@ -107,6 +112,7 @@ class VectoringLock:
     The same row serves the rotors restricted by interference and those locked near a vertical link.
     """
 
+    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.array(
         [[c // 3 == i and c % 3 > 0 for c in range(N_FORCES)] for i in range(N_ROTORS)]
@@ -131,6 +137,7 @@ class InterferenceBound:
     the paper prints the opposite signs, with which the forbidden side would be the admissible one.
     """
 
+    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.array(
         [[c // 3 == i % N_ROTORS for c in range(N_FORCES)] for i in range(2 * N_ROTORS)]

@@ -189,17 +189,19 @@ class Controller:
             percept: `perceive(state, reference)`, where the caller has it already.
 
         Returns:
-            The command for the next control period. `self.tick` keeps what led to it. A state that is not finite is
-            answered with the last command.
+            The command for the next control period. `self.tick` keeps what led to it. A state or reference that is
+            not finite is answered with the last command, a residual that is not finite is left out.
         """
+        if not _finite(state, reference):
+            return self._hold()
+        if residual is not NO_RESIDUAL and not _finite_residual(residual):
+            residual = NO_RESIDUAL
         memory = self.memory
         percept = percept or self.perceive(state, reference)
         R_wb, snapshot, error = percept.R_wb, percept.snapshot, percept.error
         integrals = integrate(memory.integrals, error, memory.unallocated_w, memory.unallocated_torque, dt=self.dt)
         wrench = desired_wrench(snapshot, R_wb, state.omega_b, error, integrals, config=self.config.centroidal)
         wrench += residual.wrench
-        if not (math.isfinite(wrench.sum()) and math.isfinite(snapshot.J_rotor.sum())):
-            return self._hold()
         demand, lock, bounds = self._demand(snapshot, reference.mode, wrench)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():
@@ -237,7 +239,7 @@ class Controller:
         memory, config = self.memory, self.config
         nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
         bounds = interference(snapshot, nominal, memory.interference, config=config.interference)
-        if not self.allocator.modes[mode].avoid_interference:
+        if not self.allocator.mode(mode).avoid_interference:
             bounds = replace(bounds, restricted=_ALL_FREE)
         lock = update_lock(
             memory.lock, bounds.restricted, nominal, snapshot, memory.vectoring[:, 0], config=config.lock
@@ -281,6 +283,24 @@ class Controller:
             return command
         step = way * min(1.0, speed_scale * reach / longest)
         return command + np.minimum(np.maximum(step, -reach), reach)
+
+
+def _finite(state: RobotState, reference: Reference) -> bool:
+    """Whether every number that the controller reads is finite."""
+    numbers = np.concatenate(
+        (
+            state.position_w, state.quat_wb, state.velocity_w, state.omega_b, state.joint_position,
+            state.joint_velocity, state.vectoring.reshape(-1), reference.position_w, reference.quat_wb,
+            reference.velocity_w, reference.omega_b, reference.joint_target,
+        )
+    )  # fmt: skip
+    return bool(np.isfinite(numbers).all())
+
+
+def _finite_residual(residual: Residual) -> bool:
+    finite = np.isfinite(residual.wrench).all() and np.isfinite(residual.joint_offset).all()
+    finite = finite and math.isfinite(residual.joint_speed_scale)
+    return bool(finite and (residual.forces_l is None or np.isfinite(residual.forces_l).all()))
 
 
 def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_wb: np.ndarray) -> MotionError:

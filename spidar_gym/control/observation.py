@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector
+from spidar_gym.arrays import JointVector, RotorVector
 from spidar_gym.control.controller import Memory, Percept
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.state import RobotState
@@ -85,6 +85,7 @@ def observe(
     state: RobotState,
     percept: Percept,
     memory: Memory,
+    thrust_command: RotorVector,
     joint_velocity: JointVector,
     legs: LegMomentum,
     preview: Preview,
@@ -98,6 +99,7 @@ def observe(
         state: Measured state.
         percept: The controller's view of it.
         memory: The controller's memory.
+        thrust_command: Thrust last commanded [N].
         joint_velocity: Commanded joint velocity [rad/s].
         legs: Angular momentum of the legs.
         preview: The plan.
@@ -106,8 +108,8 @@ def observe(
     """
     error = percept.error
     rotation = percept.R_wb
-    vectoring, command = state.vectoring.reshape(-1), memory.vectoring.reshape(-1)
-    forces = memory.forces_l
+    angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
+    sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS
     values = np.concatenate(
         (
             error.position_w @ rotation,
@@ -116,8 +118,8 @@ def observe(
             error.omega_b,
             state.joint_position,
             state.joint_velocity,
-            np.sin(vectoring),
-            np.cos(vectoring),
+            sine[:half],
+            cosine[:half],
             state.vectoring_velocity.reshape(-1),
             preview.joint_target - memory.joint_position,
             joint_velocity,
@@ -125,9 +127,9 @@ def observe(
             legs.rate,
             memory.integrals.position_w,
             memory.integrals.attitude,
-            np.sqrt(np.einsum("ij,ij->i", forces, forces)),
-            np.sin(command),
-            np.cos(command),
+            thrust_command,
+            sine[half:],
+            cosine[half:],
             memory.interference.restricted,
             preview.next_form,
             (preview.time_to_next,),

@@ -8,13 +8,13 @@ on scaling more than on anything else, and because the solver's own scaling woul
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from spidar_gym.arrays import JointVector, RotorMask, RotorVector, Wrench
-from spidar_gym.robot import GRAVITY, N_ROTORS, ROBOT
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 
 N_FORCES = 3 * N_ROTORS
 FORCE_SCALE = ROBOT.max_thrust
@@ -51,14 +51,27 @@ class Demand:
     """Upper bounds of θ [rad], read where restricted."""
 
 
+_ROTORS, _JOINTS = np.zeros(N_ROTORS), np.zeros(N_JOINTS)
+NO_DEMAND = Demand(
+    wrench=np.zeros(6), thrust_map=np.zeros((6, N_FORCES)), torque_map=np.zeros((N_JOINTS, N_FORCES)),
+    gravity_torque=_JOINTS, locked=_ROTORS > 0, phi=_ROTORS, restricted=_ROTORS > 0, lower=_ROTORS, upper=_ROTORS,
+)  # fmt: skip
+"""A demand of zeros: what constant blocks are handed, which do not read it."""
+
+
+@runtime_checkable
 class Cost(Protocol):
     """A term ½‖W x − r‖² of the objective."""
+
+    constant: ClassVar[bool]
+    """Whether it is the same at every tick; then it is added once."""
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """Add WᵀW to P, shape (24, 24), and −Wᵀr to q, shape (24,)."""
         ...
 
 
+@runtime_checkable
 class Constraint(Protocol):
     """Rows l ≤ A x ≤ u; their number and pattern never change, an idle row has infinite bounds."""
 
@@ -66,6 +79,8 @@ class Constraint(Protocol):
     """Where A may be nonzero, shape (m, 24) of bool."""
     soft: ClassVar[bool]
     """Whether the fallback may violate these rows at a price."""
+    constant: ClassVar[bool]
+    """Whether they are the same at every tick; then they are written once."""
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Write the rows into A, shape (m, 24), l and u, shape (m,), which come idle: zero and unbounded."""
@@ -117,10 +132,26 @@ class Mode:
 
     @cached_property
     def idle(self) -> tuple[np.ndarray, ...]:
-        """P, q, A, l, u before any block has written: zero and unbounded."""
+        """P, q, A, l, u with what never changes; the rest is zero and unbounded."""
         m = len(self.pattern)
-        bound = np.full(m, INFINITY)
-        return np.zeros((N_FORCES, N_FORCES)), np.zeros(N_FORCES), np.zeros((m, N_FORCES)), -bound, bound
+        P, q, A = np.zeros((N_FORCES, N_FORCES)), np.zeros(N_FORCES), np.zeros((m, N_FORCES))
+        l, u = np.full(m, -INFINITY), np.full(m, INFINITY)
+        for cost in self.costs:
+            if cost.constant:
+                cost.add(NO_DEMAND, P, q)
+        for block, rows in zip(self.constraints, self.slices, strict=True):
+            if block.constant:
+                block.write(NO_DEMAND, A[rows], l[rows], u[rows])
+        return P, q, A, l, u
+
+    @cached_property
+    def varying(self) -> tuple[tuple[Cost, ...], tuple[tuple[Constraint, slice], ...]]:
+        """Costs and constraints (with their rows) that a tick has to write."""
+        blocks = zip(self.constraints, self.slices, strict=True)
+        return (
+            tuple(cost for cost in self.costs if not cost.constant),
+            tuple((block, rows) for block, rows in blocks if not block.constant),
+        )
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
@@ -138,9 +169,10 @@ class Mode:
 def assemble(mode: Mode, demand: Demand) -> QuadraticProgram:
     """The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them."""
     P, q, A, l, u = (array.copy() for array in mode.idle)
-    for cost in mode.costs:
+    costs, constraints = mode.varying
+    for cost in costs:
         cost.add(demand, P, q)
-    for block, rows in zip(mode.constraints, mode.slices, strict=True):
+    for block, rows in constraints:
         block.write(demand, A[rows], l[rows], u[rows])
     return QuadraticProgram(P, q, A, l, u)
 

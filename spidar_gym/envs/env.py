@@ -255,6 +255,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self.state,
             self._percept,
             self.controller.memory,
+            self.state.thrust if self._command is None else self._command.thrust,
             self._joint_velocity,
             self._legs,
             preview,

@@ -1,5 +1,7 @@
 """Reward terms that tasks share: every one lies in [0, 1]."""
 
+import math
+
 import numpy as np
 
 
@@ -11,4 +13,4 @@ def tolerance(error: float, margin: float) -> float:
 
 def norm(v: np.ndarray) -> float:
     """Euclidean length."""
-    return float(np.sqrt(v @ v))
+    return math.sqrt(float(v @ v))

@@ -1,0 +1,578 @@
+"""Pins the environments: the interface's contracts, determinism, definitions of reward, success and failure, refusals."""
+
+import copy
+import json
+import math
+import pickle
+import shutil
+from dataclasses import fields
+from functools import cache
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+
+import spidar_gym
+from spidar_gym import description
+from spidar_gym.control.controller import Controller, ControllerConfig
+from spidar_gym.control.observation import layout
+from spidar_gym.envs.actions import ACTION_MODES
+from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.envs.tasks import FAILURES, REWARD_TERMS, SEQUENCES, HoverTask, hover_height
+from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.model.dynamics import Model
+from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.sim import plant
+from spidar_gym.sim.plant import Plant
+from spidar_gym.so3 import quat_to_matrix
+
+HOVER = "spidar_gym/Hover-v0"
+EVERY = [(name, mode) for name in ENVIRONMENTS for mode in ACTION_MODES]
+RESIDUAL_MODES = [name for name, mode in ACTION_MODES.items() if mode.residual is not None]
+EARLY = 35
+"""A seed whose independent legs start to move after 1.05 s already."""
+CONSTANT = {
+    # An outer rotor hangs below the inner one of its leg in every form that is flown, so it is never the upper one.
+    **{mode: {("restricted_rotors", i) for i in (1, 3, 5, 7)} for mode in RESIDUAL_MODES},
+    # No controller runs: there is nobody who restricts rotors or integrates errors.
+    "direct": {("restricted_rotors", i) for i in range(8)}
+    | {(f"{what}_integral", i) for what in ("position", "attitude") for i in range(3)},
+}
+"""Elements of the observation that never change in the rollouts below, and why."""
+
+
+def make(name: str = HOVER, **options):
+    """The environment without wrappers."""
+    return gymnasium.make(name, **options).unwrapped
+
+
+def actions_of(env, n: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1, 1, (n, *env.action_space.shape)).astype(np.float32)
+
+
+def flight(env, actions, seed=None, options=None) -> list[tuple]:
+    """(observation, reward, terminated, info) of the reset and of every step until the end."""
+    observation, info = env.reset(seed=seed, options=options)
+    steps = [(observation, None, False, info)]
+    for action in actions:
+        observation, reward, terminated, _, info = env.step(action)
+        steps.append((observation, reward, terminated, info))
+        if terminated:
+            break
+    return steps
+
+
+def assert_same(a, b):
+    """Two flights are equal bit for bit, infos included."""
+    assert len(a) == len(b)
+    for (o1, r1, t1, i1), (o2, r2, t2, i2) in zip(a, b, strict=True):
+        assert np.array_equal(o1, o2)
+        assert (r1, t1) == (r2, t2)
+        assert i1.keys() == i2.keys()
+        for key in i1:
+            assert np.array_equal(i1[key], i2[key]), key
+
+
+@cache
+def rollouts(name, mode) -> list[list[tuple]]:
+    """Flights of random actions in every form sequence, one of them far enough to move on to the next form."""
+    env = make(name, action_mode=mode, joint_speed=1.0)
+    return [
+        flight(env, actions_of(env, 60 if forms == "independent" else 25, seed), EARLY, {"forms": forms})
+        for seed, forms in enumerate(SEQUENCES)
+    ]
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_gymnasiums_checker_finds_nothing_to_warn_of(name, mode):
+    check_env(make(name, action_mode=mode), skip_render_check=True)
+
+
+@pytest.mark.train
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_the_checker_of_stable_baselines_finds_nothing_to_warn_of(name, mode):
+    from stable_baselines3.common.env_checker import check_env
+
+    check_env(make(name, action_mode=mode), warn=True, skip_render_check=True)
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_the_same_seed_gives_the_same_flight_after_other_episodes_and_in_another_instance(name, mode):
+    env = make(name, action_mode=mode, joint_speed=1.0)
+    actions = actions_of(env, 20)
+    first = flight(env, actions, seed=5)
+    other = flight(env, actions_of(env, 10, seed=1), seed=6)
+    assert not np.array_equal(first[0][0], other[0][0])
+    assert_same(first, flight(env, actions, seed=5))
+    assert_same(first, flight(make(name, action_mode=mode, joint_speed=1.0), actions, seed=5))
+
+
+def test_episodes_that_follow_a_seeded_one_differ_from_it_and_follow_from_the_seed():
+    first, second = make(), make()
+    a = [flight(first, np.zeros((2, 6)), seed) for seed in (5, None, None)]
+    assert_same(a[1], [flight(second, np.zeros((2, 6)), seed) for seed in (5, None)][1])
+    assert not np.array_equal(a[0][0][0], a[1][0][0])
+    assert not np.array_equal(a[1][0][0], a[2][0][0])
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_no_observation_or_info_shares_memory_with_another_step(name, mode):
+    steps = rollouts(name, mode)[-1][:20]
+    arrays = [[v for v in (o, *info.values()) if isinstance(v, np.ndarray)] for o, _, _, info in steps]
+    for before, after in zip(arrays, arrays[1:], strict=False):
+        assert not any(np.shares_memory(a, b) for a in before for b in after)
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_writing_into_what_was_handed_out_changes_nothing_that_follows(name, mode):
+    env = make(name, action_mode=mode, joint_speed=1.0)
+    actions = actions_of(env, 10)
+    expected = flight(env, actions, seed=3)
+    observation, info = env.reset(seed=3)
+    for action, step in zip(actions, expected[1:], strict=False):
+        for array in (observation, *info.values()):
+            if isinstance(array, np.ndarray):
+                array[...] = 1
+        observation, reward, terminated, _, info = env.step(action)
+        assert_same([(observation, reward, terminated, info)], [step])
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_random_flights_stay_within_the_declared_observations(name, mode):
+    space = make(name, action_mode=mode).observation_space
+    for steps in rollouts(name, mode):
+        assert all(observation in space for observation, *_ in steps)
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_reward_and_terms_lie_within_0_and_1_and_the_weighted_terms_are_the_reward(name, mode):
+    seen = set()
+    for steps in rollouts(name, mode):
+        for _, reward, _, info in steps[1:]:
+            terms = {key: value for key, value in info.items() if key.startswith("reward_")}
+            assert set(terms) == {f"reward_{term}" for term in REWARD_TERMS}
+            assert all(0.0 <= value <= 1.0 for value in (reward, *terms.values()))
+            assert abs(reward - sum(weight * info[f"reward_{t}"] for t, (weight, _) in REWARD_TERMS.items())) < 1e-12
+            seen.add(reward)
+    assert len(seen) > 60
+    assert abs(sum(weight for weight, _ in REWARD_TERMS.values()) - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_every_observation_element_changes_except_those_listed_with_a_reason(name, mode):
+    observations = np.array([observation for steps in rollouts(name, mode) for observation, *_ in steps])
+    env = make(name, action_mode=mode)
+    names = [(field.name, i) for field in layout(env.action_space.shape[0]) for i in range(field.size)]
+    still = {names[k] for k in np.flatnonzero(np.ptp(observations, axis=0) < 1e-6)}
+    assert still == CONSTANT[mode]
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_infos_have_the_same_keys_and_shapes_at_reset_at_every_step_and_when_diverged(name, mode, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs a divergence in the working folder
+    env = make(name, action_mode=mode)
+    infos = [info for *_, info in flight(env, actions_of(env, 5), seed=0)]
+    env.plant.data.qpos[0] = math.nan
+    infos.append(env.step(env.action_space.sample())[4])
+    assert infos[-1]["failure"] == "diverged"
+    kinds = [{k: (type(v), np.shape(v), np.asarray(v).dtype.kind) for k, v in info.items()} for info in infos]
+    assert all(kind == kinds[0] for kind in kinds)
+    assert {key: shape for key, (_, shape, _) in kinds[0].items()} == {
+        **dict.fromkeys(("position_error", "attitude_error"), (3,)),
+        **dict.fromkeys(("thrust_command", "thrust", "restricted_rotors"), (8,)),
+        **dict.fromkeys(("vectoring_command", "vectoring"), (8, 2)),
+        **dict.fromkeys(("joint_torque_allocated", "joint_torque"), (16,)),
+        **dict.fromkeys(("wrench_desired", "wrench_allocated"), (6,)),
+        **dict.fromkeys(("total_thrust", "qp_status", "qp_iterations", "qp_slack", "is_success", "failure"), ()),
+        **dict.fromkeys([f"reward_{term}" for term in REWARD_TERMS], ()),
+    }
+
+
+@pytest.mark.parametrize(
+    ("mode", "preset"), [*((mode, "paper") for mode in RESIDUAL_MODES), ("residual_wrench", "as_flown")]
+)
+def test_the_zero_action_is_bit_for_bit_the_controller_alone(mode, preset):
+    env = make(action_mode=mode, preset=preset, forms="independent")
+    env.reset(seed=EARLY)
+    start, q = env.state, env.reference().joint_target
+    controller, bare = Controller(ControllerConfig(preset=preset)), Plant()
+    state = bare.reset(start.position_w, start.quat_wb, start.joint_position, start.vectoring, start.thrust)
+    controller.reset(state, q)
+    for _ in range(60):
+        state = bare.step(controller.step(state, env.reference()))
+        env.step(np.zeros(env.action_space.shape))
+        assert np.array_equal(env.plant.data.qpos, bare.data.qpos)
+        assert np.array_equal(env.plant.data.qvel, bare.data.qvel)
+    assert not np.array_equal(env.reference().joint_target, q)
+
+
+def test_errors_in_info_are_of_the_true_cog_and_attitude():
+    env = make(forms="equal", perturbation=2.0)
+    for *_, info in flight(env, np.zeros((3, 6)), seed=1):
+        pass
+    state = env.state
+    R_wb = quat_to_matrix(state.quat_wb)
+    com_w = state.position_w + R_wb @ Model().snapshot(state.joint_position, R_wb, state.vectoring).com_b
+    np.testing.assert_allclose(info["position_error"], [0, 0, hover_height()] - com_w, rtol=0, atol=1e-12)
+    angle = np.linalg.norm(info["attitude_error"])
+    assert abs(math.cos(angle) - 0.5 * (np.trace(R_wb) - 1.0)) < 1e-9
+    # A rotation by the error brings the torso to the level: the axis stays where it is.
+    np.testing.assert_allclose(R_wb @ info["attitude_error"], info["attitude_error"], rtol=0, atol=1e-12)
+    x, y, z = info["attitude_error"] / angle
+    assert np.dot((R_wb[2, 1] - R_wb[1, 2], R_wb[0, 2] - R_wb[2, 0], R_wb[1, 0] - R_wb[0, 1]), (x, y, z)) < 0.0
+
+
+def test_info_reports_commands_and_what_came_of_them():
+    env = make(forms="form1")
+    _, (*_, info) = flight(env, np.ones((1, 6)), seed=0)
+    state, tick = env.state, env.controller.tick
+    assert np.array_equal(info["thrust"], state.thrust)
+    assert np.array_equal(info["joint_torque"], state.joint_torque)
+    assert np.array_equal(info["vectoring"], state.vectoring)
+    assert abs(info["total_thrust"] - state.thrust.sum()) < 1e-12
+    assert np.array_equal(info["joint_torque_allocated"], tick.allocation.joint_torques)
+    lag = math.exp(-env.plant.period / ROBOT.thrust_lag)
+    expected = info["thrust_command"] + lag * (ROBOT.hover_thrust - info["thrust_command"])
+    np.testing.assert_allclose(info["thrust"], expected, rtol=1e-9)
+    plain = flight(make(forms="form1"), np.zeros((1, 6)), seed=0)[1][3]
+    added = info["wrench_desired"] - plain["wrench_desired"]
+    np.testing.assert_allclose(added, [0.15 * ROBOT.weight] * 3 + [8.0] * 3, rtol=1e-9)
+    if info["qp_status"] in ("closed_form", "solved"):
+        np.testing.assert_allclose(info["wrench_allocated"], info["wrench_desired"], rtol=0, atol=0.01)
+
+
+def test_an_action_beyond_the_space_is_clipped():
+    beyond, edge = (flight(make(), np.full((3, 6), a), seed=0) for a in (7.0, 1.0))
+    assert_same(beyond, edge)
+
+
+def test_the_feet_of_form_3_hover_half_a_metre_above_the_floor():
+    env = make(forms="form3", perturbation=0.0)
+    env.reset(seed=0)
+    feet = [env.plant.data.site(f"foot{leg}").xpos[2] - ROBOT.foot_radius for leg in range(1, 5)]
+    np.testing.assert_allclose(feet, 0.5, rtol=0, atol=1e-3)
+
+
+def test_the_schedule_moves_at_the_joint_speed_and_its_first_goal_is_the_start():
+    for forms in SEQUENCES:
+        for speed in (0.2, 0.7):
+            goals = HoverTask(forms=forms, joint_speed=speed).schedule(np.random.default_rng(3), 20.0)
+            assert (goals[0].start, goals[0].deadline) == (0.0, 0.0)
+            for before, after in zip(goals, goals[1:], strict=False):
+                assert after.start >= before.deadline - 1e-9
+                fastest = np.abs(after.joint_target - before.joint_target).max() / (after.deadline - after.start)
+                assert abs(fastest - speed) < 1e-9
+            assert len(goals) == 1 if forms in FORMS else len(goals) >= 3
+
+
+def test_the_papers_sequence_leaves_form_1_at_4_seconds_and_passes_form_2_without_a_stop():
+    goals = HoverTask(forms="paper").schedule(np.random.default_rng(0), 40.0)
+    for goal, form in zip(goals, ("form1", "form2", "form3"), strict=True):
+        assert np.array_equal(goal.joint_target, FORMS[form])
+    assert goals[1].start == 4.0
+    assert 0.0 <= goals[2].start - goals[1].deadline <= 0.025
+    assert abs(goals[2].deadline - 11.85) < 0.1
+
+
+def test_legs_are_alike_in_equal_forms_and_move_for_themselves_with_yaw_in_independent_ones():
+    rng = np.random.default_rng(0)
+    for forms, spread in (("equal", False), ("independent", True)):
+        goals = HoverTask(forms=forms).schedule(rng, 60.0)
+        legs = np.array([goal.joint_target.reshape(4, 4) for goal in goals])
+        assert (np.ptp(legs, axis=1).max() > 0.1) == spread
+        assert np.ptp(legs[:, :, (0, 2)]) > 0.5
+
+
+def test_the_initial_offset_grows_with_the_perturbation_and_is_none_at_zero():
+    for scale in (0.0, 1.0, 3.0):
+        env, offsets = make(forms="form1", perturbation=scale), []
+        for seed in range(20):
+            info = env.reset(seed=seed)[1]
+            offsets.append(np.abs(np.concatenate([info["position_error"], info["attitude_error"]])))
+        most = np.max(offsets, axis=0)
+        assert np.all(most <= scale * np.array([0.03] * 3 + [0.051] * 3) + 1e-12)
+        assert np.all(most >= 0.5 * scale * np.array([0.03] * 3 + [0.05] * 3))
+
+
+# Success and failure
+
+
+def test_the_paper_controller_alone_flies_the_papers_sequence_to_a_success_at_the_horizon_only():
+    env = gymnasium.make(HOVER, forms="paper", max_episode_steps=500)
+    env.reset(seed=0)
+    success = []
+    for _ in range(500):
+        _, _, terminated, truncated, info = env.step(np.zeros(6))
+        success.append(info["is_success"])
+        assert not terminated
+    assert truncated
+    assert success == [False] * 499 + [True]
+
+
+@pytest.mark.parametrize("horizon", [30, 60])
+def test_max_episode_steps_is_the_horizon_that_a_success_must_fly(horizon):
+    env = gymnasium.make(HOVER, forms="form1", max_episode_steps=horizon)
+    env.reset(seed=0)
+    for k in range(horizon):
+        *_, truncated, info = env.step(np.zeros(6))
+        assert truncated == info["is_success"] == (k == horizon - 1)
+
+
+def test_a_horizon_too_short_for_a_second_form_has_none():
+    where = [field.name for field in layout(6) for _ in range(field.size)].index("time_to_next_form")
+    wait = {n: make(forms="equal", max_episode_steps=n).reset(seed=0)[0][where] for n in (30, 800)}
+    assert wait[30] == 60.0
+    assert 1.0 <= wait[800] <= 2.525
+
+
+def test_forms_reached_too_late_are_no_success_although_the_hover_is_good():
+    slow = np.zeros(17, np.float32)
+    slow[16] = -1.0
+    results = {}
+    for name, action in (("slow", slow), ("in time", np.zeros(17, np.float32))):
+        env = gymnasium.make(
+            HOVER, action_mode="residual_joint", forms="paper", joint_speed=0.4, max_episode_steps=290
+        )
+        env.reset(seed=0)
+        infos = [env.step(action)[4] for _ in range(290)]
+        for key in ("position_error", "attitude_error"):
+            assert math.sqrt(np.mean([np.sum(info[key] ** 2) for info in infos])) < 0.05
+        results[name] = infos[-1]["is_success"]
+    assert results == {"slow": False, "in time": True}
+
+
+def test_a_hover_far_from_its_reference_is_no_success():
+    env = gymnasium.make(HOVER, forms="form1", perturbation=6.0, max_episode_steps=40)
+    env.reset(seed=0)
+    infos = [env.step(np.zeros(6))[4] for _ in range(40)]
+    assert math.sqrt(np.mean([np.sum(info["position_error"] ** 2) for info in infos])) > 0.05
+    assert infos[-1]["failure"] == ""
+    assert not infos[-1]["is_success"]
+
+
+def direct(thrust) -> np.ndarray:
+    """An action of `direct`: thrusts [N] with rotors upright in form ①."""
+    action = np.zeros(40)
+    action[:8] = np.asarray(thrust) / 21.0 - 1.0
+    return action
+
+
+@pytest.mark.parametrize(
+    ("word", "thrust"),
+    [("contact", 0.0), ("position", 42.0), ("tilt", [26.0] * 4 + [13.0] * 4)],
+)  # fmt: skip
+def test_a_flight_ends_with_the_word_for_what_went_wrong(word, thrust):
+    env = make(action_mode="direct", forms="form1", perturbation=0.0)
+    steps = flight(env, np.tile(direct(thrust), (200, 1)), seed=0)
+    *before, (_, reward, terminated, info) = steps
+    assert terminated
+    assert info["failure"] == word
+    assert not info["is_success"]
+    assert 0.0 <= reward <= 1.0
+    assert all(info["failure"] == "" for *_, info in before)
+    tilt = math.acos(quat_to_matrix(env.state.quat_wb)[2, 2])
+    assert (env.plant.in_contact, tilt > 1.0, np.linalg.norm(info["position_error"]) > 1.0) == (
+        word == "contact", word == "tilt", word == "position"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", ACTION_MODES)
+def test_a_diverged_state_ends_the_episode_finitely_and_the_next_one_is_as_if_nothing_had_been(
+    mode, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    env = make(action_mode=mode)
+    actions = actions_of(env, 5)
+    expected = flight(env, actions, seed=4)
+    env.plant.data.qpos[:] = math.nan
+    observation, reward, terminated, truncated, info = env.step(actions[0])
+    assert (reward, terminated, truncated) == (0.0, True, False)
+    assert (info["failure"], info["is_success"]) == ("diverged", False)
+    assert observation in env.observation_space
+    assert_same(flight(env, actions, seed=4), expected)
+
+
+def test_a_divergence_leaves_no_file_behind(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    env = make()
+    env.reset(seed=0)
+    env.plant.data.qpos[0] = math.nan
+    assert env.step(np.zeros(6))[4]["failure"] == "diverged"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_hover_in_form_2_turns_no_locked_phi_by_more_than_the_slew_and_stays_on_its_reference():
+    env = make(forms="form2", perturbation=0.0)
+    env.reset(seed=0)
+    before, locked = env.controller.memory.vectoring[:, 0], np.zeros(8, bool)
+    for _ in range(240):
+        *_, info = env.step(np.zeros(6))
+        memory = env.controller.memory
+        step = np.abs(memory.vectoring[:, 0] - before)
+        assert step[memory.lock.active].max(initial=0.0) <= 0.04 + 1e-12
+        before, locked = memory.vectoring[:, 0], locked | memory.lock.active
+        assert np.linalg.norm(info["position_error"]) < 0.05
+        assert np.linalg.norm(info["attitude_error"]) < 0.05
+    assert locked[1::2].all()
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "valid"),
+    [
+        ({"forms": "form4"}, UnknownNameError, "paper, form1"),
+        ({"action_mode": "torque"}, UnknownNameError, "residual_wrench, residual_joint"),
+        ({"preset": "mine"}, UnknownNameError, "paper, as_flown"),
+        ({"camera": "back"}, UnknownNameError, "chase, side"),
+        ({"render_mode": "rgb"}, UnknownNameError, "human, rgb_array, depth_array"),
+        ({"joint_sped": 0.2}, UnknownNameError, "forms, joint_speed"),
+        ({"task": "walk"}, UnknownNameError, "hover"),
+        *(({"joint_speed": v}, InvalidValueError, "above 0") for v in (0.0, -0.2, math.nan, math.inf)),
+        *(({"perturbation": v}, InvalidValueError, "at least 0") for v in (-1.0, math.nan, math.inf)),
+        *(({"idle_thrust": v}, InvalidValueError, "0 … 42 N") for v in (-1.0, 50.0, math.nan)),
+        ({"max_iter": 0}, InvalidValueError, "at least 1"),
+        *(({name: v}, InvalidValueError, "pixels within 1") for name in ("width", "height") for v in (0, -4, 5000)),
+    ],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore:.*render_mode='rgb':UserWarning")  # gymnasium's own remark, before our error
+def test_an_argument_that_is_not_valid_is_refused_with_what_would_be(options, kind, valid):
+    with pytest.raises(kind, match=valid) as refusal:
+        gymnasium.make(HOVER, **options)
+    assert isinstance(refusal.value, SpidarError)
+    (name, value), = options.items()  # fmt: skip
+    assert repr(value) in str(refusal.value) or repr(name) in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", ["spidar_gym/Hover-v9", "spidar_gym/Hoover-v0"])
+def test_an_unknown_id_is_refused(name):
+    with pytest.raises(gymnasium.error.Error, match="v0|Hover"):
+        gymnasium.make(name)
+
+
+@pytest.mark.parametrize(("name", "mode"), EVERY)
+def test_an_action_of_wrong_shape_or_without_a_number_is_refused_and_nothing_moves(name, mode):
+    env = make(name, action_mode=mode)
+    env.reset(seed=0)
+    n = env.action_space.shape[0]
+    before = env.plant.save()
+    nan = np.zeros(n)
+    nan[-1] = math.nan
+    for action in (np.zeros(n + 1), np.zeros(n - 1), np.zeros((1, n)), nan, np.full(n, math.inf)):
+        with pytest.raises(InvalidValueError, match=rf"\({n},\)|finite"):
+            env.step(action)
+    assert np.array_equal(env.plant.save(), before)
+
+
+def test_unknown_reset_options_and_forms_are_refused():
+    env = make()
+    with pytest.raises(UnknownNameError, match="form'; valid: forms"):
+        env.reset(options={"form": "paper"})
+    with pytest.raises(UnknownNameError, match="valid: paper, form1"):
+        env.reset(options={"forms": "form4"})
+
+
+def test_the_forms_of_a_reset_last_until_the_next_ones():
+    env = make(forms="form1")
+    for options, form in ((None, "form1"), ({"forms": "form3"}, "form3"), (None, "form3"), ({"forms": "form2"}, "form2")):
+        env.reset(seed=0, options=options)
+        assert np.array_equal(env.reference().joint_target, FORMS[form])
+
+
+def test_what_needs_a_reset_says_so():
+    env = make()
+    for act in (lambda: env.step(np.zeros(6)), lambda: env.state, lambda: env.reference()):
+        with pytest.raises(SpidarError, match="reset"):
+            act()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        gymnasium.make(HOVER).step(np.zeros(6))
+
+
+def test_closing_twice_does_nothing():
+    env = gymnasium.make(HOVER)
+    env.reset(seed=0)
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize("edit", [lambda text: text.replace("0.0025", "0.0020"), None])
+def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, monkeypatch):
+    shutil.copytree(description.assets_dir(), tmp_path / "assets")
+    path = tmp_path / "assets" / "mjcf" / "spidar.xml"
+    text = path.read_text(encoding="utf-8")
+    path.unlink() if edit is None else path.write_text(edit(text), encoding="utf-8")
+    monkeypatch.setattr(description, "assets_dir", lambda: tmp_path / "assets")
+    plant.scene.cache_clear()
+    try:
+        with pytest.raises(StaleAssetError, match="spidar assets"):
+            gymnasium.make(HOVER)
+        with pytest.raises(StaleAssetError, match=r"spidar\.xml"):
+            Plant()
+    finally:
+        plant.scene.cache_clear()
+
+
+# Vector environments and specs
+
+
+def test_vector_environments_in_one_process_and_in_several_fly_like_single_ones():
+    n, kwargs = 2, {"forms": "equal", "joint_speed": 1.0}
+    envs = [gymnasium.make_vec(HOVER, n, "sync", **kwargs)]
+    envs.append(gymnasium.make_vec(HOVER, n, "async", vector_kwargs={"context": "spawn"}, **kwargs))
+    singles = [make(**kwargs) for _ in range(n)]
+    try:
+        expected = [env.reset(seed=10 + i)[0] for i, env in enumerate(singles)]
+        for env in envs:
+            assert np.array_equal(env.reset(seed=10)[0], expected)
+        for actions in np.random.default_rng(0).uniform(-1, 1, (20, n, 6)).astype(np.float32):
+            steps = [env.step(action) for env, action in zip(singles, actions, strict=True)]
+            for env in envs:
+                observations, rewards, terminated, truncated, infos = env.step(actions)
+                assert np.array_equal(observations, [step[0] for step in steps])
+                assert np.array_equal(rewards, [step[1] for step in steps])
+                assert not terminated.any()
+                assert not truncated.any()
+                for key, value in steps[1][4].items():
+                    assert np.array_equal(infos[key][1], value), key
+    finally:
+        for env in envs:
+            env.close()
+
+
+@pytest.mark.parametrize("through", ["json", "pickle", "deepcopy"])
+def test_a_spec_survives_being_written_down_and_makes_the_same_environment(through):
+    env = gymnasium.make(HOVER, action_mode="residual", forms="independent", joint_speed=0.5, max_episode_steps=77)
+    again = {
+        "json": lambda spec: EnvSpec.from_json(json.dumps(json.loads(spec.to_json()))),
+        "pickle": lambda spec: pickle.loads(pickle.dumps(spec)),
+        "deepcopy": copy.deepcopy,
+    }[through](env.spec)
+    assert again == env.spec
+    other = gymnasium.make(again)
+    assert other.spec.max_episode_steps == 77
+    actions = actions_of(env, 10)
+    assert_same(flight(env, actions, seed=2), flight(other, actions, seed=2))
+
+
+def test_importing_the_package_registers_every_environment_under_its_horizon():
+    assert spidar_gym.__version__
+    for name, entry in ENVIRONMENTS.items():
+        assert gymnasium.spec(name).max_episode_steps == entry.horizon
+        assert isinstance(gymnasium.spec(name).entry_point, str)
+
+
+def test_the_words_of_failure_are_the_documented_ones():
+    task = HoverTask()
+    near, far = np.zeros(3), np.array([0.0, 0.0, 1.1])
+    assert task.failed(near, 0.0, False) == ""
+    words = {task.failed(near, 0.0, True), task.failed(near, 1.1, False), task.failed(far, 0.0, False), "diverged"}
+    assert words == set(FAILURES)
+
+
+def test_every_option_of_the_task_is_an_argument_of_the_environment():
+    for field in fields(HoverTask):
+        env = make(**{field.name: getattr(HoverTask(), field.name)})
+        assert env.task == HoverTask()
