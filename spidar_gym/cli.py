@@ -208,11 +208,14 @@ def view(form: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(FORMS) + "}")
 
 
 @app.command
-def assets(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+def assets(
+    check: tyro.conf.FlagCreatePairsOff[bool] = False, pictures: tyro.conf.FlagCreatePairsOff[bool] = False
+) -> None:
     """Write the generated files: MJCF, URDF, specification table, environment pages.
 
     Args:
         check: Write nothing; fail when a committed file is stale.
+        pictures: Draw README's pictures too; flies the paper's experiment and needs OpenGL and matplotlib.
     """
     root = assets_dir()
     files = {**generated_files(), **pages()}
@@ -225,6 +228,11 @@ def assets(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
     for name in stale:
         write_text(root / name, files[name])
     print(f"{len(stale)} of {len(files)} files written to {root}")
+    if pictures:
+        folder = viz.output_folder(root / "pictures")
+        viz.forms_picture(folder / "forms.png")
+        viz.flight_figure(_fly("as_flown", None), folder / "flight.png")
+        print(f"pictures drawn in {folder}")
 
 
 @app.command

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.control.controller import CONTROL_RATE, Controller
 from spidar_gym.errors import MissingDependencyError, SpidarError
 from spidar_gym.experiments import FLIGHT_SECONDS, FlightLog
+from spidar_gym.robot import FORMS
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.renderer import OffscreenRenderer
 
@@ -70,6 +71,23 @@ def flight_figure(log: FlightLog, path: Path) -> None:
     temporary = path.with_name(f".{path.name}.part.png")
     figure.savefig(temporary, dpi=110)
     plt.close(figure)
+    replace_file(path, temporary)
+
+
+def forms_picture(path: Path, *, size: tuple[int, int] = (480, 400)) -> None:
+    """The robot in the paper's forms ①, ②, ③, hovering, side by side (`MissingDependencyError` without OpenGL)."""
+    from PIL import Image
+
+    renderer = OffscreenRenderer("chase", *size)
+    controller, plant, pictures = Controller(), Plant(), []
+    try:
+        for q in FORMS.values():
+            plant.reset(np.array([0.0, 0.0, 1.3]), joint_position=q, vectoring=controller.rest_vectoring(q))
+            pictures.append(renderer.render(plant))
+    finally:
+        renderer.close()
+    temporary = path.with_name(f".{path.name}.part.png")
+    Image.fromarray(np.hstack(pictures)).save(temporary, optimize=True)
     replace_file(path, temporary)
 
 

@@ -27,7 +27,7 @@ def demands(hard, seed, n):
 
 
 @cache
-def ticks(preset, hard, seed=0, n=400):
+def ticks(preset, hard, seed=0, n=300):
     """Random demands with their exact optima in N, None where there is none."""
     optima = [exact(assemble(PRESETS[preset]["flight"], demand)) for demand in demands(hard, seed, n)]
     forces = [None if x is None else FORCE_SCALE * x.reshape(8, 3) for x in optima]
@@ -97,7 +97,7 @@ def test_hover_without_torque_cost_is_the_least_norm_solution():
 
 
 @cache
-def answers(preset, hard, seed=0, n=400):
+def answers(preset, hard, seed=0, n=300):
     """Demands that have an optimum, the optimum, and what the allocator answers."""
     allocator, found = Allocator(PRESETS[preset]), []
     for demand, optimum in ticks(preset, hard, seed, n):
@@ -173,7 +173,7 @@ def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
         assert_bounded(demand, "paper", allocation)
         if optimum is not None:
             feasible, fallen = feasible + 1, fallen + (allocation.status not in OPTIMAL)
-    assert feasible > 350
+    assert feasible > 270
     assert fallen / feasible < 0.02
 
 
@@ -227,7 +227,7 @@ def test_optimal_answers_give_the_wrench_within_every_limit():
 
 def test_unallocated_wrench_is_what_the_forces_do_not_give():
     allocator = Allocator(PRESETS["paper"])
-    for i, (demand, _) in enumerate(ticks("paper", True)[:200]):
+    for i, (demand, _) in enumerate(ticks("paper", True)[:80]):
         demand = replace(demand, wrench=demand.wrench * (1.0 + i % 5))
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         given = sum(demand.thrust_map[:, 3 * k : 3 * k + 3] @ f for k, f in enumerate(allocation.forces_l))
@@ -274,14 +274,14 @@ def softened_by_hand(demand, mode, price):
 
 def test_softened_forces_agree_with_an_exact_solver():
     allocator, mode, compared = Allocator(PRESETS["paper"]), PRESETS["paper"]["flight"], 0
-    for demand in random_demands(np.random.default_rng(21), 100, True):
+    for demand in random_demands(np.random.default_rng(21), 60, True):
         demand = replace(demand, wrench=2.5 * demand.wrench)
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         if allocation.status == AllocationStatus.SOFTENED:
             compared += 1
             forces = FORCE_SCALE * softened_by_hand(demand, mode, AllocatorConfig().price)[:24].reshape(8, 3)
             np.testing.assert_allclose(allocation.forces_l, within_sphere(forces), atol=1e-2, rtol=0)
-    assert compared > 80
+    assert compared > 45
 
 
 def restricted_demand():
@@ -440,7 +440,7 @@ def test_projection_leaves_valid_forces_where_they_are():
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_projected_forces_are_valid(size):
     allocator = Allocator(PRESETS["paper"])
-    for demand, _, wish in wishes(120, size):
+    for demand, _, wish in wishes(80, size):
         projected = allocator.project(demand, wish, NO_FORCES)
         assert projected.status in OPTIMAL
         assert projected.thrust.max() <= ROBOT.max_thrust + 1e-9
@@ -450,7 +450,7 @@ def test_projected_forces_are_valid(size):
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_projected_forces_are_the_nearest_valid_ones(size):
     allocator = Allocator(PRESETS["paper"])
-    for demand, _, wish in wishes(120, size):
+    for demand, _, wish in wishes(80, size):
         projected, best = allocator.project(demand, wish, NO_FORCES).forces_l, nearest(demand, wish)
         np.testing.assert_allclose(projected, best, atol=0.05, rtol=0)
         assert np.linalg.norm(projected - wish) == pytest.approx(np.linalg.norm(best - wish), abs=1e-3)
@@ -487,14 +487,14 @@ def test_projected_forces_agree_with_sequential_quadratic_programming_on_the_sph
 
 def test_projecting_twice_is_projecting_once():
     allocator = Allocator(PRESETS["paper"])
-    for demand, _, wish in wishes(100, 10.0):
+    for demand, _, wish in wishes(60, 10.0):
         once = allocator.project(demand, wish, NO_FORCES).forces_l
         np.testing.assert_allclose(allocator.project(demand, once, NO_FORCES).forces_l, once, atol=1e-3, rtol=0)
 
 
 def test_projection_brings_no_two_wishes_farther_apart():
     allocator, rng = Allocator(PRESETS["paper"]), np.random.default_rng(32)
-    for demand, _, wish in wishes(80, 10.0):
+    for demand, _, wish in wishes(60, 10.0):
         other = wish + rng.normal(scale=3.0, size=(8, 3))
         a, b = (allocator.project(demand, w, NO_FORCES).forces_l for w in (wish, other))
         assert np.linalg.norm(a - b) <= np.linalg.norm(wish - other) + 1e-2

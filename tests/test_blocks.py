@@ -71,7 +71,7 @@ def virtual_work_torque(q, R_wb, vectoring, thrust):
 
 def test_wrench_rows_hold_for_the_wrench_of_the_thrusts_in_the_world_and_for_no_other():
     rng = np.random.default_rng(0)
-    for _ in range(20):
+    for _ in range(8):
         q, R_wb, vectoring, thrust, forces, demand = scene(rng)
         positions_w, forces_w = world_forces(q, R_wb, vectoring, thrust)
         masses, centres_b, _ = model().segments(q, vectoring)

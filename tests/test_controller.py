@@ -133,7 +133,7 @@ def test_vectoring_commands_never_move_faster_than_the_servos_and_always_move_on
     rng = np.random.default_rng(3)
     state = resting(FORMS["form1"])
     controller, previous, fastest = controller_at(state), state.vectoring, 0.0
-    for _ in range(80):
+    for _ in range(50):
         q, R_wb = random_pose(rng)
         residual = Residual(wrench=rng.uniform(-60.0, 60.0, 6), forces_l=rng.uniform(-5.0, 5.0, (8, 3)))
         state = resting(q, R_wb, previous)

@@ -69,7 +69,7 @@ class AllocatorConfig:
 
 @dataclass(frozen=True, slots=True)
 class Allocation:
-    """The answer of one tick."""
+    """The answer of one tick: forces, and the thrusts λ = ‖f‖ [Zhao2025, Eq. 14]."""
 
     forces_l: RotorForces
     """Rotor forces in link axes, within the sphere ‖f‖ ≤ λ̄ [N]."""
@@ -245,7 +245,7 @@ class Allocator:
         start: float,
     ) -> Allocation:
         solve_time = time.perf_counter() - start
-        norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]  # [Zhao2025, Eq. 14]
+        norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
         thrust = np.array(norms)
         saturated = thrust > ROBOT.max_thrust
         if max(norms) > ROBOT.max_thrust:

@@ -21,7 +21,10 @@ from spidar_gym.so3 import CROSS
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Model quantities at one configuration; torso axes unless the suffix says otherwise."""
+    """Model quantities at one configuration: the coefficients of the centroidal dynamics [Zhao2025, Eq. 3-5].
+
+    Torso axes unless the suffix says otherwise.
+    """
 
     mass: float
     """Total mass mΣ [kg]."""

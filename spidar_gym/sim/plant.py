@@ -87,7 +87,11 @@ def scene(visual: bool) -> mujoco.MjModel:
 
 
 class Plant:
-    """One simulated robot over a floor."""
+    """One simulated robot over a floor.
+
+    Its joint servos run τ = k_{j,p} (q^d − q) − k_{j,d} q̇ [Zhao2025, Eq. 17] at every physics step, on a setpoint that
+    moves no faster than the joint speed, within their torque limit.
+    """
 
     def __init__(self, config: PlantConfig | None = None) -> None:
         """Compile the scene (`StaleAssetError` where the model file was edited by hand)."""

@@ -1,0 +1,37 @@
+"""Pins README: its code runs, its commands are the ones that CI calls, its flight table is what the flight gives."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from spidar_gym.experiments import flight_figures, flight_table, fly_paper
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_python_example_runs(capsys):
+    for code in re.findall(r"```python\n(.*?)```", README, re.S):
+        exec(compile(code, "README.md", "exec"), {})
+    assert "QP closed_form" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["fly", "test"])
+def test_each_of_the_two_commands_is_one_line(name):
+    (command,) = re.findall(rf"<!-- command: {name} -->\n```bash\n(.*?)\n```", README, re.S)
+    assert "\n" not in command
+    assert command.startswith("python3 -m venv ")
+
+
+def test_every_linked_file_exists():
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert (ROOT / target).exists(), target
+
+
+@pytest.mark.slow
+def test_the_flight_table_is_what_the_flight_gives():
+    lines = flight_table(flight_figures(fly_paper("as_flown"))).splitlines()
+    for line in lines:
+        if not line.startswith("QP time"):  # the one line that differs from machine to machine
+            assert line in README
