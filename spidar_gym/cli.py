@@ -59,15 +59,19 @@ def flight(
     if camera not in CAMERAS:
         raise UnknownNameError("camera", camera, CAMERAS)
     folder = viz.output_folder(out)
-    film, remarks = _open_film(folder / "flight.mp4", camera) if video else (None, [])
-    log = _fly(preset, film)
+    remarks = []
+    with tqdm(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}", file=sys.__stderr__) as bar:
+        log = experiments.fly_paper(preset, on_tick=bar.update)
     figures = experiments.flight_figures(log)
     text = json_text({"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}})
     write_text(folder / "flight.json", text)
     try:
         viz.flight_figure(log, folder / "flight.png")
+        if video:
+            # After the flight, so that drawing does not disturb the times that it reports.
+            _film(log, folder / "flight.mp4", camera)
     except MissingDependencyError as error:
-        remarks.append(f"no figure: {error}")
+        remarks.append(f"not drawn: {error}")
     if json:
         print(text)
     else:
@@ -77,32 +81,16 @@ def flight(
         print(remark, file=sys.__stderr__)
 
 
-def _open_film(path: Path, camera: str) -> tuple[viz.FlightVideo | None, list[str]]:
-    """A video, or the remark why there is none."""
-    try:
-        return viz.FlightVideo(path, camera=camera), []
-    except MissingDependencyError as error:
-        return None, [f"no video: {error}"]
-
-
-def _fly(preset: str, film: viz.FlightVideo | None) -> experiments.FlightLog:
-    """Fly the experiment with a progress bar; an interrupted flight leaves no video."""
-    ticks = round(experiments.FLIGHT_SECONDS * CONTROL_RATE)
+def _film(log: experiments.FlightLog, path: Path, camera: str) -> None:
+    """Draw a flight's video with a progress bar; an interrupted one leaves no file."""
+    film = viz.FlightVideo(path, camera=camera)
     finished = False
     try:
-        with tqdm(total=ticks, unit="tick", desc=f"flight, {preset}", file=sys.__stderr__) as bar:
-
-            def on_tick(tick: int, env: SpidarEnv) -> None:
-                bar.update()
-                if film is not None:
-                    film.film(tick, env.plant, viz.flight_caption(tick))
-
-            log = experiments.fly_paper(preset, on_tick=on_tick)
+        for tick in tqdm(range(len(log.qpos)), unit="tick", desc="video", file=sys.__stderr__):
+            film.film(tick, log.qpos[tick], viz.flight_caption(tick))
         finished = True
     finally:
-        if film is not None:
-            film.close(keep=finished)
-    return log
+        film.close(keep=finished)
 
 
 app.command(paper_app, name="paper", help="Fly the paper's experiments and print our figures beside the paper's.")
@@ -169,7 +157,11 @@ def run(
                     errors.append(np.concatenate([info["position_error"], info["attitude_error"]]))
                     bar.update()
                     if film is not None:
-                        film.film(len(rewards), inner.plant, f"{env_id}  {forms}  {len(rewards) / CONTROL_RATE:5.1f} s")
+                        film.film(
+                            len(rewards),
+                            inner.plant.data.qpos,
+                            f"{env_id}  {forms}  {len(rewards) / CONTROL_RATE:5.1f} s",
+                        )
             rms = np.sqrt((np.array(errors) ** 2).sum(axis=0) / len(errors))
             print(
                 f"episode {episode + 1} (seed {seed + episode}): {len(rewards) / CONTROL_RATE:.1f} s, "
@@ -231,7 +223,7 @@ def assets(
     if pictures:
         folder = viz.output_folder(root / "pictures")
         viz.forms_picture(folder / "forms.png")
-        viz.flight_figure(_fly("as_flown", None), folder / "flight.png")
+        viz.flight_figure(experiments.fly_paper("as_flown"), folder / "flight.png")
         print(f"pictures drawn in {folder}")
 
 

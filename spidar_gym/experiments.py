@@ -15,6 +15,8 @@ from spidar_gym.errors import SpidarError
 
 FLIGHT_SECONDS = 40.0
 """Length of the flight experiment [s]."""
+FLIGHT_TICKS = round(FLIGHT_SECONDS * CONTROL_RATE)
+"""… in control periods."""
 RMSE_WINDOW = (0.0, 27.0)
 """Window of the RMSE [s] [Zhao2025, Sec. Flight]."""
 FORM1_WINDOW = (2.0, 4.0)
@@ -59,13 +61,15 @@ class FlightLog:
     """(n,) [s]."""
     status: np.ndarray
     """(n,) words."""
+    qpos: np.ndarray
+    """Configuration of the simulated robot, (n, 39), for pictures."""
 
     def window(self, values: np.ndarray, window: tuple[float, float]) -> np.ndarray:
         """The rows of `values` within a window [s]."""
         return values[(self.time >= window[0]) & (self.time <= window[1])]
 
 
-def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[int, SpidarEnv], None] | None = None) -> FlightLog:
+def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[], object] = lambda: None) -> FlightLog:
     """Fly the paper's flight experiment.
 
     Hover at form ①, from 4 s on through ② to ③ at 0.2 rad/s without a stop, ③ until 40 s
@@ -73,16 +77,15 @@ def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[int, SpidarEnv], N
 
     Args:
         preset: Allocation that flies (`UnknownNameError` lists the valid ones).
-        on_tick: Called after every tick with its number and the environment, for progress and pictures.
+        on_tick: Called after every tick, for progress.
 
     Raises:
         SpidarError: When the flight ends early.
     """
     find_preset(preset)
     spidar_gym.envs.registry.register()
-    ticks = round(FLIGHT_SECONDS * CONTROL_RATE)
     wrapped = gymnasium.make(
-        "spidar_gym/Hover-v0", forms="paper", preset=preset, perturbation=0.0, max_episode_steps=ticks
+        "spidar_gym/Hover-v0", forms="paper", preset=preset, perturbation=0.0, max_episode_steps=FLIGHT_TICKS
     )
     env = wrapped.unwrapped
     assert isinstance(env, SpidarEnv)
@@ -90,7 +93,7 @@ def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[int, SpidarEnv], N
     try:
         wrapped.reset(seed=0)
         action = np.zeros(wrapped.action_space.shape or ())
-        for k in range(ticks):
+        for k in range(FLIGHT_TICKS):
             _, _, terminated, _, info = wrapped.step(action)
             if terminated:
                 raise SpidarError(f"the flight ended after {k / CONTROL_RATE:.2f} s: {info['failure']}")
@@ -107,10 +110,10 @@ def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[int, SpidarEnv], N
                     info["thrust"],
                     tick.allocation.solve_time,
                     info["qp_status"],
+                    env.plant.data.qpos.copy(),
                 )
             )
-            if on_tick is not None:
-                on_tick(k, env)
+            on_tick()
     finally:
         wrapped.close()
     return FlightLog(preset, *(np.array(column) for column in zip(*rows, strict=True)))

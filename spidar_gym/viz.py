@@ -83,7 +83,7 @@ def forms_picture(path: Path, *, size: tuple[int, int] = (480, 400)) -> None:
     try:
         for q in FORMS.values():
             plant.reset(np.array([0.0, 0.0, 1.3]), joint_position=q, vectoring=controller.rest_vectoring(q))
-            pictures.append(renderer.render(plant))
+            pictures.append(renderer.render(plant.data.qpos))
     finally:
         renderer.close()
     temporary = path.with_name(f".{path.name}.part.png")
@@ -128,10 +128,10 @@ class VideoWriter:
 
 
 class FlightVideo:
-    """Films a plant while an experiment runs, every `stride`-th tick."""
+    """Films the robot, every `stride`-th tick."""
 
     def __init__(
-        self, path: Path, *, camera: str = "chase", stride: int = 4, size: tuple[int, int] = (720, 540)
+        self, path: Path, *, camera: str = "chase", stride: int = 4, size: tuple[int, int] = (720, 544)
     ) -> None:
         """Open renderer and encoder (`MissingDependencyError` says what to install)."""
         self._renderer = OffscreenRenderer(camera, *size)
@@ -142,10 +142,10 @@ class FlightVideo:
             raise
         self._stride = stride
 
-    def film(self, tick: int, plant: Plant, caption: str = "") -> None:
-        """Add a frame, if this tick has one."""
+    def film(self, tick: int, qpos: np.ndarray, caption: str = "") -> None:
+        """Add a frame of a configuration, if this tick has one."""
         if tick % self._stride == 0:
-            self._writer.add(self._renderer.render(plant), caption)
+            self._writer.add(self._renderer.render(qpos), caption)
 
     def close(self, *, keep: bool = True) -> None:
         """Finish the video, or throw it away."""

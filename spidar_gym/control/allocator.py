@@ -323,7 +323,9 @@ class Allocator:
             self._workspaces[key] = Workspace(P, A, self.config)
         return self._workspaces[key]
 
-    def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces, *, rounds: int = 60) -> Allocation:
+    def project(
+        self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces, *, rounds: int = 60
+    ) -> Allocation:
         """The valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust sphere hold, Eq. 10 not.
 
         Tangent planes are moved along the sphere, round after round, until the nearest point of the cut polyhedron

@@ -12,7 +12,6 @@ from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 
 
-
 def torque_map(snapshot: Snapshot) -> np.ndarray:
     """T, shape (16, 24): Σ J_rᵀ f of forces in link axes, the thrust's share of [Zhao2025, Eq. 5]."""
     T = snapshot.R_bl.transpose(0, 2, 1) @ snapshot.J_rotor

@@ -194,9 +194,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             return None
         if self.render_mode == "human":
             self._renderer = self._renderer or renderer.Window()
-            return self._renderer.render(self.plant)
+            return self._renderer.render(self.plant.data.qpos)
         self._renderer = self._renderer or renderer.OffscreenRenderer(self._camera, *self._size)
-        return self._renderer.render(self.plant, depth=self.render_mode == "depth_array")
+        return self._renderer.render(self.plant.data.qpos, depth=self.render_mode == "depth_array")
 
     def close(self) -> None:
         """Release window or OpenGL context; a second call does nothing."""

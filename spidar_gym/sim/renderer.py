@@ -1,4 +1,4 @@
-"""Draws a plant: off-screen pictures and depth images, or MuJoCo's window."""
+"""Draws the robot: off-screen pictures and depth images, or MuJoCo's window."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -13,7 +13,7 @@ import numpy as np
 
 from spidar_gym.description import CAMERAS
 from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
-from spidar_gym.sim.plant import Plant, scene
+from spidar_gym.sim.plant import scene
 
 INSTALL_GL = "apt-get install libegl1 libgl1 (then MUJOCO_GL=egl), or libosmesa6 (then MUJOCO_GL=osmesa)"
 
@@ -25,7 +25,7 @@ def require_display() -> None:
 
 
 class OffscreenRenderer:
-    """Pictures of a plant from one of its cameras."""
+    """Pictures of the robot from one of its cameras."""
 
     def __init__(self, camera: str = "chase", width: int = 640, height: int = 480) -> None:
         """Open an OpenGL context (`MissingDependencyError` says what to install where there is none)."""
@@ -43,9 +43,9 @@ class OffscreenRenderer:
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
 
-    def render(self, plant: Plant, *, depth: bool = False) -> np.ndarray:
-        """Picture (height, width, 3) uint8, or distances (height, width) float32 [m] with `depth`."""
-        self._data.qpos[:] = plant.data.qpos
+    def render(self, qpos: np.ndarray, *, depth: bool = False) -> np.ndarray:
+        """Picture (height, width, 3) uint8 of a configuration, or distances (height, width) float32 [m]."""
+        self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -65,7 +65,7 @@ class OffscreenRenderer:
 
 
 class Window:
-    """MuJoCo's interactive viewer, following a plant."""
+    """MuJoCo's interactive viewer."""
 
     def __init__(self) -> None:
         """Open the window (`SpidarError` where there is no screen)."""
@@ -75,9 +75,9 @@ class Window:
         self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
         self._viewer.opt.geomgroup[3] = 0
 
-    def render(self, plant: Plant) -> None:
-        """Show the present state."""
-        self._data.qpos[:] = plant.data.qpos
+    def render(self, qpos: np.ndarray) -> None:
+        """Show a configuration."""
+        self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)
         self._viewer.sync()
 

@@ -1,0 +1,130 @@
+"""Pins the environments' pages: their tables agree with the spaces, the infos and the arguments; the files are fresh."""
+
+import inspect
+import re
+
+import gymnasium
+import numpy as np
+import pytest
+
+from spidar_gym.control.observation import layout
+from spidar_gym.description import assets_dir
+from spidar_gym.envs.actions import ACTION_MODES
+from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.page import page, pages
+from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.envs.tasks import FAILURES, REWARD_TERMS, TASKS
+from spidar_gym.errors import UnknownNameError
+
+NAMES = list(ENVIRONMENTS)
+HEADINGS = [
+    "Description", "Action Space", "Observation Space", "Rewards", "Info", "Starting State", "Episode End",
+    "Arguments", "Version History",
+]  # fmt: skip
+
+
+def section(name: str, heading: str) -> str:
+    (text,) = re.findall(rf"^## {heading}\n(.*?)(?=^## |\Z)", page(name), re.DOTALL | re.MULTILINE)
+    return text
+
+
+def table(name: str, heading: str) -> list[list[str]]:
+    """Rows of a section's table, cells stripped, without its head."""
+    lines = [line for line in section(name, heading).splitlines() if line.startswith("|")]
+    # A bar within backticks belongs to its cell.
+    return [[cell.strip() for cell in re.split(r"\|(?=(?:[^`]*`[^`]*`)*[^`]*$)", line)[1:-1]] for line in lines[2:]]
+
+
+def entries(cell: str) -> range:
+    """`3–5` or `7` as a range."""
+    first, _, last = cell.partition("–")
+    return range(int(first), int(last or first) + 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_has_gymnasiums_headings_in_order(name):
+    assert re.findall(r"^## (.*)$", page(name), re.MULTILINE) == HEADINGS
+    assert page(name).startswith(f"# {name}\n")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_action_table_counts_every_entry_of_every_space_once(name):
+    sizes, covered, mode = {}, {}, ""
+    for label, size, cell, authority in table(name, "Action Space"):
+        if label:
+            mode = label.strip("`")
+            sizes[mode], covered[mode] = int(size), []
+        covered[mode] += entries(cell.split()[0])
+        assert authority
+    assert list(sizes) == list(ACTION_MODES)
+    for mode, size in sizes.items():
+        assert gymnasium.make(name, action_mode=mode).action_space.shape == (size,)
+        assert covered[mode] == list(range(size))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_observation_table_counts_every_entry_of_the_default_space_once_with_its_bound(name):
+    space = gymnasium.make(name).observation_space
+    rows, covered = table(name, "Observation Space"), []
+    for cell, _, bound, _, meaning in rows:
+        where = entries(cell)
+        covered += where
+        np.testing.assert_allclose(space.high[list(where)], float(bound), rtol=1e-6)
+        assert meaning
+    assert covered == list(range(space.shape[0]))
+    assert [row[1].strip("`") for row in rows] == [field.name for field in layout(6)]
+    assert f"({space.shape[0]},)" in section(name, "Observation Space")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_info_key_is_documented_with_its_shape_and_every_documented_one_exists(name):
+    info = gymnasium.make(name).reset(seed=0)[1]
+    documented = {}
+    for keys, shape, _, meaning in table(name, "Info"):
+        assert meaning
+        for key in re.findall(r"`([^`]+)`", keys):
+            names = [f"reward_{term}" for term in REWARD_TERMS] if key == "reward_<term>" else [key]
+            documented |= dict.fromkeys(names, shape)
+    assert set(documented) == set(info)
+    for key, shape in documented.items():
+        if shape.startswith("("):
+            assert str(np.shape(info[key])) == shape.removesuffix(" bool"), key
+            assert np.asarray(info[key]).dtype == (bool if shape.endswith("bool") else float), key
+        else:
+            assert type(info[key]).__name__ == shape, key
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_reward_table_has_every_term_and_its_weights_add_up_to_one(name):
+    rows = table(name, "Rewards")
+    assert [row[0].strip("`") for row in rows] == list(REWARD_TERMS)
+    assert abs(sum(float(row[1]) for row in rows) - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_argument_of_gym_make_is_documented_with_its_default(name):
+    rows = {row[0].strip("`"): row[1].strip("`") for row in table(name, "Arguments")}
+    own = inspect.signature(SpidarEnv).parameters
+    task = TASKS[ENVIRONMENTS[name].task]
+    expected = {key: repr(value.default) for key, value in inspect.signature(task).parameters.items()}
+    expected |= {key: repr(p.default) for key, p in own.items() if p.kind is p.KEYWORD_ONLY}
+    assert rows == expected
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_word_of_failure_and_the_horizon_are_documented(name):
+    text = section(name, "Episode End")
+    assert re.findall(r"^- `(\w+)`", text, re.MULTILINE) == list(FAILURES)
+    assert f"after {gymnasium.spec(name).max_episode_steps} steps" in text
+
+
+def test_the_committed_pages_are_what_the_code_generates():
+    assert len(pages()) == len(ENVIRONMENTS)
+    for path, text in pages().items():
+        assert (assets_dir() / path).read_text(encoding="utf-8") == text, path
+    assert {p.relative_to(assets_dir()).as_posix() for p in (assets_dir() / "environments").iterdir()} == set(pages())
+
+
+def test_an_unknown_environment_has_no_page():
+    with pytest.raises(UnknownNameError, match="spidar_gym/Hover-v0"):
+        page("spidar_gym/Walk-v0")
