@@ -6,6 +6,7 @@
 import contextlib
 import io
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -126,13 +127,16 @@ def run(
     entry = environment(env_id)
     if episodes < 1:
         raise InvalidValueError("episodes", episodes, "a whole number of at least 1")
-    if seconds is not None and not seconds * CONTROL_RATE >= 1:
-        raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s")
+    if camera not in CAMERAS:
+        raise UnknownNameError("camera", camera, CAMERAS)
+    if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
+        raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
     if out is not None and out.suffix != ".mp4":
         raise InvalidValueError("out", str(out), "a path that ends in .mp4")
     horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
     env = gymnasium.make(
-        env_id, forms=forms, preset=preset, joint_speed=joint_speed, max_episode_steps=horizon,
+        env_id, forms=forms, preset=preset, joint_speed=joint_speed,
+        horizon_s=horizon / CONTROL_RATE, max_episode_steps=horizon,
         render_mode="human" if show else None,
     )  # fmt: skip
     inner = env.unwrapped
@@ -277,6 +281,7 @@ def write_text(path: Path, text: str) -> None:
     try:
         temporary.write_text(text if text.endswith("\n") else text + "\n", encoding="utf-8")
     except OSError as error:
+        temporary.unlink(missing_ok=True)
         raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
     viz.replace_file(path, temporary)
 

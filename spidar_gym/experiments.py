@@ -85,7 +85,12 @@ def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[], object] = lambd
     find_preset(preset)
     spidar_gym.envs.registry.register()
     wrapped = gymnasium.make(
-        "spidar_gym/Hover-v0", forms="paper", preset=preset, perturbation=0.0, max_episode_steps=FLIGHT_TICKS
+        "spidar_gym/Hover-v0",
+        forms="paper",
+        preset=preset,
+        perturbation=0.0,
+        horizon_s=FLIGHT_SECONDS,
+        max_episode_steps=FLIGHT_TICKS,
     )
     env = wrapped.unwrapped
     assert isinstance(env, SpidarEnv)

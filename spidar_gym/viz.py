@@ -1,7 +1,6 @@
 """Figures and videos of experiments."""
 
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ def replace_file(path: Path, temporary: Path) -> None:
     try:
         os.replace(temporary, path)
     except OSError as error:
+        temporary.unlink(missing_ok=True)
         raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
 
 
@@ -99,10 +99,8 @@ class VideoWriter:
         try:
             import imageio.v2 as imageio
 
-            handle, name = tempfile.mkstemp(suffix=".mp4", prefix=f".{path.stem}-", dir=path.parent)
-            os.close(handle)
-            self._temporary = Path(name)
-            self._writer: Any = imageio.get_writer(name, fps=fps, macro_block_size=8, quality=7)
+            self._temporary = path.with_name(f".{path.name}.part.mp4")
+            self._writer: Any = imageio.get_writer(self._temporary, fps=fps, macro_block_size=8, quality=7)
         except ImportError as error:
             raise MissingDependencyError("imageio with ffmpeg", INSTALL_VIZ) from error
         self._path = path

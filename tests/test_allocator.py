@@ -27,7 +27,7 @@ def demands(hard, seed, n):
 
 
 @cache
-def ticks(preset, hard, seed=0, n=300):
+def ticks(preset, hard, seed=0, n=250):
     """Random demands with their exact optima in N, None where there is none."""
     optima = [exact(assemble(PRESETS[preset]["flight"], demand)) for demand in demands(hard, seed, n)]
     forces = [None if x is None else FORCE_SCALE * x.reshape(8, 3) for x in optima]
@@ -97,7 +97,7 @@ def test_hover_without_torque_cost_is_the_least_norm_solution():
 
 
 @cache
-def answers(preset, hard, seed=0, n=300):
+def answers(preset, hard, seed=0, n=250):
     """Demands that have an optimum, the optimum, and what the allocator answers."""
     allocator, found = Allocator(PRESETS[preset]), []
     for demand, optimum in ticks(preset, hard, seed, n):
@@ -173,7 +173,7 @@ def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
         assert_bounded(demand, "paper", allocation)
         if optimum is not None:
             feasible, fallen = feasible + 1, fallen + (allocation.status not in OPTIMAL)
-    assert feasible > 270
+    assert feasible > 220
     assert fallen / feasible < 0.02
 
 
@@ -301,6 +301,7 @@ def holds_and_forgets(name, value):
     for _ in range(2):
         held = allocator.allocate(replace(good, **{name: array}), "flight", previous)
         assert held.status == AllocationStatus.HELD
+        assert held.iterations == 0
         np.testing.assert_allclose(held.forces_l, previous, rtol=1e-15)
         assert same(allocator.allocate(good, "flight", previous), fresh.allocate(good, "flight", previous))
 

@@ -21,10 +21,10 @@ GAINS = CentroidalConfig(
 )
 
 
-def wrench_of(R_wb=None, omega_b=ZERO, config=None, integral=ZERO, attitude_integral=ZERO, **errors):
-    """Desired wrench of a state at rest, level and without errors, but for what is given."""
+def wrench_of(R_wb=None, omega_b=ZERO, config=None, integral=ZERO, attitude_integral=ZERO, rate=ZERO, **errors):
+    """Desired wrench of a state at rest, level and without errors, but for what is given; `rate` is e_ω."""
     R_wb, integrals = np.eye(3) if R_wb is None else R_wb, Integrals(integral, attitude_integral)
-    error = replace(NO_ERROR, **errors)
+    error = replace(NO_ERROR, omega_b=rate, **errors)
     return desired_wrench(SNAPSHOT, R_wb, omega_b, error, integrals, config=config or CentroidalConfig())
 
 
@@ -63,16 +63,11 @@ def test_attitude_terms_add_up_to_the_angular_acceleration_by_hand():
     wrench = wrench_of(
         config=GAINS,
         attitude=np.array([0.1, -0.2, 0.3]),
+        rate=np.array([-0.25, 5.0, 0.1]),
         attitude_integral=np.array([0.5, 9.0, 9.0]),
     )
-    # about x: 10·0.1 + 1·0.5 = 1.5; about y: 8·(−0.2) = −1.6; about z: nothing
-    np.testing.assert_allclose(np.linalg.solve(I, wrench[3:]), [1.5, -1.6, 0.0], atol=1e-12)
-
-
-def test_rate_errors_give_an_acceleration_against_them():
-    error = MotionError(ZERO, ZERO, ZERO, np.array([0.1, 0.0, -0.2]))
-    wrench = desired_wrench(SNAPSHOT, np.eye(3), ZERO, error, NO_INTEGRALS, config=GAINS)
-    np.testing.assert_allclose(np.linalg.solve(I, wrench[3:]), [0.2, 0.0, -0.8], atol=1e-12)
+    # about x: 10·0.1 + 1·0.5 − 2·0.25 = 1; about y: 8·(−0.2) = −1.6; about z: 4·0.1
+    np.testing.assert_allclose(np.linalg.solve(I, wrench[3:]), [1.0, -1.6, 0.4], atol=1e-12)
 
 
 def test_the_force_of_an_error_points_along_it_in_the_world_whatever_the_attitude():
@@ -90,17 +85,25 @@ def test_huge_errors_are_clipped_error_by_error_term_by_term_and_in_the_sum(sign
     huge, config = sign * np.full(3, 1e6), CentroidalConfig()
     lift = np.array([0.0, 0.0, GRAVITY])
     # Error of z clipped to 1 m before k_p = 2.8; the terms of x and y clipped to 10, k_d ė of z to 20.
-    for name, acceleration in (("position_w", (10.0, 10.0, 2.8)), ("velocity_w", (10.0, 10.0, 20.0))):
+    for name, acceleration in (
+        ("position_w", (10.0, 10.0, 2.8)),
+        ("velocity_w", (10.0, 10.0, 20.0)),
+        ("integral", (10.0, 10.0, 20.0)),
+    ):
         force = wrench_of(config=config, **{name: huge})[:3]
         np.testing.assert_allclose(force / 16.0 - lift, sign * np.array(acceleration), rtol=1e-9)
     # All of them: 2.8 + 20 + 20 is clipped to 28.
     force = wrench_of(config=config, position_w=huge, velocity_w=huge, integral=huge)[:3]
     np.testing.assert_allclose(force / 16.0 - lift, sign * np.array([10.0, 10.0, 28.0]), rtol=1e-9)
     # Attitude: error of z clipped to 0.4 before k_p = 10; every term and the sum to 10.
-    torque = wrench_of(config=config, attitude=huge)[3:]
-    np.testing.assert_allclose(np.linalg.solve(I, torque), sign * np.array([10.0, 10.0, 4.0]), rtol=1e-9)
-    torque = desired_wrench(SNAPSHOT, np.eye(3), ZERO, MotionError(ZERO, ZERO, huge, huge), NO_INTEGRALS, config=config)
-    np.testing.assert_allclose(np.linalg.solve(I, torque[3:]), sign * np.full(3, 10.0), rtol=1e-9)
+    for errors, acceleration in (
+        ({"attitude": huge}, (10.0, 10.0, 4.0)),
+        ({"rate": huge}, (10.0, 10.0, 10.0)),
+        ({"attitude_integral": huge}, (10.0, 10.0, 10.0)),
+        ({"attitude": huge, "rate": huge, "attitude_integral": huge}, (10.0, 10.0, 10.0)),
+    ):
+        torque = wrench_of(config=config, **errors)[3:]
+        np.testing.assert_allclose(np.linalg.solve(I, torque), sign * np.array(acceleration), rtol=1e-9)
 
 
 def test_an_axis_is_frozen_only_when_its_missing_demand_and_its_error_push_the_same_way():

@@ -193,6 +193,21 @@ def test_a_residual_that_is_not_finite_is_left_out(name, value):
     assert all(map(same, given, commands(plain, states, reference)))
 
 
+def test_what_the_rotors_could_not_give_freezes_the_integral_along_that_axis_of_the_world():
+    state = resting(FORMS["form1"], exp(np.array([0.0, 0.0, np.pi / 2])))  # the torso's x axis is the world's y axis
+    controller, reference = controller_at(state), staying(state, quat_wb=state.quat_wb)
+    reference = replace(reference, position_w=reference.position_w + np.array([0.0, 0.1, -0.1]))
+    controller.step(state, reference, Residual(wrench=np.array([1000.0, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    assert controller.tick.allocation.unallocated_wrench[0] > 100.0
+    before = controller.memory.integrals.position_w
+    controller.step(state, reference)
+    _, y, z = controller.memory.integrals.position_w - before
+    assert y == 0.0
+    assert z == pytest.approx(-0.1 / 40.0)  # lift is missing too, but the robot is asked to sink
+    controller.step(state, reference)
+    assert controller.memory.integrals.position_w[1] > before[1]
+
+
 def test_reset_forgets():
     states, reference = flight(5, 10)
     used, fresh = controller_at(HOVER), controller_at(HOVER)

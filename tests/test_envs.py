@@ -170,7 +170,9 @@ def test_every_observation_element_changes_except_those_listed_with_a_reason(nam
 
 
 @pytest.mark.parametrize(("name", "mode"), EVERY)
-def test_infos_have_the_same_keys_and_shapes_at_reset_at_every_step_and_when_diverged(name, mode, tmp_path, monkeypatch):
+def test_infos_have_the_same_keys_and_shapes_at_reset_at_every_step_and_when_diverged(
+    name, mode, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)  # MuJoCo logs a divergence in the working folder
     env = make(name, action_mode=mode)
     infos = [info for *_, info in flight(env, actions_of(env, 5), seed=0)]
@@ -258,7 +260,7 @@ def test_the_feet_of_form_3_hover_half_a_metre_above_the_floor():
 def test_the_schedule_moves_at_the_joint_speed_and_its_first_goal_is_the_start():
     for forms in SEQUENCES:
         for speed in (0.2, 0.7):
-            goals = HoverTask(forms=forms, joint_speed=speed).schedule(np.random.default_rng(3), 20.0)
+            goals = HoverTask(forms=forms, joint_speed=speed).schedule(np.random.default_rng(3))
             assert (goals[0].start, goals[0].deadline) == (0.0, 0.0)
             for before, after in zip(goals, goals[1:], strict=False):
                 assert after.start >= before.deadline - 1e-9
@@ -268,7 +270,7 @@ def test_the_schedule_moves_at_the_joint_speed_and_its_first_goal_is_the_start()
 
 
 def test_the_papers_sequence_leaves_form_1_at_4_seconds_and_passes_form_2_without_a_stop():
-    goals = HoverTask(forms="paper").schedule(np.random.default_rng(0), 40.0)
+    goals = HoverTask(forms="paper", horizon_s=40.0).schedule(np.random.default_rng(0))
     for goal, form in zip(goals, ("form1", "form2", "form3"), strict=True):
         assert np.array_equal(goal.joint_target, FORMS[form])
     assert goals[1].start == 4.0
@@ -279,7 +281,7 @@ def test_the_papers_sequence_leaves_form_1_at_4_seconds_and_passes_form_2_withou
 def test_legs_are_alike_in_equal_forms_and_move_for_themselves_with_yaw_in_independent_ones():
     rng = np.random.default_rng(0)
     for forms, spread in (("equal", False), ("independent", True)):
-        goals = HoverTask(forms=forms).schedule(rng, 60.0)
+        goals = HoverTask(forms=forms, horizon_s=60.0).schedule(rng)
         legs = np.array([goal.joint_target.reshape(4, 4) for goal in goals])
         assert (np.ptp(legs, axis=1).max() > 0.1) == spread
         assert np.ptp(legs[:, :, (0, 2)]) > 0.5
@@ -300,7 +302,7 @@ def test_the_initial_offset_grows_with_the_perturbation_and_is_none_at_zero():
 
 
 def test_the_paper_controller_alone_flies_the_papers_sequence_to_a_success_at_the_horizon_only():
-    env = gymnasium.make(HOVER, forms="paper", max_episode_steps=500)
+    env = gymnasium.make(HOVER, forms="paper", horizon_s=12.5, max_episode_steps=500)
     env.reset(seed=0)
     success = []
     for _ in range(500):
@@ -312,8 +314,8 @@ def test_the_paper_controller_alone_flies_the_papers_sequence_to_a_success_at_th
 
 
 @pytest.mark.parametrize("horizon", [30, 60])
-def test_max_episode_steps_is_the_horizon_that_a_success_must_fly(horizon):
-    env = gymnasium.make(HOVER, forms="form1", max_episode_steps=horizon)
+def test_a_success_must_fly_the_whole_horizon(horizon):
+    env = gymnasium.make(HOVER, forms="form1", horizon_s=horizon / 40, max_episode_steps=horizon)
     env.reset(seed=0)
     for k in range(horizon):
         *_, truncated, info = env.step(np.zeros(6))
@@ -322,7 +324,7 @@ def test_max_episode_steps_is_the_horizon_that_a_success_must_fly(horizon):
 
 def test_a_horizon_too_short_for_a_second_form_has_none():
     where = [field.name for field in layout(6) for _ in range(field.size)].index("time_to_next_form")
-    wait = {n: make(forms="equal", max_episode_steps=n).reset(seed=0)[0][where] for n in (30, 800)}
+    wait = {n: make(forms="equal", horizon_s=n / 40).reset(seed=0)[0][where] for n in (30, 800)}
     assert wait[30] == 60.0
     assert 1.0 <= wait[800] <= 2.525
 
@@ -333,10 +335,10 @@ def test_forms_reached_too_late_are_no_success_although_the_hover_is_good():
     results = {}
     for name, action in (("slow", slow), ("in time", np.zeros(17, np.float32))):
         env = gymnasium.make(
-            HOVER, action_mode="residual_joint", forms="paper", joint_speed=0.4, max_episode_steps=290
+            HOVER, action_mode="residual_joint", forms="paper", joint_speed=0.8, horizon_s=6.0, max_episode_steps=240
         )
         env.reset(seed=0)
-        infos = [env.step(action)[4] for _ in range(290)]
+        infos = [env.step(action)[4] for _ in range(240)]
         for key in ("position_error", "attitude_error"):
             assert math.sqrt(np.mean([np.sum(info[key] ** 2) for info in infos])) < 0.05
         results[name] = infos[-1]["is_success"]
@@ -344,7 +346,7 @@ def test_forms_reached_too_late_are_no_success_although_the_hover_is_good():
 
 
 def test_a_hover_far_from_its_reference_is_no_success():
-    env = gymnasium.make(HOVER, forms="form1", perturbation=6.0, max_episode_steps=40)
+    env = gymnasium.make(HOVER, forms="form1", perturbation=6.0, horizon_s=1.0, max_episode_steps=40)
     env.reset(seed=0)
     infos = [env.step(np.zeros(6))[4] for _ in range(40)]
     assert math.sqrt(np.mean([np.sum(info["position_error"] ** 2) for info in infos])) > 0.05
@@ -477,7 +479,12 @@ def test_unknown_reset_options_and_forms_are_refused():
 
 def test_the_forms_of_a_reset_last_until_the_next_ones():
     env = make(forms="form1")
-    for options, form in ((None, "form1"), ({"forms": "form3"}, "form3"), (None, "form3"), ({"forms": "form2"}, "form2")):
+    for options, form in (
+        (None, "form1"),
+        ({"forms": "form3"}, "form3"),
+        (None, "form3"),
+        ({"forms": "form2"}, "form2"),
+    ):
         env.reset(seed=0, options=options)
         assert np.array_equal(env.reference().joint_target, FORMS[form])
 

@@ -67,4 +67,7 @@ def test_every_citation_is_in_the_one_form():
     for path in Path(spidar_gym.__file__).parent.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         for citation in re.findall(r"\[Zhao2025[^\]]*\]", text):
-            assert TAG.fullmatch(citation) or re.fullmatch(r"\[Zhao2025, (Sec\. [\w\s]+|Tab\. 1)\]", citation), (path, citation)
+            assert TAG.fullmatch(citation) or re.fullmatch(r"\[Zhao2025, (Sec\. [\w\s]+|Tab\. 1)\]", citation), (
+                path,
+                citation,
+            )

@@ -109,7 +109,12 @@ def test_attitude_errors_are_about_the_torsos_own_axes_however_it_is_yawed(contr
 
 def test_measured_angles_and_rates_are_in_the_order_of_joints_and_rotors(controller):
     rng = np.random.default_rng(0)
-    q, dq, angles, rates = rng.uniform(-1, 1, 16), rng.normal(size=16), rng.uniform(-3, 3, (8, 2)), rng.normal(size=(8, 2))
+    q, dq, angles, rates = (
+        rng.uniform(-1, 1, 16),
+        rng.normal(size=16),
+        rng.uniform(-3, 3, (8, 2)),
+        rng.normal(size=(8, 2)),
+    )
     view = seen(controller, resting(q, None, angles, joint_velocity=dq, vectoring_velocity=rates))
     for name, value in (("joint_position", q), ("joint_velocity", dq), ("vectoring_velocity", rates.reshape(-1))):
         np.testing.assert_allclose(view[name], value, rtol=0, atol=1e-6)
@@ -120,9 +125,7 @@ def test_measured_angles_and_rates_are_in_the_order_of_joints_and_rotors(control
 def test_whole_turns_of_the_rotors_are_not_seen(controller):
     angles = np.random.default_rng(1).uniform(-3, 3, (8, 2))
     turns = 2 * math.pi * np.arange(-8, 8).reshape(8, 2)
-    plain, turned = (
-        seen(controller, hovering(vectoring=a), memory={"vectoring": a}) for a in (angles, angles + turns)
-    )
+    plain, turned = (seen(controller, hovering(vectoring=a), memory={"vectoring": a}) for a in (angles, angles + turns))
     for name in plain:
         np.testing.assert_allclose(turned[name], plain[name], rtol=0, atol=1e-5)
 

@@ -146,6 +146,22 @@ def test_a_joint_moves_no_faster_than_the_joint_speed_and_follows_its_setpoint(s
     assert abs(state.joint_velocity[0] - speed) < 1e-3
 
 
+def test_an_unsaturated_joint_servo_is_the_papers_pd_law():
+    plant, rng = floating(), np.random.default_rng(4)
+    servos = [plant.model.actuator(name).id for name in JOINT_NAMES]
+    joints = [plant.model.joint(name) for name in JOINT_NAMES]
+    for _ in range(20):
+        plant.step(command(joints=rng.uniform(-0.3, 0.3, 16)))
+        setpoint = np.array([plant.data.act[plant.model.actuator_actadr[servo]] for servo in servos])
+        mujoco.mj_forward(plant.model, plant.data)
+        q = np.array([plant.data.qpos[joint.qposadr[0]] for joint in joints])
+        rate = np.array([plant.data.qvel[joint.dofadr[0]] for joint in joints])
+        torque = ROBOT.joint_kp * (setpoint - q) - ROBOT.joint_kd * rate
+        assert np.abs(torque).max() < ROBOT.max_joint_torque
+        np.testing.assert_allclose(plant.data.actuator_force[servos], torque, atol=1e-9)
+    assert np.abs(torque).max() > 0.1
+
+
 @pytest.mark.parametrize("limit", [7.0, 2.0, 99.0])
 def test_no_joint_torque_exceeds_its_limit_or_7_newton_metres_at_any_physics_step(limit):
     plant = floating(joint_speed=10.0, substeps=1)

@@ -13,7 +13,6 @@ from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerCo
 from spidar_gym.control.observation import LegMomentum, Preview, layout, observe
 from spidar_gym.description import CAMERAS
 from spidar_gym.envs.actions import direct_command, find_action_mode
-from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.envs.tasks import NO_NEXT_FORM, REWARD_TERMS, TASKS, Progress
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.model.rotor import vectoring_to_force
@@ -81,7 +80,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             if not (isinstance(size, int) and 1 <= size <= 1080 * 16 // 9):
                 raise InvalidValueError(name, size, "a whole number of pixels within 1 … 1920")
         self.task = TASKS[task](**options)
-        self._default_horizon = max(entry.horizon for entry in ENVIRONMENTS.values() if entry.task == task)
         self._mode = find_action_mode(action_mode)
         joint_speed = self.task.joint_speed
         allocator = AllocatorConfig(max_iter=max_iter)
@@ -96,11 +94,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._state: RobotState | None = None
-
-    @property
-    def horizon(self) -> int:
-        """Ticks an episode: TimeLimit's, where there is one."""
-        return (self.spec.max_episode_steps if self.spec is not None else None) or self._default_horizon
+        self._progress: Progress | None = None
 
     @property
     def state(self) -> RobotState:
@@ -127,9 +121,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
                 raise UnknownNameError("reset option", name, ["forms"])
             self.task = replace(self.task, forms=value)
         rng = self.np_random
-        self._progress = Progress(self.task.schedule(rng, self.horizon / CONTROL_RATE))
+        self._progress = Progress(self.task.schedule(rng))
         position, rotation = self.task.offset(rng)
-        q = self._progress.goal.joint_target
+        q = self.progress.goal.joint_target
         R_wb = exp(rotation)
         vectoring = self.controller.rest_vectoring(q)
         com_b = self.controller.model.snapshot(q, R_wb, vectoring).com_b
@@ -174,7 +168,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self.plant.diverged:
             info = self._info((np.zeros(3), np.zeros(3)), "diverged")
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
-        progress = self._progress
+        progress = self.progress
         errors = self._perceive()
         progress.advance(*errors, self.state.joint_position)
         tilt = math.acos(max(-1.0, min(1.0, float(self._percept.R_wb[2, 2]))))
@@ -204,10 +198,17 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if renderer is not None:
             renderer.close()
 
+    @property
+    def progress(self) -> Progress:
+        """How far the episode has come (`SpidarError` before the first reset)."""
+        if self._progress is None:
+            raise SpidarError("there is no episode before reset(); valid: call reset() first")
+        return self._progress
+
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
-        goal = self._progress.goal
-        return Reference(self.task.position_w, _LEVEL, _STILL, _STILL, goal.joint_target, self.task.mode)
+        target = self.progress.goal.joint_target
+        return Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, self.task.mode)
 
     def _act(self, state: RobotState, action: np.ndarray) -> Command:
         """The command of this tick; keeps what observations need of it."""
@@ -245,7 +246,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return percept.error.position_w, log(percept.R_wb.T)  # the reference is level
 
     def _observation(self) -> np.ndarray:
-        progress, goal, upcoming = self._progress, self._progress.goal, self._progress.next_goal
+        progress = self.progress
+        goal, upcoming = progress.goal, progress.next_goal
         preview = Preview(
             joint_target=goal.joint_target,
             next_form=goal.joint_target if upcoming is None else upcoming.joint_target,
@@ -265,29 +267,29 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _info(self, errors: tuple[np.ndarray, np.ndarray], failure: str) -> dict[str, Any]:
         """The same keys and shapes at every step and at reset; nothing in it is written or handed out again."""
-        state, command, memory = self.state, self._command, self.controller.memory
+        state, command, memory, progress = self.state, self._command, self.controller.memory, self.progress
         tick = self.controller.tick
         allocation = None if tick is None else tick.allocation
-        terms = self.task.reward_terms(*errors, self._progress.plan() - state.joint_position, self._action)
+        terms = self.task.reward_terms(*errors, progress.plan() - state.joint_position, self._action)
         if failure == "diverged":
             terms = dict.fromkeys(terms, 0.0)
         return {
-            "position_error": errors[0],
-            "attitude_error": errors[1],
-            "thrust_command": state.thrust.copy() if command is None else command.thrust,
-            "thrust": state.thrust,
-            "vectoring_command": memory.vectoring,
-            "vectoring": state.vectoring,
-            "joint_torque_allocated": np.zeros(N_JOINTS) if allocation is None else allocation.joint_torques,
-            "joint_torque": state.joint_torque,
-            "wrench_desired": np.zeros(6) if tick is None else tick.wrench_desired,
-            "wrench_allocated": np.zeros(6) if allocation is None else allocation.wrench,
+            "position_error": errors[0].copy(),
+            "attitude_error": errors[1].copy(),
+            "thrust_command": (state.thrust if command is None else command.thrust).copy(),
+            "thrust": state.thrust.copy(),
+            "vectoring_command": memory.vectoring.copy(),
+            "vectoring": state.vectoring.copy(),
+            "joint_torque_allocated": np.zeros(N_JOINTS) if allocation is None else allocation.joint_torques.copy(),
+            "joint_torque": state.joint_torque.copy(),
+            "wrench_desired": np.zeros(6) if tick is None else tick.wrench_desired.copy(),
+            "wrench_allocated": np.zeros(6) if allocation is None else allocation.wrench.copy(),
             "total_thrust": float(state.thrust.sum()),
             "qp_status": "none" if allocation is None else str(allocation.status),
             "qp_iterations": 0 if allocation is None else allocation.iterations,
             "qp_slack": 0.0 if allocation is None else allocation.slack,
             "restricted_rotors": memory.interference.restricted.copy(),
             **{f"reward_{name}": value for name, value in terms.items()},
-            "is_success": failure == "" and self._progress.succeeded(self.horizon),
+            "is_success": failure == "" and progress.succeeded(self.task.horizon),
             "failure": failure,
         }

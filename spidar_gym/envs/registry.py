@@ -14,7 +14,7 @@ class Entry:
     task: str
     """Name of its task in `spidar_gym.envs.tasks.TASKS`."""
     horizon: int
-    """Ticks an episode; `gym.make(..., max_episode_steps=n)` changes it."""
+    """Ticks an episode: the task's `horizon_s` at 40 a second."""
     doc: str
     """What it is, in one line."""
 

@@ -75,6 +75,8 @@ class HoverTask:
     `independent` legs with yaw, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
     joint_speed: float = ROBOT.joint_speed
     """Speed of the joint motion [rad/s]."""
+    horizon_s: float = 20.0
+    """Length of an episode [s]; give `gym.make` the matching `max_episode_steps` too (40 a second)."""
     perturbation: float = 1.0
     """Scale of the initial offset: 1 is ±3 cm, ±3° and ±5 cm/s … per axis; 0 starts on the reference."""
     avoid_interference: bool = True
@@ -84,10 +86,10 @@ class HoverTask:
         """Refuse what cannot be flown."""
         if self.forms not in SEQUENCES:
             raise UnknownNameError("form sequence", self.forms, SEQUENCES)
-        if not (
-            isinstance(self.joint_speed, int | float) and math.isfinite(self.joint_speed) and self.joint_speed > 0.0
-        ):
-            raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
+        for name, unit in (("joint_speed", "rad/s"), ("horizon_s", "s")):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and 0.0 < value < math.inf):
+                raise InvalidValueError(name, value, f"a number above 0 [{unit}]")
         if not (isinstance(self.perturbation, int | float) and 0.0 <= self.perturbation < math.inf):
             raise InvalidValueError("perturbation", self.perturbation, "a number of at least 0")
 
@@ -106,8 +108,13 @@ class HoverTask:
         """Desired position of the CoG [m]."""
         return np.array([0.0, 0.0, hover_height()])
 
-    def schedule(self, rng: np.random.Generator, horizon_s: float) -> list[FormGoal]:
-        """The forms of `horizon_s` seconds in order; the first one is the initial form, reached at time 0."""
+    @property
+    def horizon(self) -> int:
+        """Length of an episode in ticks."""
+        return max(1, round(self.horizon_s * CONTROL_RATE))
+
+    def schedule(self, rng: np.random.Generator) -> list[FormGoal]:
+        """The episode's forms in order; the first one is the initial form, reached at time 0."""
         if self.forms in FORMS:
             return [FormGoal(0.0, 0.0, FORMS[self.forms])]
         if self.forms == "paper":
@@ -116,7 +123,7 @@ class HoverTask:
             self._append(goals, goals[-1].deadline, FORMS["form3"])
             return goals
         goals = [FormGoal(0.0, 0.0, self._sample(rng))]
-        while (start := goals[-1].deadline + rng.uniform(1.0, 2.5)) < horizon_s:
+        while (start := goals[-1].deadline + rng.uniform(1.0, 2.5)) < self.horizon_s:
             self._append(goals, start, self._sample(rng))
         return goals
 

@@ -4,6 +4,7 @@
 # The compiled modules below come without stubs.
 
 import copy
+import logging
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -16,6 +17,9 @@ from spidar_gym.description import mjcf_path
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
 from spidar_gym.state import Command, RobotState
+
+# MuJoCo would write its warnings into a file of the working folder.
+mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
 
 TIMESTEP = 0.0025
 """Physics step [s], implicitfast."""
@@ -111,6 +115,7 @@ class Plant:
         self.model.actuator_dynprm[self._joint_servos, 1] = self.config.joint_speed  # the pid servo's slewmax
         self._torque_limit = np.full(N_JOINTS, ROBOT.max_joint_torque)
         self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
+        self._in_contact = False
 
     def reset(
         self,
@@ -141,6 +146,7 @@ class Plant:
         self.data.ctrl[self._ctrl] = targets
         self._limit_torque(np.full(N_JOINTS, ROBOT.max_joint_torque))
         mujoco.mj_forward(self.model, self.data)
+        self._in_contact = self.data.ncon > 0
         return self.state()
 
     def step(self, command: Command) -> RobotState:
@@ -159,9 +165,10 @@ class Plant:
         if self.config.idle_thrust > 0.0:
             np.maximum(targets[:N_ROTORS], self.config.idle_thrust, out=targets[:N_ROTORS])
         self.data.ctrl[self._ctrl] = targets
-        if command.joint_torque_limit is not self._torque_limit:
-            self._limit_torque(command.joint_torque_limit)
+        if not np.array_equal(command.joint_torque_limit, self._torque_limit):
+            self._limit_torque(command.joint_torque_limit.copy())
         mujoco.mj_step(self.model, self.data, self.config.substeps)
+        self._in_contact = self.data.ncon > 0
         return self.state()
 
     def state(self) -> RobotState:
@@ -185,7 +192,7 @@ class Plant:
     @property
     def in_contact(self) -> bool:
         """Whether any part of the robot touches the floor."""
-        return self.data.ncon > 0
+        return self._in_contact
 
     @property
     def diverged(self) -> bool:
@@ -198,19 +205,23 @@ class Plant:
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
-        return np.concatenate([state, self._torque_limit])
+        return np.concatenate([state, self.data.actuator_force, self._torque_limit, [self._in_contact]])
 
     def restore(self, saved: np.ndarray) -> RobotState:
         """Return to a saved state (`InvalidValueError` for a vector of another length)."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        size = mujoco.mj_stateSize(self.model, kind)
-        if saved.shape != (size + N_JOINTS,):
-            raise InvalidValueError("saved", saved.shape, f"a vector of {size + N_JOINTS} numbers from save()")
-        mujoco.mj_setState(self.model, self.data, saved[:size], kind)
-        self._limit_torque(saved[size:].copy())
+        sizes = mujoco.mj_stateSize(self.model, kind), self.model.nu, N_JOINTS, 1
+        if saved.shape != (sum(sizes),):
+            raise InvalidValueError("saved", saved.shape, f"a vector of {sum(sizes)} numbers from save()")
+        state, force, limit, contact = np.split(saved, np.cumsum(sizes)[:-1])
+        mujoco.mj_setState(self.model, self.data, state, kind)
+        self._limit_torque(limit.copy())
         mujoco.mj_forward(self.model, self.data)
-        # The forward pass warms the solver anew: put the saved start back, or the next step differs in its last bits.
-        mujoco.mj_setState(self.model, self.data, saved[:size], kind)
+        # The forward pass warms the solver anew and looks at the present instant, where a step leaves the start of its
+        # last substep: put the saved numbers back, or what follows differs in its last bits.
+        mujoco.mj_setState(self.model, self.data, state, kind)
+        self.data.actuator_force[:] = force
+        self._in_contact = bool(contact[0])
         return self.state()
 
     def _limit_torque(self, limit: JointVector) -> None:

@@ -3,6 +3,8 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
+import ctypes.util
+import importlib
 import os
 import sys
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 import mujoco
 import mujoco.viewer
 import numpy as np
+from mujoco.rendering.classic import gl_context
 
 from spidar_gym.description import CAMERAS
 from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
@@ -18,10 +21,25 @@ from spidar_gym.sim.plant import scene
 INSTALL_GL = "apt-get install libegl1 libgl1 (then MUJOCO_GL=egl), or libosmesa6 (then MUJOCO_GL=osmesa)"
 
 
+def has_display() -> bool:
+    """Whether there is a screen to open windows on."""
+    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+
+
 def require_display() -> None:
     """Refuse to go on without a screen: MuJoCo's viewer would end the whole process."""
-    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+    if not has_display():
         raise SpidarError("no display to open a window on; valid without one: render_mode rgb_array or depth_array")
+
+
+def _choose_offscreen_library() -> None:
+    """Without a screen, have MuJoCo draw with EGL or OSMesa, also where it was imported before anyone could say so."""
+    if has_display() or "MUJOCO_GL" in os.environ:
+        return
+    for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
+        if ctypes.util.find_library(library):
+            gl_context.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
+            return
 
 
 class OffscreenRenderer:
@@ -35,6 +53,7 @@ class OffscreenRenderer:
         self._model = scene(visual=True)
         self._data = mujoco.MjData(self._model)
         try:
+            _choose_offscreen_library()
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except ValueError as error:
             raise SpidarError(f"cannot render {width} × {height}: {error}; valid: up to 1920 × 1080") from error
