@@ -1,4 +1,4 @@
-"""Pins what an action means: sizes, authority of every channel, zero is the controller alone, angles turn the short way."""
+"""Pins what an action means: sizes, authority, zero is the controller alone, angles turn the short way."""
 
 from dataclasses import fields
 

@@ -1,8 +1,8 @@
 """Pins the benchmark: every figure is there and is a time; how long anything takes is not tested."""
 
-from spidar_gym.bench import bench_table, hard_demands, measure, run_bench
-
 import numpy as np
+
+from spidar_gym.bench import bench_table, hard_demands, measure, run_bench
 
 
 def test_the_benchmark_reports_every_figure_and_its_unit():

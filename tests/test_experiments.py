@@ -100,7 +100,8 @@ def test_the_papers_figures_have_the_same_keys_where_the_paper_gives_them():
 
 def test_the_table_shows_ours_and_the_papers_numbers_side_by_side():
     log = log_of(
-        position_error=lambda t: np.full((40, 3), 0.0123), thrust=lambda t: np.where(t < 10, 20.0, 21.0)[:, None] * np.ones(8)
+        position_error=lambda t: np.full((40, 3), 0.0123),
+        thrust=lambda t: np.where(t < 10, 20.0, 21.0)[:, None] * np.ones(8)
     )  # fmt: skip
     lines = flight_table(flight_figures(log)).splitlines()
     assert "as_flown" in lines[0]

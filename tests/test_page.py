@@ -1,4 +1,4 @@
-"""Pins the environments' pages: their tables agree with the spaces, the infos and the arguments; the files are fresh."""
+"""Pins the environments' pages: their tables agree with the spaces, the infos and the arguments."""
 
 import inspect
 import re

@@ -116,8 +116,8 @@ def page(name: str) -> str:
         "",
         *(f"- `{word}`: {meaning}." for word, meaning in FAILURES.items()),
         "",
-        f"Truncated by `TimeLimit` after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another length",
-        "give both: `gym.make(..., horizon_s=40.0, max_episode_steps=1600)`.",
+        f"Truncated by `TimeLimit` after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another",
+        "length give both: `gym.make(..., horizon_s=40.0, max_episode_steps=1600)`.",
         f"`is_success`: the whole horizon flown, RMS errors below {SUCCESS_POSITION:g} m and {SUCCESS_ATTITUDE:g} rad, "
         f"every form reached within {ARRIVAL_TOLERANCE:g} rad no later than {ARRIVAL_GRACE:g} s after its deadline.",
         "",
