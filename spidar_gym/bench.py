@@ -155,7 +155,7 @@ def _hard() -> dict[str, Any]:
     osqp, iterations, total = [], [], []
     for program in feasible:
         start = time.perf_counter()
-        _, _, count, _ = solver.solve(program)
+        _, _, count, *_ = solver.solve(program)
         osqp.append(time.perf_counter() - start)
         iterations.append(count)
     for demand in demands:

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
+import osqp
 import pytest
 from scipy.optimize import minimize, nnls
 from states import demand_of, exact, random_demands
@@ -77,7 +78,32 @@ def same(a, b):
 @pytest.fixture
 def no_shortcut(monkeypatch):
     """Every tick goes through OSQP: the closed form may refine its answer, never replace it."""
-    monkeypatch.setattr(module, "closed_form", lambda program, *duals: closed_form(program, *duals) if duals else None)
+
+    def refine(program, duals=None, **options):
+        return None if duals is None else closed_form(program, duals, **options)
+
+    monkeypatch.setattr(module, "closed_form", refine)
+
+
+def test_the_solvers_words_are_read_as_it_means_them():
+    words = osqp.SolverStatus
+    assert words.OSQP_SOLVED == module.OSQP_SOLVED
+    assert words.OSQP_PRIMAL_INFEASIBLE == module.OSQP_INFEASIBLE
+    assert words.OSQP_MAX_ITER_REACHED == module.OSQP_MAX_ITER
+
+
+def test_raw_answers_of_osqp_agree_with_the_exact_optimum_wherever_it_says_solved():
+    allocator = Allocator(PRESETS["paper"])
+    mode, solved = allocator.mode("flight"), 0
+    for demand, _ in ticks("paper", True):
+        program = assemble(mode, demand)
+        x, says_solved, _, duals, _ = allocator.solver(mode).solve(program)
+        optimum = closed_form(program, duals, rounds=8)
+        if says_solved and optimum is not None:
+            solved += 1
+            np.testing.assert_allclose(FORCE_SCALE * x, FORCE_SCALE * optimum, atol=1e-3)
+            assert program.objective(x) == pytest.approx(program.objective(optimum), rel=1e-6, abs=1e-6)
+    assert solved > 200
 
 
 def test_hover_of_the_flat_form_takes_an_eighth_of_the_weight_from_each_rotor():

@@ -197,8 +197,11 @@ def test_the_flight_prints_exactly_one_json_object_on_stdout_and_writes_it_with_
 
 
 def test_the_flight_is_the_default_of_paper_and_prints_the_table(still, here, capfd, monkeypatch):
-    monkeypatch.setattr(viz, "flight_figure", lambda log, path: None)
-    main(["paper", "flight", "--no-video"])
+    def missing(*_, **__):
+        raise MissingDependencyError("a library", "apt-get install libsomething")
+
+    monkeypatch.setattr(viz, "flight_figure", missing)
+    main(["paper"])
     out = capfd.readouterr().out
     assert "simulated" in out
     assert "RMSE position" in out

@@ -293,6 +293,8 @@ def test_the_initial_offset_grows_with_the_perturbation_and_is_none_at_zero():
         for seed in range(20):
             info = env.reset(seed=seed)[1]
             offsets.append(np.abs(np.concatenate([info["position_error"], info["attitude_error"]])))
+            assert not env.state.velocity_w.any()
+            assert not env.state.omega_b.any()
         most = np.max(offsets, axis=0)
         assert np.all(most <= scale * np.array([0.03] * 3 + [0.051] * 3) + 1e-12)
         assert np.all(most >= 0.5 * scale * np.array([0.03] * 3 + [0.05] * 3))
@@ -460,6 +462,7 @@ def test_no_locked_phi_turns_by_more_than_the_slew_while_the_errors_stay_small(f
         ({"joint_sped": 0.2}, UnknownNameError, "forms, joint_speed"),
         ({"task": "walk"}, UnknownNameError, "hover"),
         *(({"joint_speed": v}, InvalidValueError, "above 0") for v in (0.0, -0.2, math.nan, math.inf)),
+        *(({"horizon_s": v}, InvalidValueError, "above 0") for v in (0.0, -1.0, math.nan, math.inf)),
         *(({"perturbation": v}, InvalidValueError, "at least 0") for v in (-1.0, math.nan, math.inf)),
         *(({"idle_thrust": v}, InvalidValueError, "0 … 42 N") for v in (-1.0, 50.0, math.nan)),
         ({"max_iter": 0}, InvalidValueError, "at least 1"),

@@ -36,8 +36,10 @@ from spidar_gym.robot import N_ROTORS, ROBOT
 
 DUAL_TOLERANCE = 1e-7
 """A row whose multiplier is larger than this counts as active, in scaled units."""
-OSQP_SOLVED = 1
-"""The solver's own word for solved; the tests hold it against `osqp.SolverStatus`."""
+OSQP_SOLVED, OSQP_INFEASIBLE, OSQP_MAX_ITER = 1, 3, 7
+"""The solver's own words; the tests hold them against `osqp.SolverStatus`."""
+RHO, OTHER_RHO = 1.0, 10.0
+"""First step size of the solver, and the one it is given for a second attempt."""
 
 
 class AllocationStatus(StrEnum):
@@ -112,7 +114,7 @@ class Workspace:
         settings.scaling = 0
         settings.warm_starting = 0
         settings.polishing = 0
-        settings.rho = 1.0
+        settings.rho = RHO
         settings.adaptive_rho = 1
         settings.adaptive_rho_interval = 25
         settings.check_termination = 5
@@ -123,20 +125,29 @@ class Workspace:
         self._matrices = ext.CSC(P), ext.CSC(A)
         self._solver = ext.OSQPSolver(self._matrices[0], np.zeros(n), self._matrices[1], -wide, wide, m, n, settings)
 
-    def solve(self, program: QuadraticProgram) -> tuple[np.ndarray, bool, int, np.ndarray]:
-        """(x, whether the solver says solved, iterations, multipliers of the rows)."""
-        solver = self._solver
+    def solve(self, program: QuadraticProgram, *, rho: float = RHO) -> tuple[np.ndarray, bool, int, np.ndarray, bool]:
+        """One cold-started solution with the first step size `rho`.
+
+        Returns:
+            x, whether the solver says solved, its iterations, the multipliers of the rows (zero where it found none),
+            and whether it proved that there is no solution.
+        """
+        solver, nothing = self._solver, np.zeros(len(program.l))
         # Vectors first: with the solver's scaling off the order no longer matters, but it once did.
         if solver.update_data_vec(q=program.q, l=program.l, u=program.u) or solver.update_data_mat(
             P_x=program.P.take(self._P_at), P_i=None, A_x=program.A.take(self._A_at), A_i=None
         ):
-            return np.zeros(len(program.q)), False, 0, np.zeros(len(program.l))
+            return np.zeros(len(program.q)), False, 0, nothing, False
+        if rho != RHO:
+            solver.update_rho(rho)
         solver.solve()
-        info = solver.info
-        if info.rho_updates or info.status_val != OSQP_SOLVED:
-            solver.update_rho(1.0)
-        solution = solver.solution
-        return solution.x.copy(), info.status_val == OSQP_SOLVED, info.iter, solution.y.copy()
+        info, solution = solver.info, solver.solution
+        status = info.status_val
+        if rho != RHO or info.rho_updates or status != OSQP_SOLVED:
+            solver.update_rho(RHO)
+        # Where it found none, the solver's NaN is a large finite number.
+        duals = solution.y.copy() if status in (OSQP_SOLVED, OSQP_MAX_ITER) else nothing
+        return solution.x.copy(), status == OSQP_SOLVED, info.iter, duals, status == OSQP_INFEASIBLE
 
 
 def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -278,17 +289,25 @@ class Allocator:
             return FORCE_SCALE * x.reshape(N_ROTORS, 3), AllocationStatus.CLOSED_FORM, 0, 0.0
         if not _finite(program):
             return self._held(demand, previous_l, 0)
-        x, solved, iterations, duals = self.solver(mode).solve(program)
-        solved = solved and program.violation(x) <= self.config.check_tolerance
-        exact = closed_form(program, duals)
-        if exact is not None or solved:
-            status = AllocationStatus.SOLVED if solved else AllocationStatus.CLOSED_FORM
-            forces = FORCE_SCALE * (x if exact is None else exact)
-            return forces.reshape(N_ROTORS, 3), status, iterations, 0.0
+        iterations = 0
+        for rho in (RHO, OTHER_RHO):
+            x, solved, more, duals, infeasible = self.solver(mode).solve(program, rho=rho)
+            iterations += more
+            solved = solved and program.violation(x) <= self.config.check_tolerance
+            exact = closed_form(program, duals, rounds=8)
+            if exact is not None or solved:
+                status = AllocationStatus.SOLVED if solved else AllocationStatus.CLOSED_FORM
+                forces = FORCE_SCALE * (x if exact is None else exact)
+                return forces.reshape(N_ROTORS, 3), status, iterations, 0.0
+            if infeasible:
+                break
         soft = soften(program, mode.soft_rows, price=self.config.price)
-        x, solved, more, _ = self._workspace(mode, "soft").solve(soft)
+        x, solved, more, duals, _ = self._workspace(mode, "soft").solve(soft)
         iterations += more
-        if solved and soft.violation(x) <= self.config.check_tolerance:
+        exact = closed_form(soft, duals, rounds=8)
+        if exact is not None:
+            x = exact
+        if exact is not None or (solved and soft.violation(x) <= self.config.check_tolerance):
             slack = float(np.abs(x[N_FORCES:]).max())
             return FORCE_SCALE * x[:N_FORCES].reshape(N_ROTORS, 3), AllocationStatus.SOFTENED, iterations, slack
         return self._held(demand, previous_l, iterations)
@@ -364,9 +383,9 @@ class Allocator:
             x = closed_form(program)
             if x is None:
                 status = AllocationStatus.SOLVED
-                x, solved, iterations, duals = self._workspace(PROJECTION, "projection").solve(program)
+                x, solved, iterations, duals, _ = self._workspace(PROJECTION, "projection").solve(program)
                 total += iterations
-                exact = closed_form(program, duals)
+                exact = closed_form(program, duals, rounds=8)
                 if exact is not None:
                     x = exact
                 elif not solved or program.violation(x) > self.config.check_tolerance:

@@ -202,7 +202,7 @@ class Controller:
         integrals = integrate(memory.integrals, error, memory.unallocated_w, memory.unallocated_torque, dt=self.dt)
         wrench = desired_wrench(snapshot, R_wb, state.omega_b, error, integrals, config=self.config.centroidal)
         wrench += residual.wrench
-        demand, lock, bounds = self._demand(snapshot, reference.mode, wrench)
+        demand, lock, bounds = self._demand(memory, snapshot, reference.mode, wrench)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():
             allocation = self.allocator.project(demand, allocation.forces_l + residual.forces_l, memory.forces_l)
@@ -228,15 +228,17 @@ class Controller:
         """The demand of a first tick in a configuration, for benchmarks and tests: no history, interference avoided."""
         snapshot = self.model.snapshot(q, R_wb, vectoring)
         zero = np.zeros(3)
-        self.memory = Memory(
+        memory = Memory(
             Integrals(zero, zero), Lock(_ALL_FREE, _ALL_FREE, vectoring[:, 0]), no_interference(), vectoring,
             np.zeros((N_ROTORS, 3)), q, zero, zero,
         )  # fmt: skip
-        return self._demand(snapshot, "flight", wrench)[0]
+        return self._demand(memory, snapshot, "flight", wrench)[0]
 
-    def _demand(self, snapshot: Snapshot, mode: str, wrench: Wrench) -> tuple[Demand, Lock, Interference]:
+    def _demand(
+        self, memory: Memory, snapshot: Snapshot, mode: str, wrench: Wrench
+    ) -> tuple[Demand, Lock, Interference]:
         """What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted."""
-        memory, config = self.memory, self.config
+        config = self.config
         nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
         bounds = interference(snapshot, nominal, memory.interference, config=config.interference)
         if not self.allocator.mode(mode).avoid_interference:
@@ -286,7 +288,7 @@ class Controller:
 
 
 def _finite(state: RobotState, reference: Reference) -> bool:
-    """Whether every number that the controller reads is finite."""
+    """Whether every number that the controller reads is finite, and the attitudes are attitudes."""
     numbers = np.concatenate(
         (
             state.position_w, state.quat_wb, state.velocity_w, state.omega_b, state.joint_position,
@@ -294,7 +296,12 @@ def _finite(state: RobotState, reference: Reference) -> bool:
             reference.velocity_w, reference.omega_b, reference.joint_target,
         )
     )  # fmt: skip
-    return bool(np.isfinite(numbers).all())
+    # A tracking system that has lost the robot may send a quaternion of zeros.
+    return bool(np.isfinite(numbers).all()) and min(_square(state.quat_wb), _square(reference.quat_wb)) > 0.25
+
+
+def _square(v: np.ndarray) -> float:
+    return float(v @ v)
 
 
 def _finite_residual(residual: Residual) -> bool:
