@@ -34,6 +34,8 @@ from spidar_gym.control.qp import (
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import N_ROTORS, ROBOT
 
+SIDE_TOLERANCE = 1e-5
+"""A row this close to its bound may be active, in scaled units."""
 DUAL_TOLERANCE = 1e-7
 """A row whose multiplier is larger than this counts as active, in scaled units."""
 OSQP_SOLVED, OSQP_INFEASIBLE, OSQP_MAX_ITER = 1, 3, 7
@@ -167,7 +169,7 @@ def closed_form(
 
     Args:
         program: The program.
-        duals: The solver's multipliers, whose signs are the first guess; without them it is the equalities alone.
+        duals: First guess of the rows' multipliers, of which the signs count; without it, the equalities alone.
         rounds: How many systems are solved before giving up.
         tolerance: Largest violation of a row, in scaled units.
     """
@@ -211,6 +213,12 @@ def closed_form(
         target = np.concatenate((target[right_sign], np.where(above, u[violated], l[violated])))
         signs = np.concatenate((signs[right_sign], np.where(above, 1.0, -1.0)))
     return None
+
+
+def _sides(program: QuadraticProgram, x: np.ndarray) -> np.ndarray:
+    """+1 for rows that x brings to their upper bound, −1 for the lower: a guess of the active rows, shape (m,)."""
+    r = program.A @ x
+    return (program.u - r < SIDE_TOLERANCE).astype(float) - (r - program.l < SIDE_TOLERANCE)
 
 
 class Allocator:
@@ -295,6 +303,8 @@ class Allocator:
             iterations += more
             solved = solved and program.violation(x) <= self.config.check_tolerance
             exact = closed_form(program, duals, rounds=8)
+            if exact is None and not solved:
+                exact = closed_form(program, _sides(program, x), rounds=8)
             if exact is not None or solved:
                 status = AllocationStatus.SOLVED if solved else AllocationStatus.CLOSED_FORM
                 forces = FORCE_SCALE * (x if exact is None else exact)
