@@ -17,10 +17,11 @@ import numpy as np
 from gymnasium.utils.performance import benchmark_step
 
 import spidar_gym.envs.registry
-from spidar_gym.control.allocator import Allocator, closed_form
+from spidar_gym.control.allocator import Allocator
 from spidar_gym.control.controller import Controller, ControllerConfig
 from spidar_gym.control.modes import preset
 from spidar_gym.control.qp import Demand, assemble
+from spidar_gym.control.solver import closed_form
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp
