@@ -66,13 +66,15 @@ def flight(
     figures = experiments.flight_figures(log)
     text = json_text({"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}})
     write_text(folder / "flight.json", text)
-    try:
-        viz.flight_figure(log, folder / "flight.png")
-        if video:
-            # After the flight, so that drawing does not disturb the times that it reports.
-            _film(log, folder / "flight.mp4", camera)
-    except MissingDependencyError as error:
-        remarks.append(f"not drawn: {error}")
+    # After the flight, so that drawing does not disturb the times that it reports.
+    for name, draw in (
+        ("figure", lambda: viz.flight_figure(log, folder / "flight.png")),
+        ("video", lambda: _film(log, folder / "flight.mp4", camera) if video else None),
+    ):
+        try:
+            draw()
+        except MissingDependencyError as error:
+            remarks.append(f"no {name}: {error}")
     if json:
         print(text)
     else:
@@ -131,8 +133,8 @@ def run(
         raise UnknownNameError("camera", camera, CAMERAS)
     if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
         raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
-    if out is not None and out.suffix != ".mp4":
-        raise InvalidValueError("out", str(out), "a path that ends in .mp4")
+    if out is not None and (out.suffix != ".mp4" or out.is_dir()):
+        raise InvalidValueError("out", str(out), "a path of a file that ends in .mp4")
     horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
     env = gymnasium.make(
         env_id, forms=forms, preset=preset, joint_speed=joint_speed,

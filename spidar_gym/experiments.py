@@ -101,7 +101,7 @@ def fly_paper(preset: str = "as_flown", *, on_tick: Callable[[], object] = lambd
         for k in range(FLIGHT_TICKS):
             _, _, terminated, _, info = wrapped.step(action)
             if terminated:
-                raise SpidarError(f"the flight ended after {k / CONTROL_RATE:.2f} s: {info['failure']}")
+                raise SpidarError(f"the flight ended after {(k + 1) / CONTROL_RATE:.2f} s: {info['failure']}")
             tick = env.controller.tick
             assert tick is not None
             rows.append(

@@ -201,6 +201,7 @@ def test_the_flight_is_the_default_of_paper_and_prints_the_table(still, here, ca
         raise MissingDependencyError("a library", "apt-get install libsomething")
 
     monkeypatch.setattr(viz, "flight_figure", missing)
+    monkeypatch.setattr(viz, "FlightVideo", missing)
     main(["paper"])
     out = capfd.readouterr().out
     assert "simulated" in out

@@ -94,7 +94,7 @@ class Allocator:
     def __init__(self, modes: dict[str, Mode], config: AllocatorConfig | None = None) -> None:
         """Take the modes by name and the solver's settings (`InvalidValueError` for a cap below 1)."""
         self.config = config or AllocatorConfig()
-        if self.config.max_iter < 1:
+        if not isinstance(self.config.max_iter, int) or self.config.max_iter < 1:
             raise InvalidValueError("max_iter", self.config.max_iter, "an iteration cap of at least 1")
         self.modes = modes
         self._workspaces: dict[tuple[str, str], Workspace] = {}

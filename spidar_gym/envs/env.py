@@ -17,7 +17,7 @@ from spidar_gym.envs.tasks import NO_NEXT_FORM, REWARD_TERMS, TASKS, Progress
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.plant import MAX_HEIGHT, MAX_WIDTH, Plant, PlantConfig
 from spidar_gym.so3 import exp, log, matrix_to_quat
 from spidar_gym.state import Command, Reference, RobotState
 
@@ -76,9 +76,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise UnknownNameError("render mode", render_mode, self.metadata["render_modes"])
         if camera not in CAMERAS:
             raise UnknownNameError("camera", camera, CAMERAS)
-        for name, size in (("width", width), ("height", height)):
-            if not (isinstance(size, int) and 1 <= size <= 1080 * 16 // 9):
-                raise InvalidValueError(name, size, "a whole number of pixels within 1 … 1920")
+        for name, size, most in (("width", width, MAX_WIDTH), ("height", height, MAX_HEIGHT)):
+            if not (isinstance(size, int) and 1 <= size <= most):
+                raise InvalidValueError(name, size, f"a whole number of pixels within 1 … {most}")
         self.task = TASKS[task](**options)
         self._mode = find_action_mode(action_mode)
         joint_speed = self.task.joint_speed

@@ -78,7 +78,7 @@ class HoverTask:
     horizon_s: float = 20.0
     """Length of an episode [s]; give `gym.make` the matching `max_episode_steps` too (40 a second)."""
     perturbation: float = 1.0
-    """Scale of the initial offset: 1 is ±3 cm, ±3° and ±5 cm/s … per axis; 0 starts on the reference."""
+    """Scale of the initial offset: 1 is ± 3 cm and ± 0.05 rad per axis, at rest; 0 starts on the reference."""
     avoid_interference: bool = True
     """Whether rotors are restricted; False is the paper's baseline method."""
 

@@ -23,6 +23,8 @@ mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
 
 TIMESTEP = 0.0025
 """Physics step [s], implicitfast."""
+MAX_WIDTH, MAX_HEIGHT = 1920, 1080
+"""Largest picture [px]."""
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -61,8 +63,8 @@ def scene(visual: bool) -> mujoco.MjModel:
     if visual:
         spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
         spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
-        getattr(spec.visual, "global").offwidth = 1920
-        getattr(spec.visual, "global").offheight = 1080
+        getattr(spec.visual, "global").offwidth = MAX_WIDTH
+        getattr(spec.visual, "global").offheight = MAX_HEIGHT
         # Off-screen pictures are mostly drawn by the processor: a reflection, a large shadow map and multiple
         # sampling would each cost more than the robot.
         spec.visual.quality.shadowsize = 1024
@@ -217,9 +219,7 @@ class Plant:
         mujoco.mj_setState(self.model, self.data, state, kind)
         self._limit_torque(limit.copy())
         mujoco.mj_forward(self.model, self.data)
-        # The forward pass warms the solver anew and looks at the present instant, where a step leaves the start of its
-        # last substep: put the saved numbers back, or what follows differs in its last bits.
-        mujoco.mj_setState(self.model, self.data, state, kind)
+        # The forward pass looks at the present instant; a step leaves what it saw at the start of its last substep.
         self.data.actuator_force[:] = force
         self._in_contact = bool(contact[0])
         return self.state()

@@ -16,7 +16,7 @@ from mujoco.rendering.classic import gl_context
 
 from spidar_gym.description import CAMERAS
 from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
-from spidar_gym.sim.plant import scene
+from spidar_gym.sim.plant import MAX_HEIGHT, MAX_WIDTH, scene
 
 INSTALL_GL = "apt-get install libegl1 libgl1 (then MUJOCO_GL=egl), or libosmesa6 (then MUJOCO_GL=osmesa)"
 
@@ -56,7 +56,9 @@ class OffscreenRenderer:
             _choose_offscreen_library()
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except ValueError as error:
-            raise SpidarError(f"cannot render {width} × {height}: {error}; valid: up to 1920 × 1080") from error
+            raise SpidarError(
+                f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}"
+            ) from error
         except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
             raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
         self._options = mujoco.MjvOption()
