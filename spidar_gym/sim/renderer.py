@@ -56,9 +56,7 @@ class OffscreenRenderer:
             _choose_offscreen_library()
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except ValueError as error:
-            raise SpidarError(
-                f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}"
-            ) from error
+            raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}") from error
         except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
             raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
         self._options = mujoco.MjvOption()
