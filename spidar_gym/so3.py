@@ -33,19 +33,19 @@ def exp(v: Vector3) -> Matrix3:
 
 def log(R: Matrix3) -> Vector3:
     """Rotation vector [rad] of R, of length 0 … π; at π its sign is the one with the first nonzero entry positive."""
-    axis = vee(R)
-    sine = math.sqrt(float(axis @ axis))
-    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    x, y, z = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
+    sine = math.sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (a + e + i - 1.0)
     angle = math.atan2(sine, cosine)
-    if sine > 1e-6:
-        return axis * (angle / sine)
-    if cosine > 0.0:
-        return axis
+    if sine > 1e-6 or cosine > 0.0:
+        stretch = angle / sine if sine > 1e-6 else 1.0
+        return np.array([stretch * x, stretch * y, stretch * z])
     # Close to a half turn the skew part vanishes, and the symmetric part is 2 n nᵀ − 1: n is a column of it plus 1.
     outer = 0.25 * (R + R.T) + 0.5 * np.eye(3)
     n = outer[:, int(np.argmax(np.diag(outer)))]
     n = n / math.sqrt(float(n @ n))
-    sign = math.copysign(1.0, float(n @ axis)) if sine > 0.0 else math.copysign(1.0, n[np.flatnonzero(n)[0]])
+    sign = math.copysign(1.0, float(n @ (x, y, z))) if sine > 0.0 else math.copysign(1.0, n[np.flatnonzero(n)[0]])
     return sign * angle * n
 
 

@@ -1,6 +1,7 @@
 """The stack: (state, reference, residual) → command. Snapshot, wrench, allocation, vectoring, joint targets."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -130,6 +131,7 @@ class Controller:
         self._torque_limit = np.full(N_JOINTS, self.config.joint_torque_limit)
         self.memory: Memory
         self.tick: Tick | None = None
+        self._checked: Reference | None = None
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None) -> None:
         """Forget everything; start from the vectoring angles of `state` and from its joints or `joint_position`."""
@@ -192,7 +194,7 @@ class Controller:
             The command for the next control period. `self.tick` keeps what led to it. A state or reference that is
             not finite is answered with the last command, a residual that is not finite is left out.
         """
-        if not _finite(state, reference):
+        if not (_valid_state(state) and self._is_valid(reference)):
             return self._hold()
         if residual is not NO_RESIDUAL and not _finite_residual(residual):
             residual = NO_RESIDUAL
@@ -214,6 +216,14 @@ class Controller:
             integrals, lock, bounds, vectoring, allocation.forces_l, joints, R_wb @ unallocated[:3], unallocated[3:]
         )
         return Command(allocation.thrust, vectoring, joints, self._torque_limit)
+
+    def _is_valid(self, reference: Reference) -> bool:
+        """Whether a reference is finite; the same one is not looked at twice."""
+        if reference is not self._checked:
+            if not _valid_reference(reference):
+                return False
+            self._checked = reference
+        return True
 
     def _hold(self) -> Command:
         """The last command once more, its status `held`."""
@@ -287,42 +297,58 @@ class Controller:
         return command + np.minimum(np.maximum(step, -reach), reach)
 
 
-def _finite(state: RobotState, reference: Reference) -> bool:
-    """Whether every number that the controller reads is finite, and the attitudes are attitudes."""
+def _valid_state(state: RobotState) -> bool:
+    """Whether every number that the controller reads of the state is finite, and the attitude is one."""
     numbers = np.concatenate(
         (
             state.position_w, state.quat_wb, state.velocity_w, state.omega_b, state.joint_position,
-            state.joint_velocity, state.vectoring.reshape(-1), reference.position_w, reference.quat_wb,
-            reference.velocity_w, reference.omega_b, reference.joint_target,
+            state.joint_velocity, state.vectoring.reshape(-1),
         )
     )  # fmt: skip
     # A tracking system that has lost the robot may send a quaternion of zeros.
-    return bool(np.isfinite(numbers).all()) and min(_square(state.quat_wb), _square(reference.quat_wb)) > 0.25
+    return math.isfinite(float(numbers @ numbers)) and float(state.quat_wb @ state.quat_wb) > 0.25
 
 
-def _square(v: np.ndarray) -> float:
-    return float(v @ v)
+def _valid_reference(reference: Reference) -> bool:
+    numbers = np.concatenate(
+        (
+            reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,
+        )
+    )  # fmt: skip
+    return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > 0.25
 
 
 def _finite_residual(residual: Residual) -> bool:
-    finite = np.isfinite(residual.wrench).all() and np.isfinite(residual.joint_offset).all()
-    finite = finite and math.isfinite(residual.joint_speed_scale)
-    return bool(finite and (residual.forces_l is None or np.isfinite(residual.forces_l).all()))
+    square = float(residual.wrench @ residual.wrench) + float(residual.joint_offset @ residual.joint_offset)
+    if residual.forces_l is not None:
+        square += float(np.vdot(residual.forces_l, residual.forces_l))
+    return math.isfinite(square + residual.joint_speed_scale)
 
 
 def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_wb: np.ndarray) -> MotionError:
     """e_r, ė_r, e_R, e_ω of the CoG's motion, desired − actual [Zhao2025, Eq. 6, 7]."""
-    # Velocity of the CoG against the torso's origin: the turning torso's share and the moving joints'.
-    relative = snapshot.momentum_map[:3] @ state.joint_velocity
-    relative /= snapshot.mass
+    rows = R_wb.tolist()
+    com = snapshot.com_b.tolist()
+    # Velocity of the CoG against the torso's origin, torso axes: the turning torso's share and the moving joints'.
     x, y, z = state.omega_b.tolist()
-    cx, cy, cz = snapshot.com_b.tolist()
-    relative += (y * cz - z * cy, z * cx - x * cz, x * cy - y * cx)
-    R_desired = quat_to_matrix(reference.quat_wb)
-    R_error = R_wb.T @ R_desired
+    vx, vy, vz = (snapshot.momentum_map[:3] @ state.joint_velocity).tolist()
+    m, (cx, cy, cz) = snapshot.mass, com
+    relative = (vx / m + y * cz - z * cy, vy / m + z * cx - x * cz, vz / m + x * cy - y * cx)
+    R_error = R_wb.T @ quat_to_matrix(reference.quat_wb)
     return MotionError(
-        position_w=reference.position_w - state.position_w - R_wb @ snapshot.com_b,
-        velocity_w=reference.velocity_w - state.velocity_w - R_wb @ relative,
+        position_w=_offset(reference.position_w, state.position_w, rows, com),
+        velocity_w=_offset(reference.velocity_w, state.velocity_w, rows, relative),
         attitude=vee(R_error),
         omega_b=R_error @ reference.omega_b - state.omega_b,
+    )
+
+
+def _offset(desired: np.ndarray, actual: np.ndarray, rows: list[list[float]], shift: Sequence[float]) -> np.ndarray:
+    """Desired − (actual + R shift), in plain numbers: arrays of three cost more than their arithmetic."""
+    x, y, z = shift
+    return np.array(
+        [
+            d - a - (r[0] * x + r[1] * y + r[2] * z)
+            for d, a, r in zip(desired.tolist(), actual.tolist(), rows, strict=True)
+        ]
     )

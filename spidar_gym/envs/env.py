@@ -95,6 +95,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._state: RobotState | None = None
         self._progress: Progress | None = None
+        self._reference: Reference | None = None
 
     @property
     def state(self) -> RobotState:
@@ -121,6 +122,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
                 raise UnknownNameError("reset option", name, ["forms"])
             self.task = replace(self.task, forms=value)
         rng = self.np_random
+        self._reference = None
         self._progress = Progress(self.task.schedule(rng))
         position, rotation = self.task.offset(rng)
         q = self.progress.goal.joint_target
@@ -208,7 +210,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
         target = self.progress.goal.joint_target
-        return Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, self.task.mode)
+        if self._reference is None or self._reference.joint_target is not target:
+            self._reference = Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, self.task.mode)
+        return self._reference
 
     def _act(self, state: RobotState, action: np.ndarray) -> Command:
         """The command of this tick; keeps what observations need of it."""

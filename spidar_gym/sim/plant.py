@@ -106,6 +106,9 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         self.period = self.config.substeps * TIMESTEP
         """Control period [s]."""
+        # Views into MuJoCo's memory, made once: every access to an attribute of MjData makes a new one.
+        self._q, self._v, self._a = self.data.qpos, self.data.qvel, self.data.act
+        self._control, self._force = self.data.ctrl, self.data.actuator_force
         joints = [self.model.joint(name) for name in (*JOINT_NAMES, *GIMBAL_NAMES)]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
@@ -166,8 +169,8 @@ class Plant:
         targets[N_ROTORS + N_JOINTS :] = command.vectoring.reshape(-1)
         if self.config.idle_thrust > 0.0:
             np.maximum(targets[:N_ROTORS], self.config.idle_thrust, out=targets[:N_ROTORS])
-        self.data.ctrl[self._ctrl] = targets
-        if not np.array_equal(command.joint_torque_limit, self._torque_limit):
+        self._control[self._ctrl] = targets
+        if not (command.joint_torque_limit == self._torque_limit).all():
             self._limit_torque(command.joint_torque_limit.copy())
         mujoco.mj_step(self.model, self.data, self.config.substeps)
         self._in_contact = self.data.ncon > 0
@@ -175,20 +178,19 @@ class Plant:
 
     def state(self) -> RobotState:
         """The true state."""
-        data = self.data
-        q, v = data.qpos[self._qpos], data.qvel[self._qvel]
+        q, v = self._q.take(self._qpos), self._v.take(self._qvel)
         return RobotState(
-            time=data.time,
-            position_w=data.qpos[:3].copy(),
-            quat_wb=data.qpos[3:7].copy(),
-            velocity_w=data.qvel[:3].copy(),
-            omega_b=data.qvel[3:6].copy(),
+            time=self.data.time,
+            position_w=self._q[:3].copy(),
+            quat_wb=self._q[3:7].copy(),
+            velocity_w=self._v[:3].copy(),
+            omega_b=self._v[3:6].copy(),
             joint_position=q[:N_JOINTS],
             joint_velocity=v[:N_JOINTS],
             vectoring=q[N_JOINTS:].reshape(N_ROTORS, 2),
             vectoring_velocity=v[N_JOINTS:].reshape(N_ROTORS, 2),
-            thrust=data.act[self._act[:N_ROTORS]],
-            joint_torque=data.actuator_force[self._joint_servos],
+            thrust=self._a.take(self._act[:N_ROTORS]),
+            joint_torque=self._force.take(self._joint_servos),
         )
 
     @property
@@ -199,8 +201,7 @@ class Plant:
     @property
     def diverged(self) -> bool:
         """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
-        q, v = self.data.qpos, self.data.qvel
-        return not float(q @ q + v @ v) < 1e12
+        return not float(self._q @ self._q + self._v @ self._v) < 1e12
 
     def save(self) -> np.ndarray:
         """The full state of the simulation as one vector; `restore` continues from it bit for bit."""
