@@ -18,7 +18,7 @@ from spidar_gym.model.rotor import (
     update_lock,
     vectoring_to_force,
 )
-from spidar_gym.robot import FORMS
+from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.so3 import exp, rotation_y
 
 CONFIG = LockConfig()
@@ -229,15 +229,17 @@ def test_restricted_rotors_end_in_the_nominal_plane(model):
         close(direction(*point(up.tolist(), 0.0, 0.0, phi, min_force=0.0)), up)
 
 
-def test_a_rotor_is_released_only_after_it_arrived(model):
+def test_a_rotor_is_released_only_when_the_servo_can_turn_the_rest_in_one_tick(model):
     snapshot, nominal = upright(model, FORMS["form1"])
     lock = Lock(vertical=NONE, active=ALL, phi=np.linspace(0.1, 1.5, 8))
+    assert CONFIG.release <= ROBOT.max_vectoring_speed / 40.0
     for _ in range(60):
+        before = in_one_plane(lock.phi, nominal[:, 0])
         now = update_lock(lock, NONE, nominal, snapshot, lock.phi, config=CONFIG)
         released = lock.active & ~now.active
-        distance = in_one_plane(now.phi, nominal[:, 0])
-        assert np.all(distance[released] <= CONFIG.slew)
-        assert np.all(now.active[distance > CONFIG.slew])
+        assert np.all(before[released] <= CONFIG.release)
+        assert np.all(now.active[before > CONFIG.release])
+        np.testing.assert_array_equal(now.phi[released], lock.phi[released])
         lock = now
     assert not lock.active.any()
 

@@ -116,6 +116,8 @@ class LockConfig:
     """… and released when it is farther than this [rad]."""
     slew: float = 0.04
     """A held φ moves by at most this much a tick [rad] [JSK]."""
+    release: float = 0.25
+    """A φ that is led back is released when φ̂ is this close: what the servo turns in one tick [rad]."""
     least: float = 0.1
     """Least turn of a φ locked near a vertical link away from φ̂, towards the tangential plane [rad]."""
     most: float = 0.4
@@ -138,7 +140,8 @@ def update_lock(
     locked angle turns from φ̂ towards the plane that is **tangential** about the CoG as the link comes up to the
     vertical, from `least` to `most`, stays there through the vertical, and turns back as the link leaves. So a form of
     vertical links and restricted rotors, all of whose planes would be radial, keeps its yaw torque, and the branch is
-    the same on both sides of the vertical. A rotor that is neither any more is led to φ̂ and released when it arrives.
+    the same on both sides of the vertical. A rotor that is neither any more is led towards φ̂ and released when that is
+    near: led all the way, all planes would be radial once more.
     Every held angle moves by at most `slew` a tick. Differs from the lab's implementation, which searches for the
     angle of the largest guaranteed wrench.
 
@@ -164,7 +167,7 @@ def update_lock(
         rest = target - held
         if abs(rest) > HALF_PI:
             rest -= math.pi * round(rest / math.pi)
-        lock = upright or is_restricted[i] or (was_active[i] and abs(rest) > slew)
+        lock = upright or is_restricted[i] or (was_active[i] and abs(rest) > config.release)
         if lock:
             held += -slew if rest < -slew else slew if rest > slew else rest
         vertical.append(upright)
