@@ -189,7 +189,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             gymnasium.logger.warn("render() without a render_mode; valid: " + ", ".join(self.metadata["render_modes"]))
             return None
         if self.render_mode == "human":
-            self._renderer = self._renderer or renderer.Window()
+            self._renderer = self._renderer or renderer.Window(self.plant.period)
             return self._renderer.render(self.plant.data.qpos)
         self._renderer = self._renderer or renderer.OffscreenRenderer(self._camera, *self._size)
         return self._renderer.render(self.plant.data.qpos, depth=self.render_mode == "depth_array")

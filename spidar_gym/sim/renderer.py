@@ -7,6 +7,7 @@ import ctypes.util
 import importlib
 import os
 import sys
+import time
 from typing import Any
 
 import mujoco
@@ -84,10 +85,11 @@ class OffscreenRenderer:
 
 
 class Window:
-    """MuJoCo's interactive viewer."""
+    """MuJoCo's interactive viewer, which shows one configuration a `period` [s] of real time."""
 
-    def __init__(self) -> None:
+    def __init__(self, period: float) -> None:
         """Open the window (`SpidarError` where there is no screen)."""
+        self._period, self._due = period, 0.0
         require_display()
         self._model = scene(visual=True)
         self._data = mujoco.MjData(self._model)
@@ -95,15 +97,14 @@ class Window:
         self._viewer.opt.geomgroup[3] = 0
 
     def render(self, qpos: np.ndarray) -> None:
-        """Show a configuration."""
+        """Show a configuration; nothing happens any more once the user has closed the window."""
+        if not self._viewer.is_running():
+            return
         self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)
+        time.sleep(max(0.0, self._due - time.perf_counter()))
+        self._due = max(self._due, time.perf_counter() - self._period) + self._period
         self._viewer.sync()
-
-    @property
-    def is_open(self) -> bool:
-        """False once the user has closed it."""
-        return self._viewer is not None and self._viewer.is_running()
 
     def close(self) -> None:
         """Close the window; a second call does nothing."""
