@@ -14,7 +14,7 @@ WORKERS = str(min(4, os.cpu_count() or 1))
 STEPS: list[tuple[str, list[str]]] = [
     ("format", ["ruff", "format", "--check", "."]),
     ("lint", ["ruff", "check", "."]),
-    ("types", ["pyright"]),
+    ("types", ["pyright", "--pythonpath", sys.executable]),
     ("import layers", ["lint-imports"]),
     ("generated files", ["spidar", "assets", "--check"]),
     ("tests", ["pytest", "-n", WORKERS]),

@@ -141,7 +141,7 @@ def test_an_unknown_camera_is_refused_with_the_names_of_all():
 
 def test_a_window_without_a_display_is_refused_with_what_works_without(no_display):
     env = gymnasium.make(HOVER, render_mode="human")
-    for attempt in (require_display, Window, lambda: env.reset(seed=0)):
+    for attempt in (require_display, lambda: Window(0.025), lambda: env.reset(seed=0)):
         with pytest.raises(SpidarError, match="rgb_array"):
             attempt()
     env.close()
