@@ -51,7 +51,7 @@ class Workspace:
         settings.rho = RHO
         settings.adaptive_rho = 1
         settings.adaptive_rho_interval = 25
-        settings.check_termination = 5
+        settings.check_termination = 25
         settings.eps_abs = tolerance
         settings.eps_rel = 0.0
         settings.max_iter = max_iter
