@@ -5,7 +5,6 @@ MJCF, so every body carries an explicit inertial (Pinocchio drops the mass of ge
 are primitives of group 2; collision geoms are of group 3 and collide with the floor only.
 """
 
-import hashlib
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -390,8 +389,3 @@ def mjcf_path() -> Path:
     if not path.is_file() or path.read_text(encoding="utf-8") != _nominal_mjcf():
         raise StaleAssetError(path)
     return path
-
-
-def model_hash() -> str:
-    """SHA-256 of the MJCF: which robot a result belongs to."""
-    return hashlib.sha256(_nominal_mjcf().encode()).hexdigest()

@@ -36,11 +36,6 @@ CONTACT_SITES = FOOT_SITES + PEG_SITES
 """The 12 points made to touch the ground."""
 
 
-def joint_leg(joint: int) -> int:
-    """Leg (0 … 3) of a joint (0 … 15)."""
-    return joint // 4
-
-
 FORMS: dict[str, np.ndarray] = {
     name: np.tile(np.radians([0.0, inner, 0.0, outer]), N_LEGS)
     for name, (inner, outer) in {"form1": (0.0, 0.0), "form2": (30.0, 60.0), "form3": (45.0, 90.0)}.items()

@@ -1,4 +1,4 @@
-"""Rotations: skew, exponential and logarithm of SO(3), quaternions (the one place where their order lives)."""
+"""Rotations: skew, exponential and logarithm of SO(3), quaternions in the order w, x, y, z."""
 
 import math
 
@@ -77,16 +77,6 @@ def matrix_to_quat(R: Matrix3) -> Quaternion:
     quat = rows[int(np.argmax(np.diag(rows)))]
     quat = quat / math.sqrt(float(quat @ quat))
     return -quat if quat[0] < 0.0 else quat
-
-
-def to_xyzw(quat: Quaternion) -> Quaternion:
-    """Quaternion (x, y, z, w), Pinocchio's and ROS's order, of (w, x, y, z)."""
-    return np.roll(quat, -1)
-
-
-def from_xyzw(quat_xyzw: Quaternion) -> Quaternion:
-    """Quaternion (w, x, y, z), this package's and MuJoCo's order, of (x, y, z, w)."""
-    return np.roll(quat_xyzw, 1)
 
 
 def rotation_x(angle: float) -> Matrix3:

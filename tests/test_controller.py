@@ -176,6 +176,15 @@ def test_a_state_that_is_not_finite_repeats_the_last_command_and_leaves_no_trace
     holds_and_forgets(lambda state, reference: (spoiled(state, name, value), reference))
 
 
+def test_a_reference_that_goes_bad_in_place_is_noticed_as_well():
+    states, reference = flight(5, 2)
+    controller = controller_at(HOVER)
+    controller.step(states[0], reference)
+    reference.position_w[2] = np.nan
+    controller.step(states[1], reference)
+    assert controller.tick.allocation.status == AllocationStatus.HELD
+
+
 @NOT_FINITE
 @pytest.mark.parametrize("name", ["position_w", "quat_wb", "velocity_w", "omega_b", "joint_target"])
 def test_a_reference_that_is_not_finite_repeats_the_last_command_and_leaves_no_trace(name, value):

@@ -115,12 +115,6 @@ def test_joints_and_gimbals_are_named_in_the_papers_order():
     assert len(set(robot.CONTACT_SITES)) == 12
 
 
-def test_each_leg_owns_the_joints_of_its_two_links():
-    for joint, name in enumerate(robot.JOINT_NAMES):
-        link = int(re.findall(r"\d", name)[0])
-        assert robot.joint_leg(joint) == (link + 1) // 2 - 1
-
-
 def test_legs_point_to_the_four_diagonals_from_front_left_to_the_left():
     azimuths = [ROBOT.leg_azimuth(leg) for leg in range(4)]
     np.testing.assert_allclose(np.sign(np.cos(azimuths)), [1, -1, -1, 1])

@@ -131,22 +131,13 @@ class Controller:
         self._torque_limit = np.full(N_JOINTS, self.config.joint_torque_limit)
         self.memory: Memory
         self.tick: Tick | None = None
-        self._checked: Reference | None = None
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None) -> None:
         """Forget everything; start from the vectoring angles of `state` and from its joints or `joint_position`."""
-        zero = np.zeros(3)
         self.tick = None
-        self.memory = Memory(
-            integrals=Integrals(zero, zero),
-            lock=Lock(_ALL_FREE, _ALL_FREE, state.vectoring[:, 0].copy()),
-            interference=no_interference(),
-            vectoring=state.vectoring.copy(),
-            forces_l=vectoring_to_force(state.thrust, state.vectoring),
-            joint_position=(state.joint_position if joint_position is None else joint_position).copy(),
-            unallocated_w=zero,
-            unallocated_torque=zero,
-        )
+        joints = state.joint_position if joint_position is None else joint_position
+        forces = vectoring_to_force(state.thrust, state.vectoring)
+        self.memory = _fresh_memory(state.vectoring.copy(), forces, joints.copy())
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
         """(φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it [rad].
@@ -194,7 +185,7 @@ class Controller:
             The command for the next control period. `self.tick` keeps what led to it. A state or reference that is
             not finite is answered with the last command, a residual that is not finite is left out.
         """
-        if not (_valid_state(state) and self._is_valid(reference)):
+        if not (_valid_state(state) and _valid_reference(reference)):
             return self._hold()
         if residual is not NO_RESIDUAL and not _finite_residual(residual):
             residual = NO_RESIDUAL
@@ -217,14 +208,6 @@ class Controller:
         )
         return Command(allocation.thrust, vectoring, joints, self._torque_limit)
 
-    def _is_valid(self, reference: Reference) -> bool:
-        """Whether a reference is finite; the same one is not looked at twice."""
-        if reference is not self._checked:
-            if not _valid_reference(reference):
-                return False
-            self._checked = reference
-        return True
-
     def _hold(self) -> Command:
         """The last command once more, its status `held`."""
         memory = self.memory
@@ -237,11 +220,7 @@ class Controller:
     def demand_at(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench) -> Demand:
         """The demand of a first tick in a configuration, for benchmarks and tests: no history, interference avoided."""
         snapshot = self.model.snapshot(q, R_wb, vectoring)
-        zero = np.zeros(3)
-        memory = Memory(
-            Integrals(zero, zero), Lock(_ALL_FREE, _ALL_FREE, vectoring[:, 0]), no_interference(), vectoring,
-            np.zeros((N_ROTORS, 3)), q, zero, zero,
-        )  # fmt: skip
+        memory = _fresh_memory(vectoring, np.zeros((N_ROTORS, 3)), q)
         return self._demand(memory, snapshot, "flight", wrench)[0]
 
     def _demand(
@@ -295,6 +274,21 @@ class Controller:
             return command
         step = way * min(1.0, speed_scale * reach / longest)
         return command + np.minimum(np.maximum(step, -reach), reach)
+
+
+def _fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: JointVector) -> Memory:
+    """What the controller remembers before its first tick."""
+    zero = np.zeros(3)
+    return Memory(
+        integrals=Integrals(zero, zero),
+        lock=Lock(_ALL_FREE, _ALL_FREE, vectoring[:, 0]),
+        interference=no_interference(),
+        vectoring=vectoring,
+        forces_l=forces_l,
+        joint_position=joint_position,
+        unallocated_w=zero,
+        unallocated_torque=zero,
+    )
 
 
 def _valid_state(state: RobotState) -> bool:
