@@ -1,0 +1,100 @@
+"""What happens to the robot from outside: wind, pushes, a rotor that fails."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.arrays import Vector3
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.robot import N_ROTORS
+
+FAULTS = ("thrust", "vectoring")
+"""What a lost rotor loses: its thrust, or the motion of its vectoring servos."""
+LENGTH = np.array([23.0, 23.0, 3.05])
+"""Turbulence lengths u, v, w at 10 ft and below [m] [MIL-F-8785C]."""
+INTENSITY = np.array([0.196, 0.196, 0.1])
+"""Standard deviation of the turbulence over the wind speed there [MIL-F-8785C]."""
+PUSH_SECONDS = 0.2
+"""Length of a push [s]."""
+PUSH_EVERY = (5.0, 15.0)
+"""Seconds between two pushes, drawn evenly."""
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """Disturbances of an episode; all off by default."""
+
+    wind: float = 0.0
+    """Mean wind [m/s], from a direction drawn at reset, with first-order Dryden turbulence of that strength."""
+    push: float = 0.0
+    """Force of pushes on the torso [N], 0.2 s long, every 5 … 15 s, from a direction drawn each time."""
+    lost_rotor: int = 0
+    """Module that fails, 1 … 8; 0 for none. The controller is told."""
+    fault: str = "thrust"
+    """`thrust`: the module no longer thrusts; `vectoring`: its φ and θ stay where they are."""
+    fault_time: float = 2.0
+    """When it fails [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot happen."""
+        for name, unit in (("wind", "m/s"), ("push", "N"), ("fault_time", "s")):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+                raise InvalidValueError(name, value, f"a number of at least 0 [{unit}]")
+        if not (isinstance(self.lost_rotor, int) and 0 <= self.lost_rotor <= N_ROTORS):
+            raise InvalidValueError("lost_rotor", self.lost_rotor, f"a rotor number 1 … {N_ROTORS}, or 0 for none")
+        if self.fault not in FAULTS:
+            raise UnknownNameError("fault", self.fault, FAULTS)
+
+    @classmethod
+    def parse(cls, values: "Mapping[str, Any] | Disturbances | None") -> "Disturbances":
+        """From a dictionary, as `gym.make` and `reset` take it (`UnknownNameError` lists the valid names)."""
+        if isinstance(values, Disturbances):
+            return values
+        names = [f.name for f in fields(cls)]
+        for name in values or {}:
+            if name not in names:
+                raise UnknownNameError("disturbance", name, names)
+        return cls(**(values or {}))
+
+
+@dataclass
+class Weather:
+    """Wind and pushes of an episode as they unfold; everything that changes is in here."""
+
+    mean_w: Vector3 = field(default_factory=lambda: np.zeros(3))
+    """Mean wind [m/s]."""
+    gust_w: Vector3 = field(default_factory=lambda: np.zeros(3))
+    """Turbulence [m/s]."""
+    push_w: Vector3 = field(default_factory=lambda: np.zeros(3))
+    """Force of the push that is on now [N]."""
+    next_push: float = math.inf
+    """When the next push begins [s]."""
+    push_end: float = 0.0
+    """When the present one ends [s]."""
+
+    @classmethod
+    def draw(cls, disturbances: Disturbances, rng: np.random.Generator) -> "Weather":
+        """The weather at the start of an episode."""
+        azimuth = rng.uniform(-math.pi, math.pi)
+        mean = disturbances.wind * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+        gust = disturbances.wind * INTENSITY * rng.standard_normal(3)
+        first = rng.uniform(0.0, PUSH_EVERY[1]) if disturbances.push > 0.0 else math.inf
+        return cls(mean, gust, np.zeros(3), first)
+
+    def advance(self, disturbances: Disturbances, time: float, dt: float, rng: np.random.Generator) -> None:
+        """Let `dt` [s] pass until `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
+        if disturbances.wind > 0.0:
+            decay = np.exp(-max(disturbances.wind, 1.0) * dt / LENGTH)
+            spread = disturbances.wind * INTENSITY * np.sqrt(1.0 - decay * decay)
+            self.gust_w = decay * self.gust_w + spread * rng.standard_normal(3)
+        if time >= self.next_push - 1e-9:
+            direction = rng.standard_normal(3)
+            self.push_w = disturbances.push / math.sqrt(float(direction @ direction)) * direction
+            self.push_end = time + PUSH_SECONDS
+            self.next_push = time + rng.uniform(*PUSH_EVERY)
+        elif time >= self.push_end - 1e-9:
+            self.push_w = np.zeros(3)
