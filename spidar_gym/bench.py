@@ -19,7 +19,7 @@ from gymnasium.utils.performance import benchmark_step
 import spidar_gym.envs.registry
 from spidar_gym.control.allocator import Allocator
 from spidar_gym.control.controller import Controller, ControllerConfig
-from spidar_gym.control.modes import preset
+from spidar_gym.control.modes import find_allocation
 from spidar_gym.control.qp import Demand, assemble
 from spidar_gym.control.solver import closed_form
 from spidar_gym.envs.env import SpidarEnv
@@ -66,7 +66,7 @@ def summary(durations: list[float]) -> Timing:
 
 def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
     """Demands with wide wrenches in random forms: many active rows, some of them infeasible."""
-    controller = Controller(ControllerConfig(preset="paper"))
+    controller = Controller(ControllerConfig(allocation="paper"))
     demands = []
     for _ in range(count):
         q = rng.uniform(np.tile((-0.5, -0.2, -0.5, 0.0), 4), np.tile((0.5, 0.8, 0.5, 1.4), 4))
@@ -128,7 +128,7 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     reference = env.reference()
     mode = controller.allocator.modes["flight"]
     program = assemble(mode, demand)
-    allocator = Allocator(preset(preset_name))
+    allocator = Allocator(env.controller.allocator.modes)
     forces = controller.memory.forces_l
     saved = plant.save()
     figures = {
@@ -151,7 +151,7 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
 def _hard() -> dict[str, Any]:
     """Every hard state once, after one round that warms the caches."""
     demands = hard_demands(np.random.default_rng(0), HARD_STATES)
-    allocator = Allocator(preset("paper"))
+    allocator = Allocator(find_allocation("paper"))
     mode = allocator.modes["flight"]
     forces = np.zeros((N_ROTORS, 3))
     programs = [assemble(mode, demand) for demand in demands]

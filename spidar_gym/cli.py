@@ -5,36 +5,42 @@
 
 import contextlib
 import io
-import json
 import math
+import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import gymnasium
 import numpy as np
 import tyro
 from tqdm import tqdm
 
-from spidar_gym import experiments, viz
+from spidar_gym import experiments, studies, viz
+from spidar_gym import tune as tuning
 from spidar_gym.bench import bench_table, run_bench
 from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.modes import PRESETS
+from spidar_gym.control.presets import PRESETS
 from spidar_gym.description import CAMERAS, assets_dir, generated_files
 from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.page import page, pages
-from spidar_gym.envs.registry import ENVIRONMENTS, environment
+from spidar_gym.envs.registry import ENVIRONMENTS, Entry, environment
 from spidar_gym.envs.tasks import SEQUENCES, hover_height
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, StaleAssetError, UnknownNameError
-from spidar_gym.robot import FORMS, ROBOT
-from spidar_gym.sim.plant import Plant, scene
+from spidar_gym.files import json_text, output_folder, write_text
+from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
+from spidar_gym.scenario import CONDITIONS
+from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.plant import Plant
+from spidar_gym.sim.scene import scene
 
 app = tyro.extras.SubcommandApp()
 paper_app = tyro.extras.SubcommandApp()
 
 PresetArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(PRESETS) + "}")]
 FormsArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(SEQUENCES) + "}")]
+FaultArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(FAULTS) + "}")]
 CameraArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(CAMERAS) + "}")]
 
 
@@ -45,24 +51,43 @@ def flight(
     camera: CameraArg = "chase",
     json: tyro.conf.FlagCreatePairsOff[bool] = False,
     video: bool = True,
+    noise: tyro.conf.FlagCreatePairsOff[bool] = False,
+    seed: int = 0,
+    speeds: tyro.conf.FlagCreatePairsOff[bool] = False,
+    ablation: tyro.conf.FlagCreatePairsOff[bool] = False,
+    scenarios: int = 24,
+    workers: int = os.cpu_count() or 1,
 ) -> None:
     """Fly the paper's flight experiment (40 s, forms 1 to 2 to 3) and print our figures beside the paper's.
 
     Args:
-        preset: Allocation that flies: as_flown is what the robot flew, paper is the paper's cost and rows.
-        out: Folder for flight.json, flight.png and flight.mp4.
+        preset: Controller that flies: as_flown is what the robot flew, paper is the paper's cost and rows, tuned goes
+            beyond it.
+        out: Folder for flight.json, flight.png and flight.mp4; of --speeds: speeds.json and speeds.png.
         camera: Camera of the video.
         json: Print one JSON object on stdout and nothing else there.
         video: Film the flight (about as long as the flight itself).
+        noise: Fly with real sensors, 20 ms of delay and unequal rotors: the flight to compare with the paper's RMSE.
+        seed: Of that noise.
+        speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
+        ablation: Instead, the same at 0.2, 0.6, 1.0 rad/s, and with each option of tuned switched off.
+        scenarios: Flights of a cell of --speeds and --ablation.
+        workers: Processes for them.
     """
+    if scenarios < 1 or workers < 1:
+        name, value = ("scenarios", scenarios) if scenarios < 1 else ("workers", workers)
+        raise InvalidValueError(name, value, "a whole number of at least 1")
+    if speeds or ablation:
+        _speeds(output_folder(out), json, ablation, scenarios, workers)
+        return
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)
     if camera not in CAMERAS:
         raise UnknownNameError("camera", camera, CAMERAS)
-    folder = viz.output_folder(out)
+    folder = output_folder(out)
     remarks = []
     with tqdm(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}", file=sys.__stderr__) as bar:
-        log = experiments.fly_paper(preset, on_tick=bar.update)
+        log = experiments.fly_paper(preset, noise=noise, seed=seed, on_tick=bar.update)
     figures = experiments.flight_figures(log)
     text = json_text({"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}})
     write_text(folder / "flight.json", text)
@@ -84,13 +109,32 @@ def flight(
         print(remark, file=sys.__stderr__)
 
 
+def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: int) -> None:
+    """Compare controllers over joint speeds: table, JSON and figure."""
+    name = "ablation" if ablation else "speeds"
+    joint_speeds = studies.SPEEDS if ablation else studies.MANY_SPEEDS
+    flights = len(CONDITIONS) * len(joint_speeds) * len(studies.controllers(ablation)) * scenarios
+    with tqdm(total=flights, unit="flight", desc=name, file=sys.__stderr__) as bar:
+        rows = studies.speed_study(
+            speeds=joint_speeds, count=scenarios, ablation=ablation, workers=workers, on_flight=bar.update
+        )
+    text = json_text({name: rows})
+    write_text(folder / f"{name}.json", text)
+    print(text if json else studies.speed_table(rows))
+    if not ablation:
+        try:
+            viz.speed_figure(rows, folder / "speeds.png")
+        except MissingDependencyError as error:
+            print(f"no figure: {error}", file=sys.__stderr__)
+
+
 def _film(log: experiments.FlightLog, path: Path, camera: str) -> None:
     """Draw a flight's video with a progress bar; an interrupted one leaves no file."""
     film = viz.FlightVideo(path, camera=camera)
     finished = False
     try:
         for tick in tqdm(range(len(log.qpos)), unit="tick", desc="video", file=sys.__stderr__):
-            film.film(tick, log.qpos[tick], viz.flight_caption(tick))
+            film.film(tick, log.qpos[tick], viz.flight_caption(tick), log.thrust[tick])
         finished = True
     finally:
         film.close(keep=finished)
@@ -108,6 +152,13 @@ def run(
     preset: PresetArg = "paper",
     joint_speed: float = ROBOT.joint_speed,
     seconds: float | None = None,
+    wake: bool = True,
+    sensors: tyro.conf.FlagCreatePairsOff[bool] = False,
+    randomization: float = 0.0,
+    wind: float = 0.0,
+    push: float = 0.0,
+    lost_rotor: int = 0,
+    fault: FaultArg = "thrust",
     camera: CameraArg = "chase",
     out: Path | None = None,
     show: tyro.conf.FlagCreatePairsOff[bool] = False,
@@ -119,36 +170,37 @@ def run(
         episodes: How many episodes.
         seed: Seed of the first episode; the next ones follow it.
         forms: Form sequence.
-        preset: Allocation.
+        preset: Controller.
         joint_speed: Joint speed [rad/s].
         seconds: Length of an episode [s]; the environment's own if not given.
+        wake: Air between the rotors.
+        sensors: The controller sees real sensors through the estimator.
+        randomization: Strength of the domain randomisation, 0 … 1.
+        wind: Mean wind [m/s].
+        push: Force of pushes on the torso [N].
+        lost_rotor: Module that fails after 2 s, 1 … 8; 0 for none.
+        fault: What it loses.
         camera: Camera of the video.
         out: Video file to write (.mp4).
         show: Open a window.
     """
-    entry = environment(env_id)
-    if episodes < 1:
-        raise InvalidValueError("episodes", episodes, "a whole number of at least 1")
-    if camera not in CAMERAS:
-        raise UnknownNameError("camera", camera, CAMERAS)
-    if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
-        raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
-    if out is not None and (out.suffix != ".mp4" or out.is_dir()):
-        raise InvalidValueError("out", str(out), "a path of a file that ends in .mp4")
+    entry = _check_run(env_id, episodes, camera, seconds, out)
     horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
     env = gymnasium.make(
         env_id, forms=forms, preset=preset, joint_speed=joint_speed,
         horizon_s=horizon / CONTROL_RATE, max_episode_steps=horizon,
+        wake=wake, sensors=sensors, randomization=randomization,
+        disturbances={"wind": wind, "push": push, "lost_rotor": lost_rotor, "fault": fault},
         render_mode="human" if show else None,
     )  # fmt: skip
     inner = env.unwrapped
     assert isinstance(inner, SpidarEnv)
     film = None
     if out is not None:
-        viz.output_folder(out.parent)
+        output_folder(out.parent)
         film = viz.FlightVideo(out, camera=camera)
     zero = np.zeros(env.action_space.shape or ())
-    finished = False
+    finished, survived, succeeded = False, 0, 0
     try:
         for episode in range(episodes):
             env.reset(seed=seed + episode)
@@ -167,7 +219,10 @@ def run(
                             len(rewards),
                             inner.plant.data.qpos,
                             f"{env_id}  {forms}  {len(rewards) / CONTROL_RATE:5.1f} s",
+                            info["thrust"],
                         )
+            survived += not info["failure"]
+            succeeded += info["is_success"]
             rms = np.sqrt((np.array(errors) ** 2).sum(axis=0) / len(errors))
             print(
                 f"episode {episode + 1} (seed {seed + episode}): {len(rewards) / CONTROL_RATE:.1f} s, "
@@ -175,11 +230,78 @@ def run(
                 f"attitude {1e3 * np.linalg.norm(rms[3:]):.1f} mrad, "
                 + (f"failure: {info['failure']}" if info["failure"] else f"success: {info['is_success']}")
             )
+        if episodes > 1:
+            print(f"{survived} of {episodes} stayed in the air, {succeeded} of them with success")
         finished = True
     finally:
         if film is not None:
             film.close(keep=finished)
         env.close()
+
+
+def _check_run(env_id: str, episodes: int, camera: str, seconds: float | None, out: Path | None) -> Entry:
+    """The environment's entry, where the arguments of `run` make sense."""
+    entry = environment(env_id)
+    if episodes < 1:
+        raise InvalidValueError("episodes", episodes, "a whole number of at least 1")
+    if camera not in CAMERAS:
+        raise UnknownNameError("camera", camera, CAMERAS)
+    if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
+        raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
+    if out is not None and (out.suffix != ".mp4" or out.is_dir()):
+        raise InvalidValueError("out", str(out), "a path of a file that ends in .mp4")
+    return entry
+
+
+@app.command
+def lost(
+    preset: PresetArg = "paper", out: Path = Path("out/lost"), json: tyro.conf.FlagCreatePairsOff[bool] = False
+) -> None:
+    """Lose each rotor in each form, its thrust or its vectoring: what statics allows and what flight shows.
+
+    Args:
+        preset: Controller.
+        out: Folder for lost.json.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    if preset not in PRESETS:
+        raise UnknownNameError("preset", preset, PRESETS)
+    folder = output_folder(out)
+    with tqdm(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost", file=sys.__stderr__) as bar:
+        rows = studies.lost_rotors(preset, on_flight=bar.update)
+    text = json_text({"lost_rotors": rows})
+    write_text(folder / "lost.json", text)
+    print(text if json else studies.lost_table(rows))
+
+
+@app.command
+def tune(
+    out: Path = Path("out/tune"),
+    generations: int = 40,
+    population: int = 12,
+    flights: int = 6,
+    seed: int = 0,
+    workers: int = os.cpu_count() or 1,
+) -> None:
+    """Search the gains and compensations of preset tuned with CMA-ES; goes on where an earlier search in --out stopped.
+
+    Args:
+        out: Folder of the search's state and log, written after every generation.
+        generations: Generations in all.
+        population: Candidates a generation.
+        flights: Flights a candidate, of 7 s each, on seeds that nothing else flies.
+        seed: Seed of the search.
+        workers: Processes.
+    """
+    folder = output_folder(out)
+    with tqdm(unit="flight", desc="tune", file=sys.__stderr__) as bar:
+        last = tuning.tune(
+            folder, generations=generations, population=population, flights=flights, seed=seed, workers=workers,
+            on_flight=bar.update, on_generation=lambda line: bar.set_postfix(cost=f"{line['cost']:.3f}"),
+        )  # fmt: skip
+    print(json_text(last["parameters"]))
+    print(f"cost {last['cost']:.3f} after {last['generation'] + 1} generations, written to {folder / 'tune.json'}\n")
+    print(tuning.margin_table(tuning.configuration(last["parameters"])))
 
 
 @app.command
@@ -227,7 +349,7 @@ def assets(
         write_text(root / name, files[name])
     print(f"{len(stale)} of {len(files)} files written to {root}")
     if pictures:
-        folder = viz.output_folder(root / "pictures")
+        folder = output_folder(root / "pictures")
         viz.forms_picture(folder / "forms.png")
         viz.flight_figure(experiments.fly_paper("as_flown"), folder / "flight.png")
         print(f"pictures drawn in {folder}")
@@ -269,23 +391,6 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
         ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES), ("cameras", CAMERAS)
     ):  # fmt: skip
         print(f"{title}: {', '.join(names)}")
-
-
-def json_text(result: dict[str, Any]) -> str:
-    """One JSON object as text."""
-    return json.dumps(result, indent=2, ensure_ascii=False)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    viz.output_folder(path.parent)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        temporary.write_text(text if text.endswith("\n") else text + "\n", encoding="utf-8")
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
-    viz.replace_file(path, temporary)
 
 
 def _same(path: Path, text: str) -> bool:

@@ -1,13 +1,17 @@
-"""The three structs that cross every border: what the robot is, what it should do, what it is told.
+"""The structs that cross every border: what the robot is, what is measured, what it should do, what it is told.
 
 Field order is part of the interface: the onboard core's structs follow it.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
+from spidar_gym.arrays import JointVector, Quaternion, RotorMask, RotorVector, Vector3, Vectoring
+
+_NONE_LOST = np.zeros(8, bool)
+_NONE_LOST.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,38 @@ class RobotState:
 
 
 @dataclass(frozen=True, slots=True)
+class Measurement:
+    """What the sensors of the real robot have said since the last control tick; counts say how much of it is new."""
+
+    time: float
+    """Time of the control tick [s]."""
+    pose_count: int
+    """Frames of the motion capture that have arrived: the first rows of the three arrays below."""
+    pose_time: np.ndarray
+    """When each frame was taken, shape (4,) [s]."""
+    pose_position_w: np.ndarray
+    """Origin of the flight controller in the world, shape (4, 3) [m]."""
+    pose_quat_wb: np.ndarray
+    """Attitude of the torso (w, x, y, z), shape (4, 4)."""
+    imu_count: int
+    """Samples of the flight controller's inertial unit, oldest first."""
+    imu_time: np.ndarray
+    """Shape (8,) [s]."""
+    gyro_b: np.ndarray
+    """Angular velocity, torso axes, shape (8, 3) [rad/s]."""
+    specific_force_b: np.ndarray
+    """Acceleration minus gravity at the flight controller, torso axes, shape (8, 3) [m/s²]."""
+    encoder_time: float
+    """When the servos were read last [s]."""
+    joint_position: JointVector
+    """Indicated q [rad]."""
+    joint_torque: JointVector
+    """Torque that the joint servos report [Nm]."""
+    vectoring: Vectoring
+    """Indicated (φ, θ) [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
 class Reference:
     """What the robot should do at one instant."""
 
@@ -54,6 +90,10 @@ class Reference:
     """Form to move to [rad]; the controller moves the commanded joints there at the joint speed."""
     mode: str = "flight"
     """Name of the allocation mode, see `spidar_gym.control.modes`."""
+    lost_thrust: RotorMask = field(default_factory=lambda: _NONE_LOST)
+    """Modules declared lost, whose thrust is gone: the allocation does without them."""
+    lost_vectoring: RotorMask = field(default_factory=lambda: _NONE_LOST)
+    """Modules whose φ and θ no longer move: the allocation uses their thrust where it points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,3 +130,33 @@ class Residual:
 
 NO_RESIDUAL = Residual()
 """The paper's controller alone."""
+
+
+def valid_state(state: RobotState) -> bool:
+    """Whether every number that the controller reads of the state is finite, and the attitude is one."""
+    numbers = np.concatenate(
+        (
+            state.position_w, state.quat_wb, state.velocity_w, state.omega_b, state.joint_position,
+            state.joint_velocity, state.vectoring.reshape(-1),
+        )
+    )  # fmt: skip
+    # A tracking system that has lost the robot may send a quaternion of zeros.
+    return math.isfinite(float(numbers @ numbers)) and float(state.quat_wb @ state.quat_wb) > 0.25
+
+
+def valid_reference(reference: Reference) -> bool:
+    """Whether every number is finite and the attitude is one."""
+    numbers = np.concatenate(
+        (
+            reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,
+        )
+    )  # fmt: skip
+    return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > 0.25
+
+
+def valid_residual(residual: Residual) -> bool:
+    """Whether every number is finite."""
+    square = float(residual.wrench @ residual.wrench) + float(residual.joint_offset @ residual.joint_offset)
+    if residual.forces_l is not None:
+        square += float(np.vdot(residual.forces_l, residual.forces_l))
+    return math.isfinite(square + residual.joint_speed_scale)

@@ -1,14 +1,14 @@
 """Figures and videos of experiments."""
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spidar_gym.control.controller import CONTROL_RATE, Controller
-from spidar_gym.errors import MissingDependencyError, SpidarError
-from spidar_gym.experiments import FLIGHT_SECONDS, FlightLog
+from spidar_gym.errors import MissingDependencyError
+from spidar_gym.experiments import FLIGHT_SECONDS, UNRESTRICTED, FlightLog
+from spidar_gym.files import replace_file
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.renderer import OffscreenRenderer
@@ -16,33 +16,9 @@ from spidar_gym.sim.renderer import OffscreenRenderer
 INSTALL_VIZ = "pip install 'spidar-gym[viz]'"
 
 
-def replace_file(path: Path, temporary: Path) -> None:
-    """Move a finished file into its place, so that an interrupted run leaves no half of it."""
-    try:
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
-
-
-def output_folder(path: Path) -> Path:
-    """The folder, made if needed (`SpidarError` where it cannot be)."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SpidarError(f"cannot write into {path}: {error.strerror}; valid: a writable folder") from error
-    return path
-
-
 def flight_figure(log: FlightLog, path: Path) -> None:
     """The six panels of the paper's flight figure: errors, joints, torques, vectoring angles and thrusts of leg 1."""
-    try:
-        import matplotlib
-
-        matplotlib.use("Agg")
-        from matplotlib import pyplot as plt
-    except ImportError as error:
-        raise MissingDependencyError("matplotlib", INSTALL_VIZ) from error
+    plt = _pyplot()
     panels: list[tuple[str, str, np.ndarray, list[str]]] = [
         ("A  CoG position error", "[m]", log.position_error, ["x", "y", "z"]),
         ("B  attitude error", "[rad]", log.attitude_error, ["x", "y", "z"]),
@@ -57,17 +33,66 @@ def flight_figure(log: FlightLog, path: Path) -> None:
             axis.plot(log.time, column, label=label, linewidth=1.2)
         for edge in (4.0, 12.0):
             axis.axvline(edge, color="0.75", linewidth=0.8, linestyle="--")
+        for start, end in UNRESTRICTED:
+            axis.axvspan(start, end, color="tab:red", alpha=0.12, linewidth=0)
         axis.set_title(title, loc="left", fontsize=10)
         axis.set_ylabel(unit)
         axis.grid(alpha=0.3)
-        axis.legend(loc="right", fontsize=8)
+        axis.legend(loc="center left", fontsize=8)
         axis.margins(x=0)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     # The paper's own bands make the scale of the errors readable.
     for axis, band in ((axes[0, 0], 0.05), (axes[0, 1], 0.05)):
         axis.axhspan(-band, band, color="0.92", zorder=0)
-    figure.suptitle(f"Flight with joint motion, forms ① → ② → ③, preset {log.preset} (grey: the paper's ± 0.05 band)")
+    figure.suptitle(
+        f"Flight with joint motion, forms ① → ② → ③, preset {log.preset}{', with noise' if log.noise else ''}\n"
+        "grey: the paper's ± 0.05 band; red: interference rows dropped, 28.5–30 s and 35–36.5 s",
+        fontsize=11,
+    )
+    _save(figure, path)
+
+
+def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
+    """Errors against joint speed, `paper` beside `tuned`, nominal and randomised: interquartile means."""
+    plt = _pyplot()
+    conditions = list(dict.fromkeys(row["condition"] for row in rows))
+    figure, axes = plt.subplots(2, len(conditions), figsize=(11, 7), sharex=True, sharey="row", constrained_layout=True)
+    for column, condition in enumerate(conditions):
+        for axis, key, label in zip(
+            axes[:, column],
+            ("position_mm", "attitude_mrad"),
+            ("position error [mm]", "attitude error [mrad]"),
+            strict=True,
+        ):
+            for name in dict.fromkeys(row["controller"] for row in rows):
+                own = [row for row in rows if row["controller"] == name and row["condition"] == condition]
+                axis.plot([row["joint_speed"] for row in own], [row[key] for row in own], marker="o", label=name)
+            axis.set_ylabel(f"error in {label}" if column == 0 else "")
+            axis.set_ylim(bottom=0.0)
+            axis.grid(alpha=0.3)
+            axis.legend()
+        axes[0, column].set_title(condition, loc="left")
+        axes[1, column].set_xlabel("joint speed [rad/s]")
+    figure.suptitle("Random asymmetric forms: RMS norm a flight, first second left out, interquartile mean")
+    _save(figure, path)
+
+
+def _pyplot() -> Any:  # noqa: ANN401 - a module
+    """Matplotlib without a screen (`MissingDependencyError` says what to install)."""
+    try:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot as plt
+    except ImportError as error:
+        raise MissingDependencyError("matplotlib", INSTALL_VIZ) from error
+    return plt
+
+
+def _save(figure: Any, path: Path) -> None:  # noqa: ANN401 - a figure
+    from matplotlib import pyplot as plt
+
     temporary = path.with_name(f".{path.name}.part.png")
     figure.savefig(temporary, dpi=110)
     plt.close(figure)
@@ -140,10 +165,10 @@ class FlightVideo:
             raise
         self._stride = stride
 
-    def film(self, tick: int, qpos: np.ndarray, caption: str = "") -> None:
-        """Add a frame of a configuration, if this tick has one."""
+    def film(self, tick: int, qpos: np.ndarray, caption: str = "", thrust: np.ndarray | None = None) -> None:
+        """Add a frame of a configuration with its thrusts [N] and wakes, if this tick has one."""
         if tick % self._stride == 0:
-            self._writer.add(self._renderer.render(qpos), caption)
+            self._writer.add(self._renderer.render(qpos, thrust=thrust), caption)
 
     def close(self, *, keep: bool = True) -> None:
         """Finish the video, or throw it away."""
@@ -155,4 +180,6 @@ def flight_caption(tick: int) -> str:
     """Time and form of the flight experiment at a tick."""
     t = tick / CONTROL_RATE
     form = "form 1" if t < 4.0 else "form 1 to 2 to 3" if t < 11.9 else "form 3"
+    if any(start <= t < end for start, end in UNRESTRICTED):
+        form += ", constraint dropped"
     return f"{t:5.1f} s of {FLIGHT_SECONDS:.0f} s   {form}"

@@ -71,15 +71,18 @@ class ThrustBox:
 
     limit: float = ROBOT.max_thrust
     """λ̄ [N]."""
-    constant: ClassVar[bool] = True
+    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, dtype=bool)
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
-        """24 bounds, one for each unknown."""
+        """24 bounds, one for each unknown; zero for the rotors that are lost."""
         A.reshape(-1)[:: N_FORCES + 1] = 1.0
         u[:] = self.limit / FORCE_SCALE
         l[:] = -self.limit / FORCE_SCALE
+        if demand.lost.any():
+            gone = np.repeat(demand.lost, 3)
+            l[gone] = u[gone] = 0.0
 
 
 @dataclass(frozen=True)

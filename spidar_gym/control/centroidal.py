@@ -1,5 +1,7 @@
 """Centroidal motion control: position PID and SO(3) attitude control → desired wrench, with anti-windup."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +9,8 @@ import numpy as np
 from spidar_gym.arrays import Matrix3, Vector3, Wrench
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import GRAVITY
+from spidar_gym.so3 import quat_to_matrix, vee
+from spidar_gym.state import Reference, RobotState
 
 Gains = tuple[float, float, float]
 """P, I and D of one axis."""
@@ -28,6 +32,8 @@ class CentroidalConfig:
     """Each of the terms P, I, D of the position is clipped to ± this [m/s²]."""
     max_acceleration: tuple[float, float, float] = (10.0, 10.0, 28.0)
     """The sum of the position's terms is clipped to ± this [m/s²]."""
+    max_integration_speed: float = 0.1
+    """An axis whose velocity error exceeds this does not integrate its position error [m/s]."""
     max_angular_acceleration: float = 10.0
     """The attitude's terms and their sum are clipped to ± this [rad/s²]."""
 
@@ -106,13 +112,35 @@ def desired_wrench(
     return wrench
 
 
+def preload(snapshot: Snapshot, R_wb: Matrix3, trim: Wrench, *, config: CentroidalConfig) -> Integrals:
+    """Integrals whose terms are a wrench that is known to be needed; 0 on axes without an integral gain.
+
+    Args:
+        snapshot: Mass and centroidal inertia.
+        R_wb: Attitude of the torso.
+        trim: Wrench in {CoG} [N, Nm].
+        config: Gains.
+    """
+    acceleration, angular = R_wb @ trim[:3] / snapshot.mass, np.linalg.solve(snapshot.inertia_c, trim[3:])
+    gains = np.array([config.position_gains, config.attitude_gains])[:, :, 1]
+    values = np.divide([acceleration, angular], gains, out=np.zeros((2, 3)), where=gains > 0.0)
+    return Integrals(values[0], values[1])
+
+
 def integrate(
-    integrals: Integrals, error: MotionError, unallocated_w: Vector3, unallocated_torque: Vector3, *, dt: float
+    integrals: Integrals,
+    error: MotionError,
+    unallocated_w: Vector3,
+    unallocated_torque: Vector3,
+    *,
+    dt: float,
+    max_speed: float = math.inf,
 ) -> Integrals:
     """Advance the integrals by one tick, except along axes whose demand the allocation could not meet.
 
     An axis holds still when part of its demand went unallocated and its error would push the demand further that way:
-    what the rotors cannot give must not wind up [Zhao2025, Eq. 6, 7].
+    what the rotors cannot give must not wind up [Zhao2025, Eq. 6, 7]. A position axis that moves faster than
+    `max_speed` against its reference holds still too: on its way its error is a transient, not a bias.
 
     Args:
         integrals: ∫e_r, ∫e_R before the tick.
@@ -120,9 +148,13 @@ def integrate(
         unallocated_w: Desired minus allocated force of the last tick, world axes [N].
         unallocated_torque: Desired minus allocated torque of the last tick, torso axes [Nm].
         dt: Control period [s].
+        max_speed: Largest velocity error at which a position axis integrates [m/s].
     """
+    position = _advance(integrals.position_w, error.position_w, unallocated_w, 1.0, dt)
+    if max_speed < math.inf:
+        position = np.where(np.abs(error.velocity_w) > max_speed, integrals.position_w, position)
     return Integrals(
-        _advance(integrals.position_w, error.position_w, unallocated_w, 1.0, dt),
+        position,
         _advance(integrals.attitude, error.attitude, unallocated_torque, 0.1, dt),
     )
 
@@ -133,5 +165,34 @@ def _advance(integral: Vector3, error: Vector3, unallocated: Vector3, threshold:
         [
             i if abs(missing) > threshold and missing * e > 0.0 else i + dt * e
             for i, e, missing in zip(integral.tolist(), error.tolist(), unallocated.tolist(), strict=True)
+        ]
+    )
+
+
+def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_wb: np.ndarray) -> MotionError:
+    """e_r, ė_r, e_R, e_ω of the CoG's motion, desired − actual [Zhao2025, Eq. 6, 7]."""
+    rows = R_wb.tolist()
+    com = snapshot.com_b.tolist()
+    # Velocity of the CoG against the torso's origin, torso axes: the turning torso's share and the moving joints'.
+    x, y, z = state.omega_b.tolist()
+    vx, vy, vz = (snapshot.momentum_map[:3] @ state.joint_velocity).tolist()
+    m, (cx, cy, cz) = snapshot.mass, com
+    relative = (vx / m + y * cz - z * cy, vy / m + z * cx - x * cz, vz / m + x * cy - y * cx)
+    R_error = R_wb.T @ quat_to_matrix(reference.quat_wb)
+    return MotionError(
+        position_w=_offset(reference.position_w, state.position_w, rows, com),
+        velocity_w=_offset(reference.velocity_w, state.velocity_w, rows, relative),
+        attitude=vee(R_error),
+        omega_b=R_error @ reference.omega_b - state.omega_b,
+    )
+
+
+def _offset(desired: np.ndarray, actual: np.ndarray, rows: list[list[float]], shift: Sequence[float]) -> np.ndarray:
+    """Desired − (actual + R shift), in plain numbers: arrays of three cost more than their arithmetic."""
+    x, y, z = shift
+    return np.array(
+        [
+            d - a - (r[0] * x + r[1] * y + r[2] * z)
+            for d, a, r in zip(desired.tolist(), actual.tolist(), rows, strict=True)
         ]
     )

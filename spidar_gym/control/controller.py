@@ -1,7 +1,6 @@
 """The stack: (state, reference, residual) → command. Snapshot, wrench, allocation, vectoring, joint targets."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,8 +15,20 @@ from spidar_gym.control.centroidal import (
     clip,
     desired_wrench,
     integrate,
+    motion_error,
+    preload,
 )
-from spidar_gym.control.modes import preset
+from spidar_gym.control.compensation import (
+    CompensationConfig,
+    CompensationMemory,
+    fresh_compensation,
+    lead_forces,
+    momentum_torque,
+    observe_wrench,
+    ramp_joints,
+    servo_response,
+)
+from spidar_gym.control.modes import find_allocation
 from spidar_gym.control.qp import Demand
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model, Snapshot
@@ -32,8 +43,17 @@ from spidar_gym.model.rotor import (
     vectoring_to_force,
 )
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.so3 import quat_to_matrix, vee
-from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.state import (
+    NO_RESIDUAL,
+    Command,
+    Reference,
+    Residual,
+    RobotState,
+    valid_reference,
+    valid_residual,
+    valid_state,
+)
 
 CONTROL_RATE = 40.0
 """Control rate [Hz] [Zhao2025, Sec. Robot Platform]."""
@@ -44,8 +64,8 @@ _ALL_FREE = np.zeros(N_ROTORS, bool)
 class ControllerConfig:
     """Everything that can be chosen about the controller."""
 
-    preset: str = "paper"
-    """Name of the allocation's blocks, see `spidar_gym.control.modes.PRESETS`."""
+    allocation: str = "paper"
+    """Name of the allocation's blocks, see `spidar_gym.control.modes.ALLOCATIONS`."""
     joint_speed: float = ROBOT.joint_speed
     """Speed of the planned joint motion [rad/s]; the servos are told the same limit."""
     joint_torque_limit: float = ROBOT.max_joint_torque
@@ -54,6 +74,8 @@ class ControllerConfig:
     """Control rate [Hz]."""
     centroidal: CentroidalConfig = field(default_factory=CentroidalConfig)
     """Gains."""
+    compensation: CompensationConfig = field(default_factory=CompensationConfig)
+    """What goes beyond the paper's quasi-static control."""
     allocator: AllocatorConfig = field(default_factory=AllocatorConfig)
     """Solver settings."""
     interference: InterferenceConfig = field(default_factory=InterferenceConfig)
@@ -89,6 +111,10 @@ class Memory:
     """Force that the last tick could not allocate, world axes [N]."""
     unallocated_torque: Vector3
     """Torque that it could not allocate, torso axes [Nm]."""
+    joint_velocity: JointVector
+    """Rate of q^d in the last tick [rad/s]."""
+    compensation: CompensationMemory
+    """What the compensations remember."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,21 +149,36 @@ class Controller:
     """The paper's controller for one robot; owns the model, the solver's work space and the memory."""
 
     def __init__(self, config: ControllerConfig | None = None, model: Model | None = None) -> None:
-        """Build the allocation named by the preset (`UnknownNameError` lists the valid ones)."""
+        """Build the allocation (`UnknownNameError` lists the valid ones)."""
         self.config = config or ControllerConfig()
         self.model = model or Model()
-        self.allocator = Allocator(preset(self.config.preset), self.config.allocator)
+        self.allocator = Allocator(find_allocation(self.config.allocation), self.config.allocator)
         self.dt = 1.0 / self.config.rate_hz
         self._torque_limit = np.full(N_JOINTS, self.config.joint_torque_limit)
         self.memory: Memory
         self.tick: Tick | None = None
 
-    def reset(self, state: RobotState, joint_position: JointVector | None = None) -> None:
-        """Forget everything; start from the vectoring angles of `state` and from its joints or `joint_position`."""
+    def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
+        """Forget everything.
+
+        Args:
+            state: Where the robot is; its vectoring angles are those last commanded.
+            joint_position: q^d to start from [rad]; the joints of `state` by default.
+            trim: Wrench in {CoG} that a hover is known to take beyond the model's [N, Nm]; the integrals start with it.
+        """
         self.tick = None
         joints = state.joint_position if joint_position is None else joint_position
         forces = vectoring_to_force(state.thrust, state.vectoring)
         self.memory = _fresh_memory(state.vectoring.copy(), forces, joints.copy())
+        if trim is not None:
+            R_wb = quat_to_matrix(state.quat_wb)
+            snapshot = self.model.snapshot(joints, R_wb, state.vectoring)
+            # What the observer is going to cancel, the integrals need not hold.
+            share = self.config.compensation.observer_gain
+            integrals = preload(snapshot, R_wb, (1.0 - share) * trim, config=self.config.centroidal)
+            external = -np.concatenate((R_wb @ trim[:3], R_wb @ trim[3:]))
+            compensation = fresh_compensation(joints, external)
+            self.memory = replace(self.memory, integrals=integrals, compensation=compensation)
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
         """(φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it [rad].
@@ -185,28 +226,67 @@ class Controller:
             The command for the next control period. `self.tick` keeps what led to it. A state or reference that is
             not finite is answered with the last command, a residual that is not finite is left out.
         """
-        if not (_valid_state(state) and _valid_reference(reference)):
+        if not (valid_state(state) and valid_reference(reference)):
             return self._hold()
-        if residual is not NO_RESIDUAL and not _finite_residual(residual):
+        if residual is not NO_RESIDUAL and not valid_residual(residual):
             residual = NO_RESIDUAL
-        memory = self.memory
+        memory, options = self.memory, self.config.compensation
         percept = percept or self.perceive(state, reference)
         R_wb, snapshot, error = percept.R_wb, percept.snapshot, percept.error
-        integrals = integrate(memory.integrals, error, memory.unallocated_w, memory.unallocated_torque, dt=self.dt)
-        wrench = desired_wrench(snapshot, R_wb, state.omega_b, error, integrals, config=self.config.centroidal)
+        joints, speed = self._joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
+        gains = self.config.centroidal
+        integrals = integrate(
+            memory.integrals, error, memory.unallocated_w, memory.unallocated_torque,
+            dt=self.dt, max_speed=gains.max_integration_speed,
+        )  # fmt: skip
+        wrench = desired_wrench(snapshot, R_wb, state.omega_b, error, integrals, config=gains)
+        compensation, more = self._compensate(state, reference, percept, joints)
+        wrench += more
         wrench += residual.wrench
-        demand, lock, bounds = self._demand(memory, snapshot, reference.mode, wrench)
+        demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():
             allocation = self.allocator.project(demand, allocation.forces_l + residual.forces_l, memory.forces_l)
-        vectoring = self._vectoring(allocation.forces_l, lock)
-        joints = self._joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
-        self.tick = Tick(percept, wrench, demand, allocation, (joints - memory.joint_position) / self.dt)
+        forces = allocation.forces_l
+        if options.vectoring_lead > 0.0:
+            forces = lead_forces(
+                forces, snapshot, state.omega_b, compensation.servo_velocity, lead=options.vectoring_lead
+            )
+        vectoring = self._vectoring(forces, lock)
+        self.tick = Tick(percept, wrench, demand, allocation, speed)
         unallocated = allocation.unallocated_wrench
         self.memory = Memory(
-            integrals, lock, bounds, vectoring, allocation.forces_l, joints, R_wb @ unallocated[:3], unallocated[3:]
-        )
+            integrals, lock, bounds, vectoring, allocation.forces_l, joints, R_wb @ unallocated[:3], unallocated[3:],
+            speed, compensation,
+        )  # fmt: skip
         return Command(allocation.thrust, vectoring, joints, self._torque_limit)
+
+    def _compensate(
+        self, state: RobotState, reference: Reference, percept: Percept, joints: JointVector
+    ) -> tuple[CompensationMemory, Wrench]:
+        """What the compensations add to the desired wrench, and what they remember; `joints` is the new q^d."""
+        memory, options, dt = self.memory.compensation, self.config.compensation, self.dt
+        more = np.zeros(6)
+        if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
+            return memory, more
+        R_wb, snapshot, omega = percept.R_wb, percept.snapshot, state.omega_b
+        if options.observer_gain and self.tick is not None:
+            external, delivered, momentum = observe_wrench(
+                snapshot, memory, R_wb, omega, reference.velocity_w - percept.error.velocity_w,
+                self.tick.allocation.wrench, config=options, dt=dt,
+            )  # fmt: skip
+            memory = replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
+            more[:3] = -options.observer_gain * (external[:3] @ R_wb)
+            more[3:] = -options.observer_gain * (external[3:] @ R_wb)
+        position, velocity = servo_response(
+            memory.servo_position, memory.servo_velocity, joints, bandwidth=options.servo_bandwidth, dt=dt
+        )
+        memory = replace(memory, servo_position=position, servo_velocity=velocity)
+        if options.momentum_gain:
+            torque, h = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
+            memory = replace(memory, torque=torque, momentum=h)
+            more[3:] += options.momentum_gain * torque
+        return memory, more
 
     def _hold(self) -> Command:
         """The last command once more, its status `held`."""
@@ -217,24 +297,29 @@ class Controller:
         thrust = np.linalg.norm(memory.forces_l, axis=1)
         return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
 
-    def demand_at(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench) -> Demand:
+    def demand_at(
+        self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench, reference: Reference | None = None
+    ) -> Demand:
         """The demand of a first tick in a configuration, for benchmarks and tests: no history, interference avoided."""
         snapshot = self.model.snapshot(q, R_wb, vectoring)
         memory = _fresh_memory(vectoring, np.zeros((N_ROTORS, 3)), q)
-        return self._demand(memory, snapshot, "flight", wrench)[0]
+        level = Reference(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), q)
+        return self._demand(memory, snapshot, reference or level, vectoring, wrench)[0]
 
     def _demand(
-        self, memory: Memory, snapshot: Snapshot, mode: str, wrench: Wrench
+        self, memory: Memory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench
     ) -> tuple[Demand, Lock, Interference]:
         """What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted."""
         config = self.config
         nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
         bounds = interference(snapshot, nominal, memory.interference, config=config.interference)
-        if not self.allocator.mode(mode).avoid_interference:
+        if not self.allocator.mode(reference.mode).avoid_interference:
             bounds = replace(bounds, restricted=_ALL_FREE)
         lock = update_lock(
             memory.lock, bounds.restricted, nominal, snapshot, memory.vectoring[:, 0], config=config.lock
         )
+        if reference.lost_thrust.any() or reference.lost_vectoring.any():
+            lock, bounds = _without(reference, lock, bounds, vectoring)
         demand = Demand(
             wrench=wrench,
             thrust_map=thrust_map(snapshot.R_bl, snapshot.rotor_c),
@@ -245,6 +330,7 @@ class Controller:
             restricted=bounds.restricted,
             lower=bounds.lower,
             upper=bounds.upper,
+            lost=reference.lost_thrust,
         )
         return demand, lock, bounds
 
@@ -260,20 +346,45 @@ class Controller:
             angles.append((phi0 + clip(phi - phi0, step), theta0 + clip(theta - theta0, step)))
         return np.array(angles)
 
-    def _joints(self, target: JointVector, speed_scale: float) -> JointVector:
-        """Next joint command on the straight line to `target`: all joints arrive together [Zhao2025, Tab. 1].
+    def _joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
+        """Next joint command on the straight line to `target`, and its rate: all joints arrive together.
 
-        The slowest joint moves at the joint speed; `speed_scale` scales all, and no joint exceeds the joint speed,
-        which is also what the servos allow.
+        The slowest joint moves at the joint speed [Zhao2025, Tab. 1]; `speed_scale` scales all, and no joint exceeds
+        the joint speed, which is also what the servos allow.
         """
-        command = self.memory.joint_position
-        way = np.minimum(np.maximum(target, -ROBOT.joint_limit), ROBOT.joint_limit) - command
+        config, command, dt = self.config, self.memory.joint_position, self.dt
+        target = np.minimum(np.maximum(target, -ROBOT.joint_limit), ROBOT.joint_limit)
+        if config.compensation.joint_ramp > 0.0:
+            speed = config.joint_speed * min(1.0, max(0.0, speed_scale))
+            return ramp_joints(
+                command, self.memory.joint_velocity, target,
+                speed=max(speed, 1e-6), ramp=config.compensation.joint_ramp, dt=dt,
+            )  # fmt: skip
+        way = target - command
         longest = float(np.abs(way).max())
-        reach = self.config.joint_speed * self.dt
+        reach = config.joint_speed * dt
         if longest == 0.0:
-            return command
+            return command, np.zeros(N_JOINTS)
         step = way * min(1.0, speed_scale * reach / longest)
-        return command + np.minimum(np.maximum(step, -reach), reach)
+        following = command + np.minimum(np.maximum(step, -reach), reach)
+        return following, (following - command) / dt
+
+
+_NARROW = 0.01
+"""Half of the wedge that stands for the one direction of a module whose vectoring is stuck [rad]."""
+
+
+def _without(reference: Reference, lock: Lock, bounds: Interference, vectoring: Vectoring) -> tuple[Lock, Interference]:
+    """Lock and bounds where modules are lost: no rows for those without thrust, one direction for those stuck."""
+    gone, stuck = reference.lost_thrust, reference.lost_vectoring
+    lock = replace(lock, active=(lock.active | stuck) & ~gone, phi=np.where(stuck, vectoring[:, 0], lock.phi))
+    bounds = replace(
+        bounds,
+        restricted=(bounds.restricted | stuck) & ~gone,
+        lower=np.where(stuck, vectoring[:, 1] - _NARROW, bounds.lower),
+        upper=np.where(stuck, vectoring[:, 1] + _NARROW, bounds.upper),
+    )
+    return lock, bounds
 
 
 def _fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: JointVector) -> Memory:
@@ -288,61 +399,6 @@ def _fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: J
         joint_position=joint_position,
         unallocated_w=zero,
         unallocated_torque=zero,
-    )
-
-
-def _valid_state(state: RobotState) -> bool:
-    """Whether every number that the controller reads of the state is finite, and the attitude is one."""
-    numbers = np.concatenate(
-        (
-            state.position_w, state.quat_wb, state.velocity_w, state.omega_b, state.joint_position,
-            state.joint_velocity, state.vectoring.reshape(-1),
-        )
-    )  # fmt: skip
-    # A tracking system that has lost the robot may send a quaternion of zeros.
-    return math.isfinite(float(numbers @ numbers)) and float(state.quat_wb @ state.quat_wb) > 0.25
-
-
-def _valid_reference(reference: Reference) -> bool:
-    numbers = np.concatenate(
-        (
-            reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,
-        )
-    )  # fmt: skip
-    return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > 0.25
-
-
-def _finite_residual(residual: Residual) -> bool:
-    square = float(residual.wrench @ residual.wrench) + float(residual.joint_offset @ residual.joint_offset)
-    if residual.forces_l is not None:
-        square += float(np.vdot(residual.forces_l, residual.forces_l))
-    return math.isfinite(square + residual.joint_speed_scale)
-
-
-def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_wb: np.ndarray) -> MotionError:
-    """e_r, ė_r, e_R, e_ω of the CoG's motion, desired − actual [Zhao2025, Eq. 6, 7]."""
-    rows = R_wb.tolist()
-    com = snapshot.com_b.tolist()
-    # Velocity of the CoG against the torso's origin, torso axes: the turning torso's share and the moving joints'.
-    x, y, z = state.omega_b.tolist()
-    vx, vy, vz = (snapshot.momentum_map[:3] @ state.joint_velocity).tolist()
-    m, (cx, cy, cz) = snapshot.mass, com
-    relative = (vx / m + y * cz - z * cy, vy / m + z * cx - x * cz, vz / m + x * cy - y * cx)
-    R_error = R_wb.T @ quat_to_matrix(reference.quat_wb)
-    return MotionError(
-        position_w=_offset(reference.position_w, state.position_w, rows, com),
-        velocity_w=_offset(reference.velocity_w, state.velocity_w, rows, relative),
-        attitude=vee(R_error),
-        omega_b=R_error @ reference.omega_b - state.omega_b,
-    )
-
-
-def _offset(desired: np.ndarray, actual: np.ndarray, rows: list[list[float]], shift: Sequence[float]) -> np.ndarray:
-    """Desired − (actual + R shift), in plain numbers: arrays of three cost more than their arithmetic."""
-    x, y, z = shift
-    return np.array(
-        [
-            d - a - (r[0] * x + r[1] * y + r[2] * z)
-            for d, a, r in zip(desired.tolist(), actual.tolist(), rows, strict=True)
-        ]
+        joint_velocity=np.zeros(N_JOINTS),
+        compensation=fresh_compensation(joint_position, np.zeros(6)),
     )

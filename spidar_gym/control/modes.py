@@ -1,4 +1,4 @@
-"""Modes and presets as data: which blocks make the paper's allocation, and which the one that was flown."""
+"""Modes as data: which blocks make the paper's allocation, and which the one that was flown."""
 
 from spidar_gym.control.blocks import (
     InterferenceBound,
@@ -17,7 +17,7 @@ FORCE_ROWS = (VectoringLock(), InterferenceBound())
 
 
 def _flight(costs: tuple[Cost, ...], constraints: tuple[Constraint, ...]) -> dict[str, Mode]:
-    """The two flight modes of a preset: with interference avoidance, and the paper's baseline without."""
+    """The two flight modes of an allocation: with interference avoidance, and the paper's baseline without."""
     return {
         mode.name: mode
         for mode in (
@@ -27,7 +27,7 @@ def _flight(costs: tuple[Cost, ...], constraints: tuple[Constraint, ...]) -> dic
     }
 
 
-PRESETS: dict[str, dict[str, Mode]] = {
+ALLOCATIONS: dict[str, dict[str, Mode]] = {
     # [Zhao2025, Eq. 9-13, 30-32] with w₁ = 1 N⁻² and w₂ = 1 (Nm)⁻²; the paper gives no weights.
     "paper": _flight(
         costs=(ThrustEffort(1.0), JointTorqueEffort(1.0)),
@@ -39,11 +39,11 @@ PRESETS: dict[str, dict[str, Mode]] = {
 """Allocations by name; each maps the names of its modes to them."""
 
 PROJECTION = Mode("projection", costs=(ThrustEffort(),), constraints=(ThrustBox(), JointTorqueLimit(), *FORCE_ROWS))
-"""The rows that a learned force is moved into, whatever the preset: [Zhao2025, Eq. 12, 13, 30-32]."""
+"""The rows that a learned force is moved into, whatever the allocation: [Zhao2025, Eq. 12, 13, 30-32]."""
 
 
-def preset(name: str) -> dict[str, Mode]:
-    """The modes of a preset by name (`UnknownNameError` lists the valid ones)."""
-    if name not in PRESETS:
-        raise UnknownNameError("preset", name, PRESETS)
-    return PRESETS[name]
+def find_allocation(name: str) -> dict[str, Mode]:
+    """The modes of an allocation by name (`UnknownNameError` lists the valid ones)."""
+    if name not in ALLOCATIONS:
+        raise UnknownNameError("allocation", name, ALLOCATIONS)
+    return ALLOCATIONS[name]

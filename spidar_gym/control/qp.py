@@ -49,12 +49,15 @@ class Demand:
     """Lower bounds of θ [rad], read where restricted."""
     upper: RotorVector
     """Upper bounds of θ [rad], read where restricted."""
+    lost: RotorMask
+    """Rotors that give no force."""
 
 
 _ROTORS, _JOINTS = np.zeros(N_ROTORS), np.zeros(N_JOINTS)
 NO_DEMAND = Demand(
     wrench=np.zeros(6), thrust_map=np.zeros((6, N_FORCES)), torque_map=np.zeros((N_JOINTS, N_FORCES)),
     gravity_torque=_JOINTS, locked=_ROTORS > 0, phi=_ROTORS, restricted=_ROTORS > 0, lower=_ROTORS, upper=_ROTORS,
+    lost=_ROTORS > 0,
 )  # fmt: skip
 """A demand of zeros: what constant blocks are handed, which do not read it."""
 

@@ -1,6 +1,7 @@
 """The one environment class: plant, controller and task behind Gymnasium's interface."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,15 +10,21 @@ import numpy as np
 from gymnasium import spaces
 
 from spidar_gym.control.allocator import AllocatorConfig
-from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig, Percept
+from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig
+from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.observation import LegMomentum, Preview, layout, observe
+from spidar_gym.control.presets import controller_config
 from spidar_gym.description import CAMERAS
 from spidar_gym.envs.actions import direct_command, find_action_mode
 from spidar_gym.envs.tasks import NO_NEXT_FORM, REWARD_TERMS, TASKS, Progress
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.model.rotor import vectoring_to_force
+from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.plant import MAX_HEIGHT, MAX_WIDTH, Plant, PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.energy import endurance_min
+from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.randomize import check_strength, randomize
+from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
 from spidar_gym.so3 import exp, log, matrix_to_quat
 from spidar_gym.state import Command, Reference, RobotState
 
@@ -40,8 +47,15 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         *,
         action_mode: str = "residual_wrench",
         preset: str = "paper",
+        controller: ControllerConfig | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         idle_thrust: float = 0.0,
+        plant: PlantConfig | None = None,
+        wake: bool = True,
+        battery: bool = False,
+        sensors: bool = False,
+        randomization: float = 0.0,
+        disturbances: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
         width: int = 640,
@@ -53,9 +67,16 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Args:
             task: Name of the task; `gym.make` fills it in.
             action_mode: What the action means.
-            preset: Which allocation the controller runs.
+            preset: Which controller: allocation, gains, compensations.
+            controller: A controller of one's own in place of a preset; its joint speed is the task's.
             max_iter: Iteration cap of the QP solver.
             idle_thrust: Least thrust of a module [N].
+            plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
+            wake: Whether there is air: jets, drag, ground effect.
+            battery: Whether the largest thrust falls with the voltage.
+            sensors: Whether the controller sees what the real sensors and the estimator say, or the true state.
+            randomization: Strength of the domain randomisation, 0 … 1.
+            disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
             width: Width of the pictures [px].
@@ -83,8 +104,24 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._mode = find_action_mode(action_mode)
         joint_speed = self.task.joint_speed
         allocator = AllocatorConfig(max_iter=max_iter)
-        self.controller = Controller(ControllerConfig(preset=preset, joint_speed=joint_speed, allocator=allocator))
-        self.plant = Plant(PlantConfig(joint_speed=joint_speed, idle_thrust=idle_thrust))
+        base = controller_config(preset) if controller is None else controller
+        self.controller = Controller(replace(base, joint_speed=joint_speed, allocator=allocator))
+        check_strength(randomization)
+        self._strength = randomization
+        self._disturbances = Disturbances.parse(disturbances)
+        robot = plant or PlantConfig()
+        self._nominal = replace(
+            robot,
+            joint_speed=joint_speed,
+            idle_thrust=idle_thrust or robot.idle_thrust,
+            sense=robot.sense or sensors,
+            aero=replace(robot.aero, wake=robot.aero.wake and wake),
+            actuators=replace(robot.actuators, battery=robot.actuators.battery or battery),
+        )
+        self._described = plant is None and randomization == 0.0
+        self.plant = Plant(self._nominal)
+        self.estimator = Estimator()
+        self._draws: dict[str, np.ndarray] = {}
         self.render_mode = render_mode
         self._camera, self._size = camera, (width, height)
         self._renderer: Any = None
@@ -111,20 +148,27 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Args:
             seed: Seed of the environment's generator, which draws schedule and initial offset.
-            options: `{"forms": name}` sets the form sequence of this episode and those after it.
+            options: `{"forms": name}` sets the form sequence, `{"disturbances": {...}}` what happens to the robot, in
+                this episode and those after it.
 
         Returns:
             Observation and info.
         """
         super().reset(seed=seed)
         for name, value in (options or {}).items():
-            if name != "forms":
-                raise UnknownNameError("reset option", name, ["forms"])
-            self.task = replace(self.task, forms=value)
+            if name == "forms":
+                self.task = replace(self.task, forms=value)
+            elif name == "disturbances":
+                self._disturbances = Disturbances.parse(value)
+            else:
+                raise UnknownNameError("reset option", name, ["forms", "disturbances"])
         rng = self.np_random
         self._reference = None
         self._progress = Progress(self.task.schedule(rng))
         position, rotation = self.task.offset(rng)
+        if self._strength > 0.0:
+            config, self._draws = randomize(self._nominal, rng, self._strength)
+            self.plant.configure(config)
         q = self.progress.goal.joint_target
         R_wb = exp(rotation)
         vectoring = self.controller.rest_vectoring(q)
@@ -135,13 +179,22 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             q,
             vectoring,
             np.full(N_ROTORS, ROBOT.hover_thrust),
+            disturbances=self._disturbances,
+            # Of its own, so that what the weather draws does not change what the next episode is.
+            rng=rng.spawn(1)[0],
         )
-        self.controller.reset(self._state, q)
+        self._seen = self._state
+        if self._nominal.sense:
+            self.estimator.reset(self._state)
+            self._seen = self.estimator.update(self.plant.measure(), self._state.thrust)
+        # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
+        trim = None if self._described else self._trim(q)
+        self.controller.reset(self._seen, q, trim)
         self._action = np.zeros(self._mode.size)
         self._legs = LegMomentum(_STILL, _STILL)
         self._joint_velocity = _NO_JOINTS
         self._command: Command | None = None
-        self._percept = self.controller.perceive(self._state, self.reference())
+        self._look()
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info(self._errors(), "")
@@ -165,15 +218,21 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not math.isfinite(action.sum()):
             raise InvalidValueError("action", action.tolist(), "finite numbers within −1 … 1")
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
-        self._command = self._act(self.state, self._action)
+        progress = self.progress
+        self._command = self._act(self._seen, self._action)
         self._state = self.plant.step(self._command)
         if self.plant.diverged:
             info = self._info((np.zeros(3), np.zeros(3)), "diverged")
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
-        progress = self.progress
-        errors = self._perceive()
+        self._seen = self._state
+        if self._nominal.sense:
+            self._seen = self.estimator.update(self.plant.measure(), self._command.thrust)
+        self._look()
+        h = self._percept.snapshot.momentum_map[3:] @ self._joint_velocity
+        self._legs = LegMomentum(h, (h - self._legs.value) * CONTROL_RATE)
+        errors = self._errors()
         progress.advance(*errors, self.state.joint_position)
-        tilt = math.acos(max(-1.0, min(1.0, float(self._percept.R_wb[2, 2]))))
+        tilt = math.acos(max(-1.0, min(1.0, float(self._truth.R_wb[2, 2]))))
         failure = self.task.failed(errors[0], tilt, self.plant.in_contact)
         info = self._info(errors, failure)
         reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in REWARD_TERMS.items())
@@ -210,9 +269,17 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
         target = self.progress.goal.joint_target
-        if self._reference is None or self._reference.joint_target is not target:
-            self._reference = Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, self.task.mode)
-        return self._reference
+        given = self._reference
+        if given is None or given.joint_target is not target or given.mode != self.task.mode:
+            given = Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, self.task.mode)
+            self._reference = given
+        fault = self._disturbances
+        if fault.lost_rotor and self.progress.time >= fault.fault_time - 1e-9:
+            lost = f"lost_{fault.fault}"
+            if not getattr(given, lost).any():
+                mask = np.arange(1, N_ROTORS + 1) == fault.lost_rotor
+                self._reference = given = replace(given, **{lost: mask})
+        return given
 
     def _act(self, state: RobotState, action: np.ndarray) -> Command:
         """The command of this tick; keeps what observations need of it."""
@@ -237,17 +304,33 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
         return command
 
-    def _perceive(self) -> tuple[np.ndarray, np.ndarray]:
-        """Look at the new state; returns the errors of `info`."""
-        self._percept = self.controller.perceive(self.state, self.reference())
-        h = self._percept.snapshot.momentum_map[3:] @ self._joint_velocity
-        self._legs = LegMomentum(h, (h - self._legs.value) * CONTROL_RATE)
-        return self._errors()
+    def _trim(self, q: np.ndarray) -> np.ndarray:
+        """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
+        state = self.state
+        percept = self.controller.perceive(state, self.reference())
+        snapshot, R_wb = percept.snapshot, percept.R_wb
+        described = thrust_map(snapshot.R_bl, snapshot.rotor_c) @ (
+            vectoring_to_force(np.full(N_ROTORS, ROBOT.hover_thrust), state.vectoring).reshape(-1)
+        )
+        described[:3] -= ROBOT.weight * R_wb[2]
+        force_w, torque_b = self.plant.net_wrench()
+        force_b = force_w @ R_wb
+        real = np.concatenate([force_b, torque_b - np.cross(snapshot.com_b, force_b)])
+        return described - real
+
+    def _look(self) -> None:
+        """What the controller makes of what it sees, and what is true."""
+        self._percept = self.controller.perceive(self._seen, self.reference())
+        self._truth = self._percept
+        if self._seen is not self._state:
+            self._truth = self.controller.perceive(self.state, self.reference())
 
     def _errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position error, world [m], and attitude error log(RᵀR_d), torso axes [rad], of the true state."""
-        percept: Percept = self._percept
-        return percept.error.position_w, log(percept.R_wb.T)  # the reference is level
+        """Position error, world [m], and attitude error log(RᵀR_d), torso axes [rad], of the true state.
+
+        The CoG is the one that the description gives at the true state: nobody knows where the real one is.
+        """
+        return self._truth.error.position_w, log(self._truth.R_wb.T)  # the reference is level
 
     def _observation(self) -> np.ndarray:
         progress = self.progress
@@ -258,10 +341,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             time_to_next=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
         )
         return observe(
-            self.state,
+            self._seen,
             self._percept,
             self.controller.memory,
-            self.state.thrust if self._command is None else self._command.thrust,
+            self._seen.thrust if self._command is None else self._command.thrust,
             self._joint_velocity,
             self._legs,
             preview,
@@ -293,6 +376,12 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "qp_iterations": 0 if allocation is None else allocation.iterations,
             "qp_slack": 0.0 if allocation is None else allocation.slack,
             "restricted_rotors": memory.interference.restricted.copy(),
+            "thrust_factor": self.plant.thrust_factor,
+            "air_force": self.plant.air_force,
+            "power_w": self.plant.memory.power,
+            "energy_wh": self.plant.memory.energy_wh,
+            "endurance_min": endurance_min(self.plant.mean_power),
+            "randomization": {name: draw.copy() for name, draw in self._draws.items()},
             **{f"reward_{name}": value for name, value in terms.items()},
             "is_success": failure == "" and progress.succeeded(self.task.horizon),
             "failure": failure,

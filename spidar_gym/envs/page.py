@@ -4,8 +4,8 @@ import dataclasses
 import inspect
 
 from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.modes import PRESETS
 from spidar_gym.control.observation import layout
+from spidar_gym.control.presets import PRESETS
 from spidar_gym.description import CAMERAS
 from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.envs.env import SpidarEnv
@@ -20,6 +20,8 @@ from spidar_gym.envs.tasks import (
     TASKS,
 )
 from spidar_gym.robot import field_docs
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.randomize import TABLE
 
 INFO = {
     "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
@@ -33,6 +35,12 @@ INFO = {
     "qp_iterations": ("int", "", "solver iterations, 0 for the closed form"),
     "qp_slack": ("float", "", "largest violation of a softened row, in units of the weight or the torque limit"),
     "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
+    "thrust_factor": ("(8,)", "", "thrust of each module over its thrust in still air"),
+    "air_force": ("(3,)", "N", "force of the air besides the thrust in still air, world"),
+    "power_w": ("float", "W", "electrical power"),
+    "energy_wh": ("float", "Wh", "energy drawn since the reset"),
+    "endurance_min": ("float", "min", "how long the batteries last at the episode's mean power"),
+    "randomization": ("dict", "", "drawn values by field of `PlantConfig`; empty without randomization"),
     "reward_<term>": ("float", "", "each term of the reward, in [0, 1]"),
     "is_success": ("bool", "", "see Episode End"),
     "failure": ("str", "", "why the episode ended early, empty otherwise"),
@@ -127,7 +135,26 @@ def page(name: str) -> str:
         "|---|---|---|",
         *(f"| `{a}` | `{b!r}` | {c} |" for a, b, c in _arguments(task)),
         "",
-        "`reset(options={'forms': name})` changes the form sequence of the episodes that follow.",
+        "`reset(options={'forms': name, 'disturbances': {...}})` changes form sequence and disturbances of this",
+        "episode and those after it.",
+        "",
+        "### Disturbances",
+        "",
+        "| name | default | meaning |",
+        "|---|---|---|",
+        *(
+            f"| `{f.name}` | `{f.default!r}` | {field_docs(Disturbances)[f.name]} |"
+            for f in dataclasses.fields(Disturbances)
+        ),
+        "",
+        "### Randomisation",
+        "",
+        "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The",
+        "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+        "",
+        "| field of `PlantConfig` | operation | distribution | unit | source |",
+        "|---|---|---|---|---|",
+        *(f"| `{r.field}` | {r.operation} | {r.distribution} | {r.unit} | {r.source} |" for r in TABLE),
         "",
         "## Version History",
         "",
@@ -143,9 +170,16 @@ def _arguments(task: type) -> list[tuple[str, object, str]]:
     rows: list[tuple[str, object, str]] = [(f.name, f.default, docs[f.name]) for f in dataclasses.fields(task)]
     own = {
         "action_mode": "one of " + ", ".join(f"`{n}`" for n in ACTION_MODES),
-        "preset": "allocation: " + ", ".join(f"`{n}`" for n in PRESETS),
+        "preset": "controller: " + ", ".join(f"`{n}`" for n in PRESETS),
+        "controller": "a `ControllerConfig` of one's own in place of a preset",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
+        "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
+        "wake": "air: jets between the rotors, drag, ground effect",
+        "battery": "the largest thrust falls with the voltage of a battery that is full at reset",
+        "sensors": "the controller sees motion capture, inertial unit and encoders through an estimator",
+        "randomization": "strength of the domain randomisation, 0 … 1",
+        "disturbances": "dictionary with any of " + ", ".join(f"`{n}`" for n in field_docs(Disturbances)),
         "render_mode": "one of " + ", ".join(f"`{n}`" for n in SpidarEnv.metadata["render_modes"]),
         "camera": "one of " + ", ".join(f"`{n}`" for n in CAMERAS),
         "width": "of pictures [px]",

@@ -248,13 +248,17 @@ class Progress:
         if (upcoming := self.next_goal) is not None and self.time >= upcoming.start - 1e-9:
             self.current += 1
 
+    def overdue(self) -> set[int]:
+        """Goals that were due by now and not reached in time."""
+        due = {i for i, goal in enumerate(self.goals) if i > 0 and goal.deadline + ARRIVAL_GRACE <= self.time}
+        return due - self.reached
+
     def succeeded(self, horizon: int) -> bool:
         """Whether the whole horizon [ticks] was flown, within the errors, with every due form reached in time."""
         if self.ticks < horizon:
             return False
-        due = {i for i, goal in enumerate(self.goals) if i > 0 and goal.deadline + ARRIVAL_GRACE <= self.time}
         position, attitude = math.sqrt(self.position_sum / self.ticks), math.sqrt(self.attitude_sum / self.ticks)
-        return position < SUCCESS_POSITION and attitude < SUCCESS_ATTITUDE and due <= self.reached
+        return position < SUCCESS_POSITION and attitude < SUCCESS_ATTITUDE and not self.overdue()
 
 
 TASKS = {"hover": HoverTask}

@@ -38,6 +38,8 @@ class Snapshot:
     """Rotor centres p_i seen from the CoG [m]; they depend on φ, since the rotor hangs 27 mm below the φ axis."""
     J_rotor: Float[np.ndarray, "8 3 16"]
     """∂(rotor centre)/∂q, torso held fixed [m/rad]: the paper's J_r."""
+    joint_axes: Float[np.ndarray, "3 16"]
+    """Direction of each joint's axis."""
     gravity_torque: JointVector
     """Joint torque that holds the links against gravity without thrust, −Σ J_sᵀ m_s g [Nm]."""
     momentum_map: Float[np.ndarray, "6 16"]
@@ -97,6 +99,7 @@ class Model:
             R_bl=np.array(self._link_views),
             rotor_c=rotors - com,
             J_rotor=J_rotor,
+            joint_axes=J[3:],
             # The rate at which a joint lifts the CoG, times the weight: −Σ J_sᵀ m_s g = mΣ g ∂(height)/∂q.
             gravity_torque=(GRAVITY * R_wb[2]) @ momentum[:3],
             momentum_map=momentum,

@@ -4,28 +4,35 @@
 # The compiled modules below come without stubs.
 
 import copy
-import logging
 import math
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
-from spidar_gym.description import mjcf_path
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
-from spidar_gym.state import Command, RobotState
+from spidar_gym.sim.actuators import ActuatorConfig, thrust_noise
+from spidar_gym.sim.aero import Aero, AeroConfig
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.disturbances import Disturbances, Weather
+from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
+from spidar_gym.sim.memory import PlantMemory, Saved
+from spidar_gym.sim.scene import TIMESTEP, scene
+from spidar_gym.sim.sensors import SensorConfig, Sensors
+from spidar_gym.state import Command, Measurement, RobotState
 
-# MuJoCo would write its warnings into a file of the working folder.
-mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
-
-TIMESTEP = 0.0025
-"""Physics step [s], implicitfast."""
-MAX_WIDTH, MAX_HEIGHT = 1920, 1080
-"""Largest picture [px]."""
+AIR_STEPS = 5
+"""Physics steps between two evaluations of the air: 12.5 ms, 80 Hz."""
+IMU_STEPS = 2
+"""Physics steps between two samples of the sensors: 5 ms, 200 Hz."""
+FASTEST = 12.0
+"""Contacts are looked for only where something that falls as fast as this could touch the floor in time [m/s]."""
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+_ROTORS, _JOINTS = slice(N_ROTORS), slice(N_ROTORS, N_ROTORS + N_JOINTS)
+_GIMBALS = slice(N_ROTORS + N_JOINTS, N_ROTORS + 2 * N_JOINTS)
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,16 @@ class PlantConfig:
     """The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is."""
     idle_thrust: float = 0.0
     """Least thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
+    sense: bool = False
+    """Whether `Plant.measure` gives what the real sensors say."""
+    body: BodyConfig = field(default_factory=BodyConfig)
+    """Masses and friction."""
+    actuators: ActuatorConfig = field(default_factory=ActuatorConfig)
+    """Rotors and servos."""
+    aero: AeroConfig = field(default_factory=AeroConfig)
+    """The air."""
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    """Noise of the sensors."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated."""
@@ -49,49 +66,6 @@ class PlantConfig:
             raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {ROBOT.max_thrust:g} N")
 
 
-@cache
-def scene(visual: bool) -> mujoco.MjModel:
-    """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step."""
-    spec = mujoco.MjSpec.from_file(str(mjcf_path()))
-    if not visual:
-        for geom in list(spec.geoms):
-            if geom.contype == 0 and geom.conaffinity == 0:
-                spec.delete(geom)
-    world = spec.worldbody
-    floor = world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
-    floor.contype, floor.conaffinity, floor.friction = 1, 0, [0.8, 0.005, 0.0001]
-    if visual:
-        spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
-        spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
-        getattr(spec.visual, "global").offwidth = MAX_WIDTH
-        getattr(spec.visual, "global").offheight = MAX_HEIGHT
-        # Off-screen pictures are mostly drawn by the processor: a reflection, a large shadow map and multiple
-        # sampling would each cost more than the robot.
-        spec.visual.quality.shadowsize = 1024
-        spec.visual.quality.offsamples = 0
-        builtin = mujoco.mjtBuiltin
-        spec.add_texture(
-            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=builtin.mjBUILTIN_GRADIENT,
-            rgb1=[0.75, 0.83, 0.92], rgb2=[0.95, 0.96, 0.97], width=256, height=1536,
-        )  # fmt: skip
-        spec.add_texture(
-            name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER,
-            rgb1=[0.72, 0.74, 0.76], rgb2=[0.78, 0.80, 0.82], width=512, height=512,
-            mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.6, 0.62, 0.65],
-        )  # fmt: skip
-        grid = spec.add_material(name="grid", texrepeat=[1, 1], texuniform=True)
-        grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
-        floor.material = "grid"
-        world.add_light(
-            pos=[0, 0, 5], dir=[0, 0, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            castshadow=True, diffuse=[0.45, 0.45, 0.45], specular=[0.2, 0.2, 0.2],
-        )  # fmt: skip
-    model = spec.compile()
-    # A state that diverges must be seen, not silently reset.
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return model
-
-
 class Plant:
     """One simulated robot over a floor.
 
@@ -101,14 +75,11 @@ class Plant:
 
     def __init__(self, config: PlantConfig | None = None) -> None:
         """Compile the scene (`StaleAssetError` where the model file was edited by hand)."""
-        self.config = config or PlantConfig()
         self.model = copy.copy(scene(visual=False))
         self.data = mujoco.MjData(self.model)
-        self.period = self.config.substeps * TIMESTEP
-        """Control period [s]."""
         # Views into MuJoCo's memory, made once: every access to an attribute of MjData makes a new one.
         self._q, self._v, self._a = self.data.qpos, self.data.qvel, self.data.act
-        self._control, self._force = self.data.ctrl, self.data.actuator_force
+        self._control, self._force, self._applied = self.data.ctrl, self.data.actuator_force, self.data.qfrc_applied
         joints = [self.model.joint(name) for name in (*JOINT_NAMES, *GIMBAL_NAMES)]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
@@ -116,11 +87,30 @@ class Plant:
         # `_actuators[k]` is the k-th of eight thrusts, sixteen joints, sixteen vectoring angles, in this order.
         self._ctrl = np.array([self.model.actuator_ctrladr[servo.id] for servo in servos])
         self._act = np.array([self.model.actuator_actadr[servo.id] for servo in servos])
-        self._joint_servos = np.array([servo.id for servo in servos[N_ROTORS : N_ROTORS + N_JOINTS]])
-        self.model.actuator_dynprm[self._joint_servos, 1] = self.config.joint_speed  # the pid servo's slewmax
-        self._torque_limit = np.full(N_JOINTS, ROBOT.max_joint_torque)
+        self._rotors = np.array([servo.id for servo in servos[_ROTORS]])
+        self._joint_servos = np.array([servo.id for servo in servos[_JOINTS]])
         self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
-        self._in_contact = False
+        self._floor_radius = self.model.geom_rbound.copy()
+        self._floor_radius[self.model.geom("floor").id] = -np.inf
+        self.memory = PlantMemory()
+        self.configure(config or PlantConfig())
+
+    def configure(self, config: PlantConfig) -> None:
+        """Become another robot; takes effect with the next reset."""
+        self.config = config
+        self.period = config.substeps * TIMESTEP
+        """Control period [s]."""
+        config.actuators.apply(self.model, config.joint_speed)
+        config.body.apply(self.model, scene(visual=False))
+        self._aero = Aero(self.model, config.aero)
+        self._sensors = Sensors(config.sensors)
+        actuators = config.actuators
+        self._offsets = np.concatenate(
+            [np.zeros(N_ROTORS), actuators.joint_offset, actuators.vectoring_offset.reshape(-1)]
+        )
+        self._gain = actuators.gain
+        self._delay = round(actuators.delay / TIMESTEP)
+        self._vectoring_delay = self._delay + round(actuators.vectoring_delay / TIMESTEP)
 
     def reset(
         self,
@@ -129,6 +119,9 @@ class Plant:
         joint_position: JointVector | None = None,
         vectoring: Vectoring | None = None,
         thrust: RotorVector | None = None,
+        *,
+        disturbances: Disturbances | None = None,
+        rng: np.random.Generator | None = None,
     ) -> RobotState:
         """Put the robot somewhere at rest, servos at their setpoints.
 
@@ -138,21 +131,41 @@ class Plant:
             joint_position: q [rad]; zero by default.
             vectoring: (φ, θ) [rad]; zero by default.
             thrust: Thrust that the modules already deliver [N]; zero by default.
+            disturbances: What happens to it; nothing by default.
+            rng: Source of noise, wind and pushes.
+
+        Raises:
+            InvalidValueError: When something random is to happen and there is no generator.
         """
+        disturbances = disturbances or Disturbances()
+        random = self.config.sense or self.config.actuators.thrust_noise
+        if rng is None and (random or disturbances.wind or disturbances.push):
+            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
         mujoco.mj_resetData(self.model, self.data)
+        self.memory = memory = PlantMemory(rng=rng, disturbances=disturbances)
         targets = self._targets
-        targets[:N_ROTORS] = 0.0 if thrust is None else thrust
-        targets[N_ROTORS : N_ROTORS + N_JOINTS] = 0.0 if joint_position is None else joint_position
-        targets[N_ROTORS + N_JOINTS :] = 0.0 if vectoring is None else vectoring.reshape(-1)
+        targets[_ROTORS] = 0.0 if thrust is None else thrust
+        targets[_JOINTS] = 0.0 if joint_position is None else joint_position
+        targets[_GIMBALS] = 0.0 if vectoring is None else vectoring.reshape(-1)
+        targets += self._offsets
         self.data.qpos[:3] = position_w
         self.data.qpos[3:7] = quat_wb
         self.data.qpos[self._qpos] = targets[N_ROTORS:]
         self.data.act[self._act] = targets
         self.data.ctrl[self._ctrl] = targets
-        self._limit_torque(np.full(N_JOINTS, ROBOT.max_joint_torque))
+        self._limit_torque(memory.torque_limit)
+        self._watch_floor(True)
+        self._one_sided()
         mujoco.mj_forward(self.model, self.data)
-        self._in_contact = self.data.ncon > 0
-        return self.state()
+        memory.in_contact = self.data.ncon > 0
+        if rng is not None and (disturbances.wind or disturbances.push):
+            memory.weather = Weather.draw(disturbances, rng)
+        self._blow()
+        memory.power = self._power()
+        state = self.state()
+        if self.config.sense and rng is not None:
+            memory.sensors = self._sensors.start(state, rng)
+        return state
 
     def step(self, command: Command) -> RobotState:
         """Advance by one control period.
@@ -163,17 +176,41 @@ class Plant:
         Returns:
             The true state at the end of the period.
         """
+        memory, config = self.memory, self.config
         targets = self._targets
-        targets[:N_ROTORS] = command.thrust
-        targets[N_ROTORS : N_ROTORS + N_JOINTS] = command.joint_position
-        targets[N_ROTORS + N_JOINTS :] = command.vectoring.reshape(-1)
-        if self.config.idle_thrust > 0.0:
-            np.maximum(targets[:N_ROTORS], self.config.idle_thrust, out=targets[:N_ROTORS])
-        self._control[self._ctrl] = targets
-        if not (command.joint_torque_limit == self._torque_limit).all():
+        targets[_ROTORS] = command.thrust
+        targets[_JOINTS] = command.joint_position
+        targets[_GIMBALS] = command.vectoring.reshape(-1)
+        self._obey(targets)
+        if not (command.joint_torque_limit == memory.torque_limit).all():
             self._limit_torque(command.joint_torque_limit.copy())
-        mujoco.mj_step(self.model, self.data, self.config.substeps)
-        self._in_contact = self.data.ncon > 0
+        clearance = float((self.data.geom_xpos[:, 2] - self._floor_radius).min())
+        self._watch_floor(not clearance > FASTEST * self.period)
+        end = memory.clock + config.substeps
+        breathing = self._breathing
+        while memory.clock < end:
+            stop = end
+            if breathing:
+                stop = min(stop, memory.clock + AIR_STEPS - memory.clock % AIR_STEPS)
+            if memory.sensors is not None:
+                stop = min(stop, memory.clock + IMU_STEPS - memory.clock % IMU_STEPS)
+            if memory.pending:
+                stop = min(stop, *(due for due, _, _ in memory.pending))
+            mujoco.mj_step(self.model, self.data, stop - memory.clock)
+            memory.clock = stop
+            if memory.pending:
+                self._arrive()
+            if breathing and stop % AIR_STEPS == 0:
+                self._blow()
+            if memory.sensors is not None and stop % IMU_STEPS == 0:
+                assert memory.rng is not None
+                actuators = config.actuators
+                self._sensors.sample(
+                    memory.sensors, self.state(), actuators.joint_offset, actuators.vectoring_offset, memory.rng
+                )
+        memory.in_contact = self.data.ncon > 0
+        memory.power = self._power()
+        memory.energy_wh += memory.power * self.period / 3600.0
         return self.state()
 
     def state(self) -> RobotState:
@@ -189,44 +226,192 @@ class Plant:
             joint_velocity=v[:N_JOINTS],
             vectoring=q[N_JOINTS:].reshape(N_ROTORS, 2),
             vectoring_velocity=v[N_JOINTS:].reshape(N_ROTORS, 2),
-            thrust=self._a.take(self._act[:N_ROTORS]),
+            thrust=self._a.take(self._act[:N_ROTORS]) * self._gain,
             joint_torque=self._force.take(self._joint_servos),
         )
+
+    def measure(self) -> Measurement:
+        """What the sensors have said since the last call (`InvalidValueError` where `sense` is off)."""
+        if self.memory.sensors is None:
+            raise InvalidValueError("sense", self.config.sense, "True at the reset")
+        return self._sensors.read(self.memory.sensors, self.data.time)
 
     @property
     def in_contact(self) -> bool:
         """Whether any part of the robot touches the floor."""
-        return self._in_contact
+        return self.memory.in_contact
+
+    @property
+    def thrust_factor(self) -> RotorVector:
+        """Thrust of each module over its thrust in still air."""
+        air = self.memory.air
+        return np.ones(N_ROTORS) if air is None else 0.5 * (air.thrust_factor[::2] + air.thrust_factor[1::2])
+
+    @property
+    def air_force(self) -> Vector3:
+        """Force of the air on the whole robot besides its thrust in still air, world [N]."""
+        return np.zeros(3) if self.memory.air is None else self.memory.air.generalized[:3].copy()
+
+    @property
+    def mean_power(self) -> float:
+        """Mean electrical power since the reset [W]."""
+        memory = self.memory
+        return 3600.0 * memory.energy_wh / self.data.time if memory.energy_wh > 0.0 else memory.power
+
+    def net_wrench(self) -> tuple[Vector3, Vector3]:
+        """Force, world [N], and torque about the torso's origin, torso axes [Nm], of rotors and weight on the robot.
+
+        At rest, and without the air: what keeps the robot from hovering where it is.
+        """
+        data: Any = self.data  # one of its arrays is declared without a type
+        net = data.qfrc_actuator - data.qfrc_bias
+        return net[:3], net[3:6]
 
     @property
     def diverged(self) -> bool:
         """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
         return not float(self._q @ self._q + self._v @ self._v) < 1e12
 
-    def save(self) -> np.ndarray:
-        """The full state of the simulation as one vector; `restore` continues from it bit for bit."""
+    def save(self) -> Saved:
+        """This moment, all of it; `restore` continues from it bit for bit."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
-        return np.concatenate([state, self.data.actuator_force, self._torque_limit, [self._in_contact]])
+        return Saved(np.concatenate([state, self.data.actuator_force]), copy.deepcopy(self.memory))
 
-    def restore(self, saved: np.ndarray) -> RobotState:
-        """Return to a saved state (`InvalidValueError` for a vector of another length)."""
+    def restore(self, saved: Saved) -> RobotState:
+        """Return to a saved moment of a robot of this configuration (`InvalidValueError` for another simulation's)."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        sizes = mujoco.mj_stateSize(self.model, kind), self.model.nu, N_JOINTS, 1
-        if saved.shape != (sum(sizes),):
-            raise InvalidValueError("saved", saved.shape, f"a vector of {sum(sizes)} numbers from save()")
-        state, force, limit, contact = np.split(saved, np.cumsum(sizes)[:-1])
+        sizes = mujoco.mj_stateSize(self.model, kind), self.model.nu
+        if saved.state.shape != (sum(sizes),):
+            raise InvalidValueError("saved", saved.state.shape, f"a state of {sum(sizes)} numbers from save()")
+        state, force = np.split(saved.state, sizes[:1])
+        self.memory = copy.deepcopy(saved.memory)
         mujoco.mj_setState(self.model, self.data, state, kind)
-        self._limit_torque(limit.copy())
+        self._limit_torque(self.memory.torque_limit)
+        self._one_sided()
         mujoco.mj_forward(self.model, self.data)
         # The forward pass looks at the present instant; a step leaves what it saw at the start of its last substep.
         self.data.actuator_force[:] = force
-        self._in_contact = bool(contact[0])
         return self.state()
 
+    @property
+    def _breathing(self) -> bool:
+        """Whether anything is evaluated between the physics steps."""
+        config, disturbances = self.config, self.memory.disturbances
+        actuators = config.actuators
+        return (
+            config.aero.wake
+            or disturbances.wind > 0.0
+            or disturbances.push > 0.0
+            or actuators.thrust_noise > 0.0
+            or actuators.backlash > 0.0
+            or actuators.spin_down != 1.0
+        )
+
+    def _obey(self, targets: np.ndarray) -> None:
+        """Send a command on its way to the actuators."""
+        config, memory = self.config, self.memory
+        most = config.actuators.max_thrust
+        if config.actuators.battery:
+            most = min(most, max_thrust(voltage(memory.energy_wh, memory.power)))
+        thrust = targets[_ROTORS]
+        np.minimum(thrust, most / config.actuators.gain, out=thrust)
+        if config.idle_thrust > 0.0:
+            np.maximum(thrust, config.idle_thrust, out=thrust)
+        fault = memory.disturbances
+        if fault.lost_rotor and self.data.time >= fault.fault_time - 1e-9:
+            k = fault.lost_rotor - 1
+            if fault.fault == "thrust":
+                thrust[k] = 0.0
+            elif memory.stuck is None:
+                memory.stuck = self._q.take(self._qpos[N_JOINTS + 2 * k : N_JOINTS + 2 * k + 2])
+        targets += self._offsets
+        if self._delay == self._vectoring_delay == 0:
+            self._control[self._ctrl] = targets
+            self._hold_stuck()
+            return
+        early = slice(0, _GIMBALS.start)
+        memory.pending.append((memory.clock + self._delay, early, targets[early].copy()))
+        memory.pending.append((memory.clock + self._vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
+        self._arrive()
+
+    def _arrive(self) -> None:
+        """Hand over the commands that are due."""
+        memory = self.memory
+        for due, part, values in memory.pending:
+            if due <= memory.clock:
+                self._control[self._ctrl[part]] = values
+        memory.pending = [entry for entry in memory.pending if entry[0] > memory.clock]
+        self._hold_stuck()
+
+    def _hold_stuck(self) -> None:
+        """A vectoring servo that has failed stays where it is, whatever it is told."""
+        memory = self.memory
+        if memory.stuck is not None:
+            first = _GIMBALS.start + 2 * (memory.disturbances.lost_rotor - 1)
+            self._control[self._ctrl[first : first + 2]] = memory.stuck
+
+    def _blow(self) -> None:
+        """What is evaluated at the rate of the air: noise, wind, jets, and the servos' and motors' one-sidedness."""
+        config, memory, actuators = self.config, self.memory, self.config.actuators
+        if not self._breathing:
+            return
+        dt = AIR_STEPS * TIMESTEP
+        if memory.rng is not None:
+            if actuators.thrust_noise > 0.0:
+                memory.noise = thrust_noise(memory.noise, actuators.thrust_noise, dt, memory.rng)
+            memory.weather.advance(self.memory.disturbances, self.data.time, dt, memory.rng)
+        thrust = self._a.take(self._act[_ROTORS])
+        weather = memory.weather
+        if (
+            config.aero.wake
+            or self.memory.disturbances.wind > 0.0
+            or self.memory.disturbances.push > 0.0
+            or actuators.thrust_noise > 0.0
+        ):
+            memory.air = self._aero.evaluate(
+                self.data,
+                thrust * actuators.gain,
+                wind_w=weather.mean_w + weather.gust_w,
+                noise=memory.noise,
+                push_w=weather.push_w,
+            )
+            self._applied[:] = memory.air.generalized
+        memory.falling = self._control.take(self._ctrl[_ROTORS]) < thrust
+        gap = self._a.take(self._act[_JOINTS]) - self._q.take(self._qpos[:N_JOINTS])
+        memory.loose = np.minimum(np.maximum(gap, -actuators.backlash), actuators.backlash)
+        self._one_sided()
+
+    def _one_sided(self) -> None:
+        """Tell MuJoCo what depends on a direction: the lag of falling thrusts, and the play of the joints.
+
+        Inside its play a servo's spring has no grip, outside it starts from the play's edge.
+        """
+        actuators, memory = self.config.actuators, self.memory
+        if actuators.spin_down != 1.0:
+            slower = np.where(memory.falling, actuators.spin_down, 1.0)
+            self.model.actuator_dynprm[self._rotors, 0] = actuators.thrust_lag * slower
+        if actuators.backlash > 0.0:
+            stiffness = actuators.joint_kp * actuators.servo_stiffness
+            self.model.actuator_biasprm[self._joint_servos, 0] = -stiffness * memory.loose
+
+    def _power(self) -> float:
+        """Electrical power now [W]."""
+        return electrical_power(
+            self._a.take(self._act[_ROTORS]),
+            self._force.take(self._joint_servos),
+            self._v.take(self._qvel[:N_JOINTS]),
+        )
+
+    def _watch_floor(self, watch: bool) -> None:
+        """Look for contacts, or save the time: with the floor far below the result is the same."""
+        flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        flags = self.model.opt.disableflags
+        self.model.opt.disableflags = flags & ~flag if watch else flags | flag
+
     def _limit_torque(self, limit: JointVector) -> None:
-        self._torque_limit = limit
-        bound = np.minimum(limit, ROBOT.max_joint_torque)
+        self.memory.torque_limit = limit
+        bound = np.minimum(limit, self.config.actuators.max_joint_torque)
         self.model.actuator_forcerange[self._joint_servos, 0] = -bound
         self.model.actuator_forcerange[self._joint_servos, 1] = bound

@@ -1,0 +1,200 @@
+"""The sensors of the real robot: motion capture, inertial unit and encoders, with their rates, noise and latency."""
+
+import math
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
+from spidar_gym.state import Measurement, RobotState
+
+POSE_PERIOD, IMU_PERIOD, ENCODER_PERIOD = 0.010, 0.005, 0.020
+"""Motion capture 100 Hz, inertial unit 200 Hz, servo bus 50 Hz [JSK] [s]."""
+YAW_STEP, PITCH_STEP = 0.000767, 0.001534
+"""One count of the joint encoders [rad] [JSK]."""
+ROLL_STEP, TILT_STEP = 0.00092, 0.00115
+"""One count of the encoders of φ and θ [rad] [JSK]."""
+IMU_POSITION_B = np.array(ROBOT.flight_controller)
+"""Where motion capture and inertial unit look [m]."""
+MAX_POSES, MAX_IMU = 4, 8
+"""Most frames and samples of one control tick."""
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """Noise of the sensors; values of a motion capture of the Vicon class [JSK] and of an ADIS16448 [RotorS]."""
+
+    latency: float = 0.010
+    """Between a frame of the motion capture and its arrival [s]."""
+    position_noise: float = 1e-3
+    """Standard deviation of a position [m]."""
+    rotation_noise: float = 1e-3
+    """Standard deviation of an attitude [rad]."""
+    position_drift: float = 1e-3
+    """Standard deviation of the slow error of positions, 10 s wide [m]."""
+    rotation_drift: float = 1e-3
+    """Standard deviation of the slow error of attitudes, 10 s wide [rad]."""
+    dropout: float = 0.002
+    """Probability that a frame is the first of 50 ms without any."""
+    gyro_noise: float = 3.4e-4
+    """Density of the gyroscope's noise [rad/s/√Hz]."""
+    gyro_bias: float = 8.7e-3
+    """Standard deviation of its bias at switch-on [rad/s]."""
+    accelerometer_noise: float = 4e-3
+    """Density of the accelerometer's noise [m/s²/√Hz]."""
+    accelerometer_bias: float = 0.196
+    """Standard deviation of its bias at switch-on [m/s²]."""
+    vibration: float = 0.5
+    """Standard deviation of what the rotors shake into the accelerometer [m/s²] [estimate]."""
+    encoder_noise: float = 0.5
+    """Standard deviation of an encoder before rounding, in counts."""
+    torque_noise: float = 0.1
+    """Relative error of a servo's reported torque."""
+    factor: float = 1.0
+    """On all of the noise, drift and bias above, encoders' steps excepted."""
+
+    def __post_init__(self) -> None:
+        """Refuse negative noise."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+                raise InvalidValueError(f.name, value, "a number of at least 0")
+        if self.dropout > 1.0:
+            raise InvalidValueError("dropout", self.dropout, "a probability within 0 … 1")
+
+
+DRIFT_SECONDS = 10.0
+"""Correlation time of the motion capture's slow errors [s]."""
+DROPOUT_SECONDS = 0.05
+"""How long a drop-out of the motion capture lasts [s]."""
+ENCODER_STEPS = np.concatenate(
+    [np.tile([YAW_STEP, PITCH_STEP], N_JOINTS // 2), np.tile([ROLL_STEP, TILT_STEP], N_ROTORS)]
+)
+"""Counts of joints, then of vectoring angles [rad]."""
+
+
+@dataclass
+class SensorMemory:
+    """Everything about the sensors that changes during an episode."""
+
+    gyro_bias: np.ndarray
+    """[rad/s]."""
+    accelerometer_bias: np.ndarray
+    """[m/s²]."""
+    drift: np.ndarray
+    """Slow error of position [m] and attitude [rad], shape (6,)."""
+    velocity_w: np.ndarray
+    """Velocity of the inertial unit at its last sample [m/s]."""
+    silent_until: float = 0.0
+    """End of the drop-out of the motion capture [s]."""
+    next_pose: float = 0.0
+    """When the next frame is taken [s]."""
+    next_encoder: float = 0.0
+    """When the servos are read next [s]."""
+    frames: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
+    """Frames on their way: time, position, attitude."""
+    imu: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
+    """Samples since the last control tick: time, gyroscope, accelerometer."""
+    encoder_time: float = 0.0
+    """When the servos were read last [s]."""
+    angles: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS + 2 * N_ROTORS))
+    """What they indicated."""
+    torque: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS))
+    """The torque that they reported."""
+
+
+class Sensors:
+    """Measures one robot; `sample` is called at every instant of the inertial unit."""
+
+    def __init__(self, config: SensorConfig) -> None:
+        """Take the noise's sizes."""
+        self.config = config
+
+    def start(self, state: RobotState, rng: np.random.Generator) -> SensorMemory:
+        """Switch the sensors on in a state; biases and drifts are drawn."""
+        c = self.config
+        scale = c.factor * np.repeat([c.position_drift, c.rotation_drift], 3)
+        memory = SensorMemory(
+            gyro_bias=c.factor * c.gyro_bias * rng.standard_normal(3),
+            accelerometer_bias=c.factor * c.accelerometer_bias * rng.standard_normal(3),
+            drift=scale * rng.standard_normal(6),
+            velocity_w=_imu_velocity(state, quat_to_matrix(state.quat_wb)),
+        )
+        self.sample(memory, state, np.zeros(N_JOINTS), np.zeros((N_ROTORS, 2)), rng)
+        # The robot has stood there for a while: its first frame has arrived.
+        memory.frames = [(state.time - c.latency, p, q) for _, p, q in memory.frames]
+        return memory
+
+    def sample(
+        self,
+        memory: SensorMemory,
+        state: RobotState,
+        joint_offset: np.ndarray,
+        vectoring_offset: np.ndarray,
+        rng: np.random.Generator,
+    ) -> None:
+        """Measure at one instant, every 5 ms.
+
+        Args:
+            memory: What the sensors remember; written.
+            state: The true state.
+            joint_offset: True minus indicated joint angles [rad].
+            vectoring_offset: True minus indicated vectoring angles [rad].
+            rng: Source of the noise.
+        """
+        c, time = self.config, state.time
+        R = quat_to_matrix(state.quat_wb)
+        velocity = _imu_velocity(state, R)
+        acceleration = (velocity - memory.velocity_w) / IMU_PERIOD
+        memory.velocity_w = velocity
+        acceleration[2] += GRAVITY
+        noise = c.factor * rng.standard_normal(9)
+        density = 1.0 / math.sqrt(IMU_PERIOD)
+        gyro = state.omega_b + memory.gyro_bias + c.gyro_noise * density * noise[:3]
+        shake = math.hypot(c.accelerometer_noise * density, c.vibration)
+        force = acceleration @ R + memory.accelerometer_bias + shake * noise[3:6]
+        memory.imu = [*memory.imu[1 - MAX_IMU :], (time, gyro, force)]
+        if time >= memory.next_pose - 1e-9:
+            memory.next_pose += POSE_PERIOD
+            decay = math.exp(-POSE_PERIOD / DRIFT_SECONDS)
+            size = c.factor * math.sqrt(1.0 - decay * decay) * np.repeat([c.position_drift, c.rotation_drift], 3)
+            memory.drift = decay * memory.drift + size * rng.standard_normal(6)
+            white = c.factor * rng.standard_normal(6)
+            if rng.random() < c.dropout:
+                memory.silent_until = time + DROPOUT_SECONDS
+            if time >= memory.silent_until:
+                position = state.position_w + R @ IMU_POSITION_B + memory.drift[:3] + c.position_noise * white[:3]
+                attitude = R @ exp(memory.drift[3:] + c.rotation_noise * white[3:])
+                memory.frames = [*memory.frames, (time, position, matrix_to_quat(attitude))]
+        if time >= memory.next_encoder - 1e-9:
+            memory.next_encoder += ENCODER_PERIOD
+            angles = np.concatenate(
+                [state.joint_position - joint_offset, (state.vectoring - vectoring_offset).reshape(-1)]
+            )
+            counts = angles / ENCODER_STEPS + c.factor * c.encoder_noise * rng.standard_normal(len(angles))
+            memory.angles = np.round(counts) * ENCODER_STEPS
+            memory.torque = state.joint_torque * (1.0 + c.factor * c.torque_noise * rng.standard_normal(N_JOINTS))
+            memory.encoder_time = time
+
+    def read(self, memory: SensorMemory, time: float) -> Measurement:
+        """What has arrived by a control tick at `time` [s]; it is handed out once."""
+        due = [frame for frame in memory.frames if frame[0] + self.config.latency <= time + 1e-9][-MAX_POSES:]
+        memory.frames = [frame for frame in memory.frames if frame[0] + self.config.latency > time + 1e-9]
+        imu, memory.imu = memory.imu, []
+        pose_time, positions, quats = np.zeros(MAX_POSES), np.zeros((MAX_POSES, 3)), np.zeros((MAX_POSES, 4))
+        for k, (at, position, quat) in enumerate(due):
+            pose_time[k], positions[k], quats[k] = at, position, quat
+        imu_time, gyro, force = np.zeros(MAX_IMU), np.zeros((MAX_IMU, 3)), np.zeros((MAX_IMU, 3))
+        for k, (at, omega, acceleration) in enumerate(imu):
+            imu_time[k], gyro[k], force[k] = at, omega, acceleration
+        return Measurement(
+            time, len(due), pose_time, positions, quats, len(imu), imu_time, gyro, force,
+            memory.encoder_time, memory.angles[:N_JOINTS], memory.torque, memory.angles[N_JOINTS:].reshape(N_ROTORS, 2),
+        )  # fmt: skip
+
+
+def _imu_velocity(state: RobotState, R_wb: np.ndarray) -> np.ndarray:
+    """Velocity of the inertial unit, world [m/s]."""
+    return state.velocity_w + R_wb @ np.cross(state.omega_b, IMU_POSITION_B)
