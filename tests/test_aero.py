@@ -67,8 +67,8 @@ def tossed(rng, **changes) -> mujoco.MjData:
 
 def evaluate(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config) -> AirForces:
     """What the air does, with parameters of its own."""
-    air = Aero(world(), AeroConfig(**config))
-    return air.evaluate(data, thrust, wind_w=np.array(wind, float), noise=noise, push_w=np.array(push, float))
+    air = Aero(world(), data, AeroConfig(**config))
+    return air.evaluate(thrust, wind_w=np.array(wind, float), noise=noise, push_w=np.array(push, float))
 
 
 def by_module(air: AirForces) -> np.ndarray:
@@ -267,7 +267,7 @@ def test_turning_the_robot_by_a_leg_gives_every_leg_the_forces_of_the_one_before
 
 def test_the_generalized_force_is_that_of_every_force_at_its_point_on_its_body():
     rng, model = np.random.default_rng(2), world()
-    bodies = Aero(model)._body
+    bodies = Aero(model, mujoco.MjData(model))._body
     for _ in range(5):
         data = tossed(rng)
         air = evaluate(data, rng.uniform(0, 40, 8), rng.normal(0, 3, 3), rng.normal(0, 1, 8), rng.normal(0, 20, 3))
@@ -566,7 +566,7 @@ def test_the_floor_acts_on_the_ducts_that_are_near_it_only():
 
 
 @pytest.mark.parametrize(("name", "share"), [("form1", 1.0), ("form3", 1.0), ("form3", 0.8)])
-def test_holding_the_forces_for_12_milliseconds_changes_a_second_of_flight_by_2_millimetres_at_most(
+def test_holding_the_forces_for_25_milliseconds_changes_a_second_of_flight_by_5_millimetres_at_most(
     monkeypatch, name, share
 ):
     vectoring, thrust = upright(FORMS[name], LEVEL), share * HOVER
@@ -580,8 +580,8 @@ def test_holding_the_forces_for_12_milliseconds_changes_a_second_of_flight_by_2_
             state = plant.step(command)
         ends.append(np.concatenate([state.position_w, state.velocity_w]))
     error = np.abs(ends[2] - ends[0]).max()
-    assert 0.0 < error < 0.0025
-    assert abs(error / np.abs(ends[1] - ends[0]).max() - 4.0) < 0.4, "an error of first order in what is held"
+    assert 0.0 < error < 0.0055
+    assert abs(error / np.abs(ends[1] - ends[0]).max() - 9.0) < 0.9, "an error of first order in what is held"
 
 
 @pytest.mark.parametrize(

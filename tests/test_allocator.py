@@ -13,7 +13,7 @@ from spidar_gym.control import allocator as module
 from spidar_gym.control import solver
 from spidar_gym.control.allocator import AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.blocks import JointTorqueEffort, ThrustEffort, sphere_planes
-from spidar_gym.control.modes import PRESETS, PROJECTION
+from spidar_gym.control.modes import ALLOCATIONS, PROJECTION
 from spidar_gym.control.qp import FORCE_SCALE, INFINITY, QuadraticProgram, assemble
 from spidar_gym.control.solver import Workspace, closed_form
 from spidar_gym.errors import InvalidValueError, UnknownNameError
@@ -32,7 +32,7 @@ def demands(hard, seed, n):
 @cache
 def ticks(preset, hard, seed=0, n=250):
     """Random demands with their exact optima in N, None where there is none."""
-    optima = [exact(assemble(PRESETS[preset]["flight"], demand)) for demand in demands(hard, seed, n)]
+    optima = [exact(assemble(ALLOCATIONS[preset]["flight"], demand)) for demand in demands(hard, seed, n)]
     forces = [None if x is None else FORCE_SCALE * x.reshape(8, 3) for x in optima]
     return list(zip(demands(hard, seed, n), forces, strict=True))
 
@@ -45,7 +45,7 @@ def cost(preset, demand, forces):
     """w₁ Σ‖f‖² + w₂ ‖τ‖²."""
     torque = demand.gravity_torque - demand.torque_map @ forces.reshape(-1)
     terms = {ThrustEffort: np.sum(forces**2), JointTorqueEffort: torque @ torque}
-    return sum(term.weight * terms[type(term)] for term in PRESETS[preset]["flight"].costs)
+    return sum(term.weight * terms[type(term)] for term in ALLOCATIONS[preset]["flight"].costs)
 
 
 def stationarity(program: QuadraticProgram, x, *, margin):
@@ -61,7 +61,7 @@ def assert_bounded(demand, preset, allocation):
     """Finite, in the sphere, and every row holds that no fallback may violate: box, lock, interference."""
     assert np.isfinite(allocation.forces_l).all()
     assert np.linalg.norm(allocation.forces_l, axis=1).max() <= ROBOT.max_thrust + 1e-9
-    mode = PRESETS[preset]["flight"]
+    mode = ALLOCATIONS[preset]["flight"]
     program = assemble(mode, demand)
     r, hard = program.A @ allocation.forces_l.reshape(-1) / FORCE_SCALE, np.ones(len(program.l), bool)
     hard[mode.soft_rows] = False
@@ -95,7 +95,7 @@ def test_the_solvers_words_are_read_as_it_means_them():
 
 
 def test_raw_answers_of_osqp_agree_with_the_exact_optimum_wherever_it_says_solved():
-    allocator = Allocator(PRESETS["paper"])
+    allocator = Allocator(ALLOCATIONS["paper"])
     mode, solved = allocator.mode("flight"), 0
     for demand, _ in ticks("paper", True):
         program = assemble(mode, demand)
@@ -111,7 +111,7 @@ def test_raw_answers_of_osqp_agree_with_the_exact_optimum_wherever_it_says_solve
 def test_hover_of_the_flat_form_takes_an_eighth_of_the_weight_from_each_rotor():
     demand = demand_of(FORMS["form1"], np.eye(3), LEVEL_HOVER)
     for preset, per_rotor in (("as_flown", 0.05), ("paper", 0.15)):
-        allocation = Allocator(PRESETS[preset]).allocate(demand, "flight", NO_FORCES)
+        allocation = Allocator(ALLOCATIONS[preset]).allocate(demand, "flight", NO_FORCES)
         assert allocation.status == AllocationStatus.CLOSED_FORM
         assert allocation.thrust.sum() == pytest.approx(ROBOT.weight, rel=0.02)
         np.testing.assert_allclose(allocation.thrust, ROBOT.hover_thrust, rtol=per_rotor)
@@ -119,7 +119,7 @@ def test_hover_of_the_flat_form_takes_an_eighth_of_the_weight_from_each_rotor():
 
 def test_hover_without_torque_cost_is_the_least_norm_solution():
     demand = demand_of(FORMS["form1"], np.eye(3), LEVEL_HOVER)
-    allocation = Allocator(PRESETS["as_flown"]).allocate(demand, "flight", NO_FORCES)
+    allocation = Allocator(ALLOCATIONS["as_flown"]).allocate(demand, "flight", NO_FORCES)
     least_norm = np.linalg.pinv(demand.thrust_map) @ LEVEL_HOVER
     np.testing.assert_allclose(allocation.forces_l.reshape(-1), least_norm, atol=1e-9)
 
@@ -127,7 +127,7 @@ def test_hover_without_torque_cost_is_the_least_norm_solution():
 @cache
 def answers(preset, hard, seed=0, n=250):
     """Demands that have an optimum, the optimum, and what the allocator answers."""
-    allocator, found = Allocator(PRESETS[preset]), []
+    allocator, found = Allocator(ALLOCATIONS[preset]), []
     for demand, optimum in ticks(preset, hard, seed, n):
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         if optimum is None:
@@ -150,7 +150,7 @@ def assert_optimal(preset, found):
 
 
 BOTH = pytest.mark.parametrize("hard", [False, True], ids=["easy", "hard"])
-EACH_PRESET = pytest.mark.parametrize("preset", PRESETS)
+EACH_PRESET = pytest.mark.parametrize("preset", ALLOCATIONS)
 
 
 @BOTH
@@ -195,7 +195,7 @@ def test_thousands_of_answers_of_osqp_alone_agree_with_an_exact_solver(preset, h
 
 
 def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
-    allocator, feasible, fallen = Allocator(PRESETS["paper"], AllocatorConfig(max_iter=300)), 0, 0
+    allocator, feasible, fallen = Allocator(ALLOCATIONS["paper"], AllocatorConfig(max_iter=300)), 0, 0
     for demand, optimum in ticks("paper", True):
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         assert_bounded(demand, "paper", allocation)
@@ -206,7 +206,7 @@ def test_few_feasible_demands_fall_back_at_the_iteration_cap_of_the_robot():
 
 
 def test_most_hard_demands_press_against_an_inequality():
-    mode, pressed, feasible = PRESETS["paper"]["flight"], 0, 0
+    mode, pressed, feasible = ALLOCATIONS["paper"]["flight"], 0, 0
     for demand, optimum in ticks("paper", True):
         if optimum is not None:
             program = assemble(mode, demand)
@@ -218,12 +218,12 @@ def test_most_hard_demands_press_against_an_inequality():
 
 @EACH_PRESET
 def test_answers_of_osqp_satisfy_the_kkt_conditions(preset, no_shortcut):
-    allocator, solved = Allocator(PRESETS[preset]), 0
+    allocator, solved = Allocator(ALLOCATIONS[preset]), 0
     for demand, _ in ticks(preset, True)[:200]:
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         if allocation.status == AllocationStatus.SOLVED and not allocation.saturated.any():
             solved += 1
-            program, x = assemble(PRESETS[preset]["flight"], demand), allocation.forces_l.reshape(-1) / FORCE_SCALE
+            program, x = assemble(ALLOCATIONS[preset]["flight"], demand), allocation.forces_l.reshape(-1) / FORCE_SCALE
             assert program.violation(x) < 1e-5
             assert stationarity(program, x, margin=1e-5) < 1e-5
     assert solved > 150
@@ -232,7 +232,7 @@ def test_answers_of_osqp_satisfy_the_kkt_conditions(preset, no_shortcut):
 def test_closed_form_is_an_optimum_or_nothing():
     found = 0
     for demand, optimum in ticks("paper", True)[:250] + ticks("paper", False)[:250]:
-        program = assemble(PRESETS["paper"]["flight"], demand)
+        program = assemble(ALLOCATIONS["paper"]["flight"], demand)
         x = closed_form(program)
         if x is not None:
             found += 1
@@ -243,7 +243,7 @@ def test_closed_form_is_an_optimum_or_nothing():
 
 
 def test_optimal_answers_give_the_wrench_within_every_limit():
-    allocator = Allocator(PRESETS["paper"])
+    allocator = Allocator(ALLOCATIONS["paper"])
     for demand, _ in ticks("paper", True)[:300]:
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         if allocation.status in OPTIMAL and not allocation.saturated.any():
@@ -254,7 +254,7 @@ def test_optimal_answers_give_the_wrench_within_every_limit():
 
 
 def test_unallocated_wrench_is_what_the_forces_do_not_give():
-    allocator = Allocator(PRESETS["paper"])
+    allocator = Allocator(ALLOCATIONS["paper"])
     for i, (demand, _) in enumerate(ticks("paper", True)[:80]):
         demand = replace(demand, wrench=demand.wrench * (1.0 + i % 5))
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
@@ -266,14 +266,14 @@ def test_unallocated_wrench_is_what_the_forces_do_not_give():
     ("preset", "weights", "torque"), [("paper", 5, 0), ("as_flown", 5, 0), ("paper", 1, 60), ("as_flown", 1, 300)]
 )
 def test_an_infeasible_demand_is_softened_within_the_hard_limits(preset, weights, torque):
-    rng, allocator, infeasible = np.random.default_rng(20), Allocator(PRESETS[preset]), 0
+    rng, allocator, infeasible = np.random.default_rng(20), Allocator(ALLOCATIONS[preset]), 0
     for demand in random_demands(rng, 60, True):
         axis = rng.normal(size=3)
         turn = np.concatenate([np.zeros(3), torque * axis / np.linalg.norm(axis)])
         demand = replace(demand, wrench=weights * demand.wrench + turn)
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
         assert_bounded(demand, preset, allocation)
-        if exact(assemble(PRESETS[preset]["flight"], demand)) is None:
+        if exact(assemble(ALLOCATIONS[preset]["flight"], demand)) is None:
             infeasible += 1
             assert allocation.status in (AllocationStatus.SOFTENED, AllocationStatus.HELD)
             assert allocation.slack > 0.0
@@ -282,7 +282,7 @@ def test_an_infeasible_demand_is_softened_within_the_hard_limits(preset, weights
 
 def test_five_weights_are_answered_with_nearly_all_the_thrust_there_is():
     demand = demand_of(FORMS["form1"], np.eye(3), 5.0 * LEVEL_HOVER)
-    allocation = Allocator(PRESETS["as_flown"]).allocate(demand, "flight", NO_FORCES)
+    allocation = Allocator(ALLOCATIONS["as_flown"]).allocate(demand, "flight", NO_FORCES)
     assert allocation.status == AllocationStatus.SOFTENED
     assert allocation.wrench[2] > 0.95 * 8 * 40.0
     assert np.abs(allocation.wrench[:2]).max() < 1.0
@@ -301,7 +301,7 @@ def softened_by_hand(demand, mode, price):
 
 
 def test_softened_forces_agree_with_an_exact_solver():
-    allocator, mode, compared = Allocator(PRESETS["paper"]), PRESETS["paper"]["flight"], 0
+    allocator, mode, compared = Allocator(ALLOCATIONS["paper"]), ALLOCATIONS["paper"]["flight"], 0
     for demand in random_demands(np.random.default_rng(21), 60, True):
         demand = replace(demand, wrench=2.5 * demand.wrench)
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
@@ -325,7 +325,7 @@ def holds_and_forgets(name, value):
     good, previous = restricted_demand(), np.random.default_rng(22).uniform(-20.0, 20.0, (8, 3))
     array = getattr(good, name).copy()
     array.flat[0] = value
-    allocator, fresh = Allocator(PRESETS["paper"]), Allocator(PRESETS["paper"])
+    allocator, fresh = Allocator(ALLOCATIONS["paper"]), Allocator(ALLOCATIONS["paper"])
     for _ in range(2):
         held = allocator.allocate(replace(good, **{name: array}), "flight", previous)
         assert held.status == AllocationStatus.HELD
@@ -357,7 +357,7 @@ def test_held_forces_are_finite_and_in_the_sphere_whatever_was_before(bad):
     demand = replace(restricted_demand(), wrench=np.full(6, np.nan))
     previous = np.full((8, 3), 10.0)
     previous[3, 1] = bad
-    allocation = Allocator(PRESETS["paper"]).allocate(demand, "flight", previous)
+    allocation = Allocator(ALLOCATIONS["paper"]).allocate(demand, "flight", previous)
     assert allocation.status == AllocationStatus.HELD
     assert np.isfinite(allocation.forces_l).all()
     assert np.linalg.norm(allocation.forces_l, axis=1).max() <= ROBOT.max_thrust + 1e-9
@@ -380,7 +380,7 @@ def compare_orders(preset):
     demands += [replace(demands[i], wrench=np.full(6, np.nan)) for i in range(10)]
     answers = []
     for order in (np.arange(200), rng.permutation(200)):
-        allocator, answer = Allocator(PRESETS[preset]), {}
+        allocator, answer = Allocator(ALLOCATIONS[preset]), {}
         for i in order.tolist():
             answer[i] = allocator.allocate(demands[i], "flight", np.full((8, 3), 5.0))
         answers.append(answer)
@@ -391,8 +391,8 @@ def compare_orders(preset):
 def test_a_force_in_a_corner_of_the_cube_is_flagged_and_shortened_to_the_sphere():
     lateral = np.array([200.0, 0.0, 280.0, 0.0, 0.0, 0.0])
     demand = demand_of(FORMS["form1"], np.eye(3), lateral)
-    allocation = Allocator(PRESETS["as_flown"]).allocate(demand, "flight", NO_FORCES)
-    wished = exact(assemble(PRESETS["as_flown"]["flight"], demand)).reshape(8, 3) * FORCE_SCALE
+    allocation = Allocator(ALLOCATIONS["as_flown"]).allocate(demand, "flight", NO_FORCES)
+    wished = exact(assemble(ALLOCATIONS["as_flown"]["flight"], demand)).reshape(8, 3) * FORCE_SCALE
     long = np.linalg.norm(wished, axis=1) > ROBOT.max_thrust
     assert long.any()
     np.testing.assert_array_equal(allocation.saturated, long)
@@ -405,14 +405,14 @@ def test_a_force_in_a_corner_of_the_cube_is_flagged_and_shortened_to_the_sphere(
 def test_no_rotor_is_flagged_in_a_hover():
     for form in FORMS.values():
         demand = demand_of(form, np.eye(3), LEVEL_HOVER)
-        assert not Allocator(PRESETS["paper"]).allocate(demand, "flight", NO_FORCES).saturated.any()
+        assert not Allocator(ALLOCATIONS["paper"]).allocate(demand, "flight", NO_FORCES).saturated.any()
 
 
 @pytest.mark.parametrize(
     ("name", "index", "value"), [("u", 7, -99.0), ("l", 31, 99.0), ("u", 3, np.nan), ("q", 3, np.nan), ("A", 0, np.nan)]
 )
 def test_crossed_bounds_and_nan_are_not_answered_with_a_stale_solution_and_poison_nothing(name, index, value):
-    mode, legs = PRESETS["paper"]["flight"], np.arange(24) // 6
+    mode, legs = ALLOCATIONS["paper"]["flight"], np.arange(24) // 6
     used, fresh = (Workspace(legs[:, None] == legs, mode.pattern, max_iter=2000, tolerance=1e-7) for _ in range(2))
     first, good = (assemble(mode, demand) for demand, _ in ticks("paper", True)[:2])
     assert used.solve(first)[1]
@@ -424,9 +424,9 @@ def test_crossed_bounds_and_nan_are_not_answered_with_a_stale_solution_and_poiso
 
 def test_an_unknown_mode_or_a_cap_below_one_is_refused_with_the_valid_choice():
     with pytest.raises(UnknownNameError, match="flight"):
-        Allocator(PRESETS["paper"]).allocate(restricted_demand(), "walk", NO_FORCES)
+        Allocator(ALLOCATIONS["paper"]).allocate(restricted_demand(), "walk", NO_FORCES)
     with pytest.raises(InvalidValueError, match="at least 1"):
-        Allocator(PRESETS["paper"], AllocatorConfig(max_iter=0))
+        Allocator(ALLOCATIONS["paper"], AllocatorConfig(max_iter=0))
 
 
 def wishes(n, size, seed=30):
@@ -458,7 +458,7 @@ def nearest(demand, wish):
 
 
 def test_projection_leaves_valid_forces_where_they_are():
-    allocator, valid = Allocator(PRESETS["paper"]), 0
+    allocator, valid = Allocator(ALLOCATIONS["paper"]), 0
     for demand, optimum, _ in wishes(100, 0.0):
         if assemble(PROJECTION, demand).violation(optimum.reshape(-1) / FORCE_SCALE) < 1e-12:
             valid += 1
@@ -468,7 +468,7 @@ def test_projection_leaves_valid_forces_where_they_are():
 
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_projected_forces_are_valid(size):
-    allocator = Allocator(PRESETS["paper"])
+    allocator = Allocator(ALLOCATIONS["paper"])
     for demand, _, wish in wishes(80, size):
         projected = allocator.project(demand, wish, NO_FORCES)
         assert projected.status in OPTIMAL
@@ -478,7 +478,7 @@ def test_projected_forces_are_valid(size):
 
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_projected_forces_are_the_nearest_valid_ones(size):
-    allocator = Allocator(PRESETS["paper"])
+    allocator = Allocator(ALLOCATIONS["paper"])
     for demand, _, wish in wishes(80, size):
         projected, best = allocator.project(demand, wish, NO_FORCES).forces_l, nearest(demand, wish)
         np.testing.assert_allclose(projected, best, atol=0.05, rtol=0)
@@ -486,7 +486,7 @@ def test_projected_forces_are_the_nearest_valid_ones(size):
 
 
 def test_projected_forces_agree_with_sequential_quadratic_programming_on_the_sphere_itself():
-    allocator, cut, blocks = Allocator(PRESETS["paper"]), 0, np.kron(np.eye(8), np.ones(3))
+    allocator, cut, blocks = Allocator(ALLOCATIONS["paper"]), 0, np.kron(np.eye(8), np.ones(3))
     for demand, optimum, wish in list(wishes(100, 15.0))[:90:9]:
         program = assemble(PROJECTION, demand)
         equal, low, high = program.l == program.u, program.l > -INFINITY, program.u < INFINITY
@@ -515,14 +515,14 @@ def test_projected_forces_agree_with_sequential_quadratic_programming_on_the_sph
 
 
 def test_projecting_twice_is_projecting_once():
-    allocator = Allocator(PRESETS["paper"])
+    allocator = Allocator(ALLOCATIONS["paper"])
     for demand, _, wish in wishes(60, 10.0):
         once = allocator.project(demand, wish, NO_FORCES).forces_l
         np.testing.assert_allclose(allocator.project(demand, once, NO_FORCES).forces_l, once, atol=1e-3, rtol=0)
 
 
 def test_projection_brings_no_two_wishes_farther_apart():
-    allocator, rng = Allocator(PRESETS["paper"]), np.random.default_rng(32)
+    allocator, rng = Allocator(ALLOCATIONS["paper"]), np.random.default_rng(32)
     for demand, _, wish in wishes(60, 10.0):
         other = wish + rng.normal(scale=3.0, size=(8, 3))
         a, b = (allocator.project(demand, w, NO_FORCES).forces_l for w in (wish, other))
@@ -534,7 +534,7 @@ def test_a_wish_that_is_not_finite_holds_the_previous_forces_and_poisons_nothing
     demand, previous = restricted_demand(), np.full((8, 3), 5.0)
     bad, wish = np.full((8, 3), 10.0), np.random.default_rng(33).uniform(-60.0, 60.0, (8, 3))
     bad[2, 1] = value
-    allocator, fresh = Allocator(PRESETS["paper"]), Allocator(PRESETS["paper"])
+    allocator, fresh = Allocator(ALLOCATIONS["paper"]), Allocator(ALLOCATIONS["paper"])
     held = allocator.project(demand, bad, previous)
     assert held.status == AllocationStatus.HELD
     np.testing.assert_allclose(held.forces_l, previous, rtol=1e-15)

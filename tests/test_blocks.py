@@ -17,12 +17,12 @@ from spidar_gym.control.blocks import (
     sphere_planes,
     torque_map,
 )
-from spidar_gym.control.modes import PRESETS, PROJECTION
+from spidar_gym.control.modes import ALLOCATIONS, PROJECTION
 from spidar_gym.control.qp import FORCE_SCALE, INFINITY, WRENCH_SCALE, Mode, assemble, soften
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.robot import GRAVITY, ROBOT
 
-MODES = [*(mode for modes in PRESETS.values() for mode in modes.values()), PROJECTION]
+MODES = [*(mode for modes in ALLOCATIONS.values() for mode in modes.values()), PROJECTION]
 FREE = np.zeros(8, bool)
 
 
@@ -187,7 +187,7 @@ def test_assembling_one_tick_leaves_no_trace_in_the_next(mode):
 
 
 def test_only_wrench_and_torque_rows_are_softened_and_slack_costs_half_its_square_times_the_price():
-    rng, mode = np.random.default_rng(9), PRESETS["paper"]["flight"]
+    rng, mode = np.random.default_rng(9), ALLOCATIONS["paper"]["flight"]
     for demand in random_demands(rng, 10, True):
         hard = assemble(mode, replace(demand, wrench=random_wrench(rng, np.eye(3), hard=True)))
         soft = soften(hard, mode.soft_rows, price=50.0)

@@ -2,20 +2,51 @@
 
 import copy
 import math
-from dataclasses import fields
+from dataclasses import asdict, fields, replace
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
 
+import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import FORMS, GIMBAL_NAMES, GRAVITY, JOINT_NAMES, ROBOT
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.aero import AeroConfig
+from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.plant import TIMESTEP, Plant, PlantConfig
 from spidar_gym.so3 import exp, matrix_to_quat
 from spidar_gym.state import Command, RobotState
 
 HIGH = np.array([0.0, 0.0, 5.0])
 ASKEW = matrix_to_quat(exp(np.array([0.2, -0.1, 0.3])))
+VACUUM = AeroConfig(wake=False)
+NOISE = ActuatorConfig(thrust_noise=0.3)
+STORM = Disturbances(wind=4.0, push=30.0)
+EVERYTHING = ActuatorConfig(
+    thrust_noise=0.3, delay=0.0275, vectoring_delay=0.01, backlash=0.01, spin_down=0.6, battery=True,
+    joint_friction=0.2, thrust_tilt=np.full((8, 2), 0.02), joint_offset=np.full(16, 0.01),
+    vectoring_offset=np.full((8, 2), -0.01),
+)  # fmt: skip
+ODDITIES: dict[str, tuple[PlantConfig, Disturbances]] = {
+    "vacuum": (PlantConfig(aero=VACUUM), Disturbances()),
+    "wake": (PlantConfig(), Disturbances()),
+    "noise": (PlantConfig(actuators=NOISE), Disturbances()),
+    "delay": (PlantConfig(actuators=ActuatorConfig(delay=0.0325)), Disturbances()),
+    "vectoring delay": (PlantConfig(actuators=ActuatorConfig(vectoring_delay=0.015)), Disturbances()),
+    "backlash": (PlantConfig(actuators=ActuatorConfig(backlash=0.02)), Disturbances()),
+    "spin-down": (PlantConfig(actuators=ActuatorConfig(spin_down=0.5), aero=VACUUM), Disturbances()),
+    "battery": (PlantConfig(actuators=ActuatorConfig(battery=True)), Disturbances()),
+    "wind": (PlantConfig(), Disturbances(wind=4.0)),
+    "wind in a vacuum": (PlantConfig(aero=VACUUM), Disturbances(wind=4.0)),
+    "pushes": (PlantConfig(), Disturbances(push=30.0)),
+    "lost thrust": (PlantConfig(), Disturbances(lost_rotor=3, fault_time=0.1)),
+    "lost vectoring": (PlantConfig(), Disturbances(lost_rotor=3, fault="vectoring", fault_time=0.05)),
+    "sensors": (PlantConfig(sense=True), Disturbances()),
+    "everything": (PlantConfig(substeps=7, sense=True, idle_thrust=1.2, actuators=EVERYTHING), STORM),
+}
+"""What a simulated moment can depend on, one thing at a time and all of it."""
 
 
 def command(thrust=0.0, joints=0.0, vectoring=0.0, limit=7.0) -> Command:
@@ -26,8 +57,8 @@ def command(thrust=0.0, joints=0.0, vectoring=0.0, limit=7.0) -> Command:
 
 
 def floating(**config) -> Plant:
-    """A plant at rest without gravity."""
-    plant = Plant(PlantConfig(**config))
+    """A plant at rest without gravity and air."""
+    plant = Plant(PlantConfig(aero=VACUUM, **config))
     plant.model.opt.gravity[:] = 0.0
     plant.reset(HIGH)
     return plant
@@ -52,9 +83,47 @@ def tumbled(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
 
 def dropped(**config) -> Plant:
     """A plant above the floor, askew, falling."""
-    plant = Plant(PlantConfig(**config))
+    plant = Plant(PlantConfig(**({"aero": VACUUM} | config)))
     plant.reset(np.array([0.0, 0.0, 0.4]), ASKEW, FORMS["form1"])
     return plant
+
+
+def odd(case: str) -> Plant:
+    """A plant above the floor, askew, that what `case` names happens to."""
+    config, disturbances = ODDITIES[case]
+    plant = Plant(config)
+    start = np.array([0.0, 0.0, 0.37])
+    plant.reset(start, ASKEW, FORMS["form1"], disturbances=disturbances, rng=np.random.default_rng(5))
+    if disturbances.push:
+        plant.memory.weather.next_push = 0.1
+    return plant
+
+
+def witnessed(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
+    """Drive the robot as `tumbled` does; everything that anybody sees of it after every tick."""
+    seen = []
+    for k in range(ticks):
+        motion = tumbled(plant, 1, 100 * seed + k)[0]
+        memory = plant.memory
+        numbers = [memory.power, memory.energy_wh, plant.mean_power, plant.in_contact, plant.state().time]
+        parts = [motion, plant.state().joint_torque, numbers, plant.thrust_factor, plant.air_force]
+        if memory.sensors is not None:
+            parts += [np.ravel(value) for value in asdict(plant.measure()).values()]
+        seen.append(np.concatenate(parts))
+    return seen
+
+
+def same(a, b) -> bool:
+    """Whether two saved moments are the same, bit for bit."""
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    if isinstance(a, np.random.Generator):
+        return a.bit_generator.state == b.bit_generator.state
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if hasattr(a, "__dataclass_fields__"):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    return bool(a == b)
 
 
 def touching(plant: Plant) -> set[str]:
@@ -72,7 +141,7 @@ def test_the_simulated_robot_weighs_16_kg():
 
 
 def test_without_thrust_the_cog_falls_by_half_g_t_squared_however_the_legs_move():
-    plant = Plant()
+    plant = Plant(PlantConfig(aero=VACUUM))
     plant.reset(HIGH)
     start = momentum(plant)[0]
     legs = np.random.default_rng(1).uniform(-1, 1, 16)
@@ -88,7 +157,7 @@ def test_without_thrust_the_cog_falls_by_half_g_t_squared_however_the_legs_move(
 
 
 def test_thrust_of_an_eighth_of_the_weight_each_keeps_the_height_for_a_second():
-    plant = Plant()
+    plant = Plant(PlantConfig(aero=VACUUM))
     plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust))
     start = momentum(plant)[0]
     for _ in range(40):
@@ -98,7 +167,7 @@ def test_thrust_of_an_eighth_of_the_weight_each_keeps_the_height_for_a_second():
 
 def test_moving_legs_leave_the_angular_momentum_about_the_cog_but_for_an_error_that_vanishes_with_the_time_step():
     def final(timestep):
-        plant = Plant(PlantConfig(joint_speed=2.0, substeps=round(0.025 / timestep)))
+        plant = Plant(PlantConfig(joint_speed=2.0, substeps=round(0.025 / timestep), aero=VACUUM))
         plant.model.opt.timestep = timestep
         plant.reset(HIGH)
         plant.data.qvel[3:6] = (0.3, -0.2, 0.4)
@@ -116,7 +185,7 @@ def test_moving_legs_leave_the_angular_momentum_about_the_cog_but_for_an_error_t
 
 
 def test_thrust_has_come_63_percent_of_its_way_after_30_ms():
-    plant = Plant(PlantConfig(substeps=12))
+    plant = Plant(PlantConfig(substeps=12, aero=VACUUM))
     plant.reset(HIGH, thrust=np.full(8, 5.0))
     thrust = plant.step(command(25.0)).thrust
     np.testing.assert_allclose(thrust, 25.0 - 20.0 * math.exp(-1.0), rtol=1e-9)
@@ -234,7 +303,7 @@ def test_a_restored_plant_continues_bit_for_bit_in_the_air_and_on_the_floor(tick
     other = dropped()
     for again in (plant, other):
         again.restore(saved)
-        assert np.array_equal(again.save(), saved)
+        assert same(again.save(), saved)
         assert np.array_equal(tumbled(again, 20, seed=1), ahead)
 
 
@@ -272,8 +341,172 @@ def test_a_restored_plant_touches_the_floor_exactly_if_the_saved_one_did():
 @pytest.mark.parametrize("change", [lambda s: s[:-1], lambda s: np.append(s, 0.0), lambda s: s[None]])
 def test_a_saved_state_of_another_length_is_refused(change):
     plant = dropped()
-    with pytest.raises(InvalidValueError, match=f"{plant.save().size} numbers"):
-        plant.restore(change(plant.save()))
+    saved = plant.save()
+    with pytest.raises(InvalidValueError, match=f"{saved.state.size} numbers"):
+        plant.restore(replace(saved, state=change(saved.state)))
+
+
+@pytest.mark.parametrize("ticks", [3, 16])
+@pytest.mark.parametrize("case", ODDITIES)
+def test_a_restored_plant_continues_bit_for_bit_whatever_happens_to_it(case, ticks):
+    plant = odd(case)
+    witnessed(plant, ticks)
+    saved = plant.save()
+    kept = copy.deepcopy(saved)
+    ahead = witnessed(plant, 8, seed=1)
+    other = odd(case)
+    for again in (plant, plant, other):
+        again.restore(saved)
+        assert same(again.save(), kept)
+        assert np.array_equal(witnessed(again, 8, seed=1), ahead)
+    assert same(saved, kept), "restoring writes nothing into what was saved"
+
+
+def test_the_moments_that_are_restored_have_a_command_on_its_way_a_push_a_stuck_servo_and_a_contact():
+    """Without these the test above would be easier than it looks."""
+    plant = odd("everything")
+    assert not plant.in_contact
+    witnessed(plant, 3)
+    assert plant.memory.pending
+    assert plant.memory.clock % 5
+    witnessed(plant, 6)
+    assert plant.memory.weather.push_w.any()
+    assert plant.memory.noise.any()
+    assert plant.memory.falling.any()
+    assert plant.memory.loose.any()
+    for case in ("everything", "wake"):
+        plant = odd(case)
+        touched = False
+        for k in range(16):
+            witnessed(plant, 1, seed=k)
+            touched |= plant.in_contact
+        assert touched
+    plant = odd("lost vectoring")
+    witnessed(plant, 3)
+    assert plant.memory.stuck is not None
+
+
+@pytest.mark.parametrize("case", ["wind", "pushes", "lost thrust", "lost vectoring"])
+def test_what_happens_to_the_robot_is_part_of_a_saved_moment_even_if_the_plant_was_reset_since(case):
+    plant = odd(case)
+    witnessed(plant, 2)
+    saved = plant.save()
+    ahead = witnessed(plant, 8, seed=1)
+    plant.reset(HIGH)
+    plant.restore(saved)
+    assert np.array_equal(witnessed(plant, 8, seed=1), ahead)
+
+
+@pytest.mark.parametrize("case", ODDITIES)
+def test_a_reset_leaves_nothing_of_the_episode_before(case):
+    config, disturbances = ODDITIES[case]
+    used = odd(case)
+    witnessed(used, 8)
+    states = []
+    for plant in (Plant(config), used):
+        start, weather = np.array([0.0, 0.0, 0.5]), np.random.default_rng(9)
+        state = plant.reset(start, ASKEW, FORMS["form2"], disturbances=disturbances, rng=weather)
+        states.append([state, plant.save(), witnessed(plant, 8)])
+    assert same(states[0], states[1])
+
+
+@pytest.mark.parametrize("case", ["noise", "wind", "pushes", "sensors"])
+def test_something_random_without_a_generator_is_refused(case):
+    config, disturbances = ODDITIES[case]
+    with pytest.raises(InvalidValueError, match="a generator, where there is noise, wind or pushes"):
+        Plant(config).reset(HIGH, disturbances=disturbances)
+
+
+def test_a_plant_without_sensors_has_nothing_to_measure():
+    with pytest.raises(InvalidValueError, match=r"sense = False .*expected True"):
+        dropped().measure()
+
+
+def attentive(plant: Plant) -> Plant:
+    """The same plant, but it looks for contacts at every step."""
+    watch = plant._watch_floor
+    plant._watch_floor = lambda _: watch(True)
+    return plant
+
+
+def fallen(plant: Plant, height: float, speed: float, ticks: int) -> list[np.ndarray]:
+    """What is seen of a plant that starts at a height [m], falls at a speed [m/s] and kicks."""
+    plant.reset(np.array([0.0, 0.0, height]), ASKEW, FORMS["form2"], rng=np.random.default_rng(1))
+    plant.data.qvel[2] = -speed
+    return witnessed(plant, ticks)
+
+
+@pytest.mark.parametrize("case", ["vacuum", "wake", "everything"])
+@pytest.mark.parametrize(("height", "speed", "ticks"), [(1.6, 0.0, 30), (1.2, 4.0, 12), (3.5, 9.0, 14)])
+def test_not_looking_for_contacts_far_from_the_floor_changes_nothing(case, height, speed, ticks):
+    config, _ = ODDITIES[case]
+    ahead = fallen(Plant(config), height, speed, ticks)
+    assert np.array_equal(fallen(attentive(Plant(config)), height, speed, ticks), ahead)
+
+
+def test_a_robot_that_falls_at_11_metres_a_second_meets_the_floor_in_the_same_step_wherever_the_tick_begins():
+    config, skipped = PlantConfig(aero=VACUUM), 0
+    one, other = Plant(config), attentive(Plant(config))
+    for height in np.linspace(1.5, 2.0, 14):
+        ahead = fallen(one, height, 11.0, 5)
+        assert np.array_equal(fallen(other, height, 11.0, 5), ahead)
+        assert one.data.qvel[2] > -9.0, "it has met the floor"
+        one.reset(np.array([0.0, 0.0, height]), ASKEW, FORMS["form2"])
+        one.step(command())
+        skipped += one.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) > 0
+    assert skipped > 0, "at least the highest starts need no look"
+
+
+@pytest.mark.parametrize("substeps", [20, 40])
+def test_a_longer_control_period_does_not_hide_the_floor(substeps):
+    """5 m/s is the speed after a fall of 1.3 m."""
+    config = PlantConfig(substeps=substeps, aero=VACUUM)
+    one, other = Plant(config), attentive(Plant(config))
+    for height in np.linspace(1.2, 1.7, 6):
+        assert np.array_equal(fallen(one, height, 5.0, 4), fallen(other, height, 5.0, 4)), height
+
+
+def test_a_robot_that_falls_from_high_touches_the_floor():
+    plant = Plant()
+    plant.reset(np.array([0.0, 0.0, 10.0]))
+    touched = []
+    for _ in range(80):
+        state = plant.step(command())
+        touched.append(plant.in_contact)
+    assert any(touched)
+    # √(2 h / g) in a vacuum from the lowest peg on; the air brakes a little.
+    fall = math.sqrt(2.0 * (10.0 - 0.148) / GRAVITY)
+    assert fall - 0.05 < touched.index(True) * plant.period < fall + 0.15
+    assert np.isfinite(state.position_w).all()
+    assert not plant.diverged
+
+
+def test_the_default_robot_flies_in_air_and_the_vacuum_is_a_choice():
+    plant = Plant()
+    plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust))
+    plant.step(command(ROBOT.hover_thrust))
+    assert plant.memory.air is not None
+    plant = Plant(PlantConfig(aero=VACUUM))
+    plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust))
+    plant.step(command(ROBOT.hover_thrust))
+    assert plant.memory.air is None
+    assert np.array_equal(plant.thrust_factor, np.ones(8))
+    assert not plant.air_force.any()
+
+
+@pytest.mark.parametrize("form", ["form1", "form3"])
+def test_hovering_is_possible_in_air(form):
+    env = gymnasium.make("spidar_gym/Hover-v0", forms=form, perturbation=0.0)
+    env.reset(seed=0)
+    factors = []
+    for _ in range(80):
+        *_, terminated, _, info = env.step(np.zeros(env.action_space.shape))
+        factors.append(info["thrust_factor"])
+        assert not terminated
+    env.close()
+    assert np.abs(np.array(factors) - 1.0).max() > 1e-4, "the air is there"
+    assert np.linalg.norm(info["position_error"]) < 0.05
+    assert np.linalg.norm(info["attitude_error"]) < 0.02
 
 
 def test_a_robot_lowered_onto_the_floor_comes_to_rest_on_its_pegs():

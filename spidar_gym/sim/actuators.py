@@ -82,7 +82,7 @@ class ActuatorConfig:
             if f.name in least and value < 0.0:
                 raise InvalidValueError(f.name, getattr(self, f.name), "a number of at least 0")
             if f.name in positive and (value <= 0.0).any():
-                raise InvalidValueError(f.name, getattr(self, f.name), "numbers above 0")
+                raise InvalidValueError(f.name, getattr(self, f.name), "a number above 0")
 
     @cached_property
     def gain(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,9 @@ class Disturbances:
         """Refuse what cannot happen."""
         for name, unit in (("wind", "m/s"), ("push", "N"), ("fault_time", "s")):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+            if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
                 raise InvalidValueError(name, value, f"a number of at least 0 [{unit}]")
-        if not (isinstance(self.lost_rotor, int) and 0 <= self.lost_rotor <= N_ROTORS):
+        if not (isinstance(self.lost_rotor, Integral) and 0 <= self.lost_rotor <= N_ROTORS):
             raise InvalidValueError("lost_rotor", self.lost_rotor, f"a rotor number 1 … {N_ROTORS}, or 0 for none")
         if self.fault not in FAULTS:
             raise UnknownNameError("fault", self.fault, FAULTS)

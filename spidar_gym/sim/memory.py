@@ -38,7 +38,7 @@ class PlantMemory:
     stuck: np.ndarray | None = None
     """Vectoring angles of a module whose servos have failed [rad]."""
     power: float = 0.0
-    """Mean electrical power of the last control period [W]."""
+    """Electrical power at the end of the last control period [W]."""
     energy_wh: float = 0.0
     """Energy drawn since the reset [Wh]."""
     sensors: SensorMemory | None = None

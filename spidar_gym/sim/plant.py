@@ -24,8 +24,10 @@ from spidar_gym.sim.scene import TIMESTEP, scene
 from spidar_gym.sim.sensors import SensorConfig, Sensors
 from spidar_gym.state import Command, Measurement, RobotState
 
-AIR_STEPS = 5
-"""Physics steps between two evaluations of the air: 12.5 ms, 80 Hz."""
+AIR_STEPS = 10
+"""Physics steps between two evaluations of the air: 25 ms, 40 Hz; README tells what the hold costs."""
+SERVO_STEPS = 5
+"""Physics steps between two looks at which way thrusts go and where joints are in their play: 12.5 ms."""
 IMU_STEPS = 2
 """Physics steps between two samples of the sensors: 5 ms, 200 Hz."""
 FASTEST = 12.0
@@ -90,8 +92,10 @@ class Plant:
         self._rotors = np.array([servo.id for servo in servos[_ROTORS]])
         self._joint_servos = np.array([servo.id for servo in servos[_JOINTS]])
         self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
+        self._geom_xpos, self._options = self.data.geom_xpos, self.model.opt
         self._floor_radius = self.model.geom_rbound.copy()
         self._floor_radius[self.model.geom("floor").id] = -np.inf
+        self._watching = True
         self.memory = PlantMemory()
         self.configure(config or PlantConfig())
 
@@ -102,7 +106,7 @@ class Plant:
         """Control period [s]."""
         config.actuators.apply(self.model, config.joint_speed)
         config.body.apply(self.model, scene(visual=False))
-        self._aero = Aero(self.model, config.aero)
+        self._aero = Aero(self.model, self.data, config.aero)
         self._sensors = Sensors(config.sensors)
         actuators = config.actuators
         self._offsets = np.concatenate(
@@ -143,6 +147,7 @@ class Plant:
             raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
         mujoco.mj_resetData(self.model, self.data)
         self.memory = memory = PlantMemory(rng=rng, disturbances=disturbances)
+        self._prepare()
         targets = self._targets
         targets[_ROTORS] = 0.0 if thrust is None else thrust
         targets[_JOINTS] = 0.0 if joint_position is None else joint_position
@@ -161,6 +166,8 @@ class Plant:
         if rng is not None and (disturbances.wind or disturbances.push):
             memory.weather = Weather.draw(disturbances, rng)
         self._blow()
+        if self._lopsided:
+            self._lean()
         memory.power = self._power()
         state = self.state()
         if self.config.sense and rng is not None:
@@ -184,14 +191,15 @@ class Plant:
         self._obey(targets)
         if not (command.joint_torque_limit == memory.torque_limit).all():
             self._limit_torque(command.joint_torque_limit.copy())
-        clearance = float((self.data.geom_xpos[:, 2] - self._floor_radius).min())
+        clearance = float((self._geom_xpos[:, 2] - self._floor_radius).min())
         self._watch_floor(not clearance > FASTEST * self.period)
         end = memory.clock + config.substeps
-        breathing = self._breathing
         while memory.clock < end:
             stop = end
-            if breathing:
+            if self._airy:
                 stop = min(stop, memory.clock + AIR_STEPS - memory.clock % AIR_STEPS)
+            if self._lopsided:
+                stop = min(stop, memory.clock + SERVO_STEPS - memory.clock % SERVO_STEPS)
             if memory.sensors is not None:
                 stop = min(stop, memory.clock + IMU_STEPS - memory.clock % IMU_STEPS)
             if memory.pending:
@@ -200,8 +208,10 @@ class Plant:
             memory.clock = stop
             if memory.pending:
                 self._arrive()
-            if breathing and stop % AIR_STEPS == 0:
+            if self._airy and stop % AIR_STEPS == 0:
                 self._blow()
+            if self._lopsided and stop % SERVO_STEPS == 0:
+                self._lean()
             if memory.sensors is not None and stop % IMU_STEPS == 0:
                 assert memory.rng is not None
                 actuators = config.actuators
@@ -287,6 +297,7 @@ class Plant:
             raise InvalidValueError("saved", saved.state.shape, f"a state of {sum(sizes)} numbers from save()")
         state, force = np.split(saved.state, sizes[:1])
         self.memory = copy.deepcopy(saved.memory)
+        self._prepare()
         mujoco.mj_setState(self.model, self.data, state, kind)
         self._limit_torque(self.memory.torque_limit)
         self._one_sided()
@@ -294,20 +305,6 @@ class Plant:
         # The forward pass looks at the present instant; a step leaves what it saw at the start of its last substep.
         self.data.actuator_force[:] = force
         return self.state()
-
-    @property
-    def _breathing(self) -> bool:
-        """Whether anything is evaluated between the physics steps."""
-        config, disturbances = self.config, self.memory.disturbances
-        actuators = config.actuators
-        return (
-            config.aero.wake
-            or disturbances.wind > 0.0
-            or disturbances.push > 0.0
-            or actuators.thrust_noise > 0.0
-            or actuators.backlash > 0.0
-            or actuators.spin_down != 1.0
-        )
 
     def _obey(self, targets: np.ndarray) -> None:
         """Send a command on its way to the actuators."""
@@ -353,35 +350,38 @@ class Plant:
             self._control[self._ctrl[first : first + 2]] = memory.stuck
 
     def _blow(self) -> None:
-        """What is evaluated at the rate of the air: noise, wind, jets, and the servos' and motors' one-sidedness."""
-        config, memory, actuators = self.config, self.memory, self.config.actuators
-        if not self._breathing:
-            return
-        dt = AIR_STEPS * TIMESTEP
+        """Let noise, wind and pushes go on, and evaluate the air."""
+        memory, actuators = self.memory, self.config.actuators
+        thrust = self._a.take(self._act[_ROTORS])
         if memory.rng is not None:
+            dt = AIR_STEPS * TIMESTEP
             if actuators.thrust_noise > 0.0:
                 memory.noise = thrust_noise(memory.noise, actuators.thrust_noise, dt, memory.rng)
-            memory.weather.advance(self.memory.disturbances, self.data.time, dt, memory.rng)
-        thrust = self._a.take(self._act[_ROTORS])
-        weather = memory.weather
-        if (
-            config.aero.wake
-            or self.memory.disturbances.wind > 0.0
-            or self.memory.disturbances.push > 0.0
-            or actuators.thrust_noise > 0.0
-        ):
+            if self._windy:
+                memory.weather.advance(memory.disturbances, self.data.time, dt, memory.rng)
+        if self._airy:
+            weather = memory.weather
+            wind_w = weather.mean_w + weather.gust_w if self._windy else weather.mean_w
             memory.air = self._aero.evaluate(
-                self.data,
-                thrust * actuators.gain,
-                wind_w=weather.mean_w + weather.gust_w,
-                noise=memory.noise,
-                push_w=weather.push_w,
+                thrust * self._gain, wind_w=wind_w, noise=memory.noise, push_w=weather.push_w
             )
             self._applied[:] = memory.air.generalized
-        memory.falling = self._control.take(self._ctrl[_ROTORS]) < thrust
+
+    def _lean(self) -> None:
+        """Look which thrusts fall and where the joints are in their play."""
+        memory, play = self.memory, self.config.actuators.backlash
+        memory.falling = self._control.take(self._ctrl[_ROTORS]) < self._a.take(self._act[_ROTORS])
         gap = self._a.take(self._act[_JOINTS]) - self._q.take(self._qpos[:N_JOINTS])
-        memory.loose = np.minimum(np.maximum(gap, -actuators.backlash), actuators.backlash)
+        memory.loose = np.minimum(np.maximum(gap, -play), play)
         self._one_sided()
+
+    def _prepare(self) -> None:
+        """Note what has to be evaluated between the physics steps."""
+        config, disturbances = self.config, self.memory.disturbances
+        actuators = config.actuators
+        self._windy = disturbances.wind > 0.0 or disturbances.push > 0.0
+        self._airy = config.aero.wake or self._windy or actuators.thrust_noise > 0.0
+        self._lopsided = actuators.backlash > 0.0 or actuators.spin_down != 1.0
 
     def _one_sided(self) -> None:
         """Tell MuJoCo what depends on a direction: the lag of falling thrusts, and the play of the joints.
@@ -406,9 +406,9 @@ class Plant:
 
     def _watch_floor(self, watch: bool) -> None:
         """Look for contacts, or save the time: with the floor far below the result is the same."""
-        flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        flags = self.model.opt.disableflags
-        self.model.opt.disableflags = flags & ~flag if watch else flags | flag
+        if watch != self._watching:
+            self._options.disableflags ^= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+            self._watching = watch
 
     def _limit_torque(self, limit: JointVector) -> None:
         self.memory.torque_limit = limit

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, fields
+from numbers import Real
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class SensorConfig:
         """Refuse negative noise."""
         for f in fields(self):
             value = getattr(self, f.name)
-            if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+            if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
                 raise InvalidValueError(f.name, value, "a number of at least 0")
         if self.dropout > 1.0:
             raise InvalidValueError("dropout", self.dropout, "a probability within 0 … 1")

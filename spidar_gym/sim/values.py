@@ -21,8 +21,8 @@ def check_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
         except (TypeError, ValueError):
             array = np.array(math.nan)
         if array.shape != shape or not np.isfinite(array).all():
-            what = f"{shape} finite numbers" if shape else "a finite number"
-            raise InvalidValueError(f.name, value, what)
+            what = f"finite numbers of shape {shape}" if shape else "a finite number"
+            raise InvalidValueError(f.name, value.tolist() if isinstance(value, np.ndarray) else value, what)
 
 
 def constant(value: float, *shape: int) -> np.ndarray:
