@@ -24,8 +24,19 @@ from spidar_gym.control.qp import Demand, assemble
 from spidar_gym.control.solver import closed_form
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
+from spidar_gym.sim.aero import Aero
 from spidar_gym.so3 import exp
 
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    "mixed": {"forms": "mixed"},
+    "paper": {"forms": "paper"},
+    "mixed_without_wake": {"forms": "mixed", "wake": False},
+    "mixed_tuned": {"forms": "mixed", "preset": "tuned"},
+    "mixed_randomised": {"forms": "mixed", "randomization": 1.0, "sensors": True},
+}
+"""Environments that are timed, by name."""
+PARTS = 8 + len(ENVIRONMENTS)
+"""Parts of `run_bench`."""
 HARD_STATES = 400
 """How many hard states the solver is timed on."""
 
@@ -95,9 +106,9 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
         result[preset_name] = block
     on_step("hard states")
     result["hard_states"] = _hard()
-    for name in ("mixed", "paper"):
+    for name, arguments in ENVIRONMENTS.items():
         on_step(f"environment, {name}")
-        env = gymnasium.make("spidar_gym/Hover-v0", forms=name)
+        env = gymnasium.make("spidar_gym/Hover-v0", **arguments)
         result[f"env_steps_per_s_{name}"] = benchmark_step(_ZeroAction(env), target_duration=max(2, round(6 * seconds)))
         env.close()
     return result
@@ -131,7 +142,9 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     allocator = Allocator(env.controller.allocator.modes)
     forces = controller.memory.forces_l
     saved = plant.save()
+    aero, still = Aero(plant.model, plant.data), np.zeros(3)
     figures = {
+        "air_us": lambda: aero.evaluate(state.thrust, wind_w=still, noise=np.zeros(N_ROTORS), push_w=still),
         "snapshot_us": lambda: controller.model.snapshot(state.joint_position, percept.R_wb, state.vectoring),
         "qp_assembly_us": lambda: assemble(mode, demand),
         "closed_form_us": lambda: closed_form(program),
@@ -204,8 +217,9 @@ def bench_table(result: dict[str, Any]) -> str:
         f"iterations median {hard['osqp_iterations']['median']:.0f}, max {hard['osqp_iterations']['max']}; "
         f"answers {hard['statuses']}",
         f"one numpy addition of 8 numbers: {result['numpy_add_us']['median']:.2f} µs (the machine's unit)",
-        f"environment, zero action: {result['env_steps_per_s_mixed']:.0f} steps/s (mixed forms), "
-        f"{result['env_steps_per_s_paper']:.0f} steps/s (the paper's forms); "
-        f"the bare 10 × mj_step would allow {1e5 / step:.0f}",
+        "environment, zero action, steps/s: "
+        + ", ".join(f"{result[f'env_steps_per_s_{name}']:.0f} {name.replace('_', ' ')}" for name in ENVIRONMENTS),
+        f"the bare 10 × mj_step would allow {1e5 / step:.0f}; the air's share of a step (mixed forms): "
+        f"{1.0 - result['env_steps_per_s_mixed'] / result['env_steps_per_s_mixed_without_wake']:.0%}",
     ]
     return "\n".join(lines)

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from spidar_gym import experiments, studies, viz
 from spidar_gym import tune as tuning
-from spidar_gym.bench import bench_table, run_bench
+from spidar_gym.bench import PARTS, bench_table, run_bench
 from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.control.presets import PRESETS
 from spidar_gym.description import CAMERAS, assets_dir, generated_files
@@ -27,7 +27,7 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS, Entry, environment
 from spidar_gym.envs.tasks import SEQUENCES, hover_height
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, StaleAssetError, require_name
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.scenario import CONDITIONS
@@ -80,10 +80,8 @@ def flight(
     if speeds or ablation:
         _speeds(output_folder(out), json, ablation, scenarios, workers)
         return
-    if preset not in PRESETS:
-        raise UnknownNameError("preset", preset, PRESETS)
-    if camera not in CAMERAS:
-        raise UnknownNameError("camera", camera, CAMERAS)
+    require_name("preset", preset, PRESETS)
+    require_name("camera", camera, CAMERAS)
     folder = output_folder(out)
     remarks = []
     with tqdm(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}", file=sys.__stderr__) as bar:
@@ -244,8 +242,7 @@ def _check_run(env_id: str, episodes: int, camera: str, seconds: float | None, o
     entry = environment(env_id)
     if episodes < 1:
         raise InvalidValueError("episodes", episodes, "a whole number of at least 1")
-    if camera not in CAMERAS:
-        raise UnknownNameError("camera", camera, CAMERAS)
+    require_name("camera", camera, CAMERAS)
     if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
         raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
     if out is not None and (out.suffix != ".mp4" or out.is_dir()):
@@ -264,8 +261,7 @@ def lost(
         out: Folder for lost.json.
         json: Print one JSON object on stdout and nothing else there.
     """
-    if preset not in PRESETS:
-        raise UnknownNameError("preset", preset, PRESETS)
+    require_name("preset", preset, PRESETS)
     folder = output_folder(out)
     with tqdm(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost", file=sys.__stderr__) as bar:
         rows = studies.lost_rotors(preset, on_flight=bar.update)
@@ -316,8 +312,7 @@ def view(form: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(FORMS) + "}")
 
     from spidar_gym.sim.renderer import require_display
 
-    if form not in FORMS:
-        raise UnknownNameError("form", form, FORMS)
+    require_name("form", form, FORMS)
     require_display()
     plant = Plant()
     plant.reset(np.array([0.0, 0.0, hover_height()]), joint_position=FORMS[form])
@@ -365,7 +360,7 @@ def bench(seconds: float = 0.5, json: tyro.conf.FlagCreatePairsOff[bool] = False
     """
     if not seconds > 0.0:
         raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
-    with tqdm(total=10, unit="part", desc="bench", file=sys.__stderr__, leave=False) as bar:
+    with tqdm(total=PARTS, unit="part", desc="bench", file=sys.__stderr__, leave=False) as bar:
 
         def on_step(name: str) -> None:
             bar.set_postfix_str(name)

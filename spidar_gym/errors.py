@@ -40,3 +40,9 @@ class MissingDependencyError(SpidarError, ImportError):
     def __init__(self, what: str, install: str) -> None:
         """Say `what` is missing and how to `install` it."""
         super().__init__(f"{what} is not available; install it with: {install}")
+
+
+def require_name(kind: str, name: str, valid: Iterable[str]) -> None:
+    """Raise `UnknownNameError` unless `name` is one of the valid ones."""
+    if name not in valid:
+        raise UnknownNameError(kind, name, valid)

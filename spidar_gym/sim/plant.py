@@ -195,15 +195,7 @@ class Plant:
         self._watch_floor(not clearance > FASTEST * self.period)
         end = memory.clock + config.substeps
         while memory.clock < end:
-            stop = end
-            if self._airy:
-                stop = min(stop, memory.clock + AIR_STEPS - memory.clock % AIR_STEPS)
-            if self._lopsided:
-                stop = min(stop, memory.clock + SERVO_STEPS - memory.clock % SERVO_STEPS)
-            if memory.sensors is not None:
-                stop = min(stop, memory.clock + IMU_STEPS - memory.clock % IMU_STEPS)
-            if memory.pending:
-                stop = min(stop, *(due for due, _, _ in memory.pending))
+            stop = self._next_stop(end)
             mujoco.mj_step(self.model, self.data, stop - memory.clock)
             memory.clock = stop
             if memory.pending:
@@ -222,6 +214,15 @@ class Plant:
         memory.power = self._power()
         memory.energy_wh += memory.power * self.period / 3600.0
         return self.state()
+
+    def _next_stop(self, end: int) -> int:
+        """The physics step at which something besides MuJoCo is due, `end` at the latest."""
+        memory, stop = self.memory, end
+        periods = (self._airy, AIR_STEPS), (self._lopsided, SERVO_STEPS), (memory.sensors is not None, IMU_STEPS)
+        for needed, steps in periods:
+            if needed:
+                stop = min(stop, memory.clock + steps - memory.clock % steps)
+        return min(stop, *(due for due, _, _ in memory.pending)) if memory.pending else stop
 
     def state(self) -> RobotState:
         """The true state."""
