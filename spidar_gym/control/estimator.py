@@ -153,13 +153,12 @@ class Estimator:
         k = int(np.argmin(np.abs(memory.past_time - time)))
         error = position_w - memory.past_position_w[k]
         turn = log(R_wb @ memory.past_R_wb[k].T)
-        memory.position_w = memory.position_w + c.position * error
         memory.velocity_w = memory.velocity_w + c.velocity * error
         memory.accelerometer_bias = memory.accelerometer_bias - c.accelerometer * (error @ memory.R_wb)
         memory.gyro_bias = memory.gyro_bias - c.gyro * (turn @ memory.R_wb)
-        step = exp(c.attitude * turn)
-        memory.R_wb = step @ memory.R_wb
-        # Later frames must not see again what this one has corrected.
-        ages = memory.past_time[k:] - time
+        # The whole way from then to now moves, the present included: later frames must not see again what this one
+        # has corrected, and a velocity that was wrong then has carried the position off since.
+        ages = memory.past_time[k:] - memory.past_time[k]
         memory.past_position_w[k:] += (c.position + c.velocity * ages)[:, None] * error
-        memory.past_R_wb[k:] = step @ memory.past_R_wb[k:]
+        memory.past_R_wb[k:] = exp(c.attitude * turn) @ memory.past_R_wb[k:]
+        memory.position_w, memory.R_wb = memory.past_position_w[-1].copy(), memory.past_R_wb[-1].copy()

@@ -11,20 +11,20 @@ from spidar_gym.errors import UnknownNameError
 PRESETS: dict[str, ControllerConfig] = {
     "paper": ControllerConfig(),
     "as_flown": ControllerConfig(allocation="as_flown"),
-    # By `spidar tune --seed 0`, 40 generations of 12 candidates on 6 flights each.
+    # What `spidar tune --seed 0 --generations 30` found.
     "tuned": ControllerConfig(
         centroidal=CentroidalConfig(
-            position_gains=((4.7, 0.16, 6.0), (4.7, 0.16, 6.0), (8.0, 1.5, 6.0)),
-            attitude_gains=((18.0, 2.0, 9.0), (18.0, 2.0, 9.0), (14.0, 1.3, 8.0)),
+            position_gains=((14.12, 0.0474, 4.193), (14.12, 0.0474, 4.193), (7.76, 6.023, 7.479)),
+            attitude_gains=((24.37, 0.645, 6.978), (24.37, 0.645, 6.978), (19.5, 5.914, 7.322)),
         ),
         compensation=CompensationConfig(
-            momentum_gain=1.0,
-            momentum_filter=0.02,
-            servo_bandwidth=40.0,
-            vectoring_lead=0.05,
-            observer_gain=0.8,
-            observer_time=0.5,
-            observer_lag=0.05,
+            momentum_gain=1.276,
+            momentum_filter=0.02851,
+            servo_bandwidth=52.48,
+            vectoring_lead=0.05232,
+            observer_gain=0.8372,
+            observer_time=0.3603,
+            observer_lag=0.1621,
             joint_ramp=0.4,
         ),
     ),

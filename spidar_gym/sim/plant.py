@@ -171,7 +171,8 @@ class Plant:
         memory.power = self._power()
         state = self.state()
         if self.config.sense and rng is not None:
-            memory.sensors = self._sensors.start(state, rng)
+            actuators = self.config.actuators
+            memory.sensors = self._sensors.start(state, rng, actuators.joint_offset, actuators.vectoring_offset)
         return state
 
     def step(self, command: Command) -> RobotState:

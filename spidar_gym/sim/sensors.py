@@ -76,6 +76,9 @@ ENCODER_STEPS = np.concatenate(
 """Counts of joints, then of vectoring angles [rad]."""
 
 
+_NO_JOINT_OFFSET, _NO_VECTORING_OFFSET = np.zeros(N_JOINTS), np.zeros((N_ROTORS, 2))
+
+
 @dataclass
 class SensorMemory:
     """Everything about the sensors that changes during an episode."""
@@ -113,8 +116,14 @@ class Sensors:
         """Take the noise's sizes."""
         self.config = config
 
-    def start(self, state: RobotState, rng: np.random.Generator) -> SensorMemory:
-        """Switch the sensors on in a state; biases and drifts are drawn."""
+    def start(
+        self,
+        state: RobotState,
+        rng: np.random.Generator,
+        joint_offset: np.ndarray = _NO_JOINT_OFFSET,
+        vectoring_offset: np.ndarray = _NO_VECTORING_OFFSET,
+    ) -> SensorMemory:
+        """Switch the sensors on in a state; biases and drifts are drawn. The arguments are those of `sample`."""
         c = self.config
         scale = c.factor * np.repeat([c.position_drift, c.rotation_drift], 3)
         memory = SensorMemory(
@@ -123,7 +132,7 @@ class Sensors:
             drift=scale * rng.standard_normal(6),
             velocity_w=_imu_velocity(state, quat_to_matrix(state.quat_wb)),
         )
-        self.sample(memory, state, np.zeros(N_JOINTS), np.zeros((N_ROTORS, 2)), rng)
+        self.sample(memory, state, joint_offset, vectoring_offset, rng)
         # The robot has stood there for a while: its first frame has arrived.
         memory.frames = [(state.time - c.latency, p, q) for _, p, q in memory.frames]
         return memory
@@ -165,7 +174,7 @@ class Sensors:
             white = c.factor * rng.standard_normal(6)
             if rng.random() < c.dropout:
                 memory.silent_until = time + DROPOUT_SECONDS
-            if time >= memory.silent_until:
+            if time >= memory.silent_until - 1e-9:
                 position = state.position_w + R @ IMU_POSITION_B + memory.drift[:3] + c.position_noise * white[:3]
                 attitude = R @ exp(memory.drift[3:] + c.rotation_noise * white[3:])
                 memory.frames = [*memory.frames, (time, position, matrix_to_quat(attitude))]
