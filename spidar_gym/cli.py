@@ -198,16 +198,16 @@ def run(
         output_folder(out.parent)
         film = viz.FlightVideo(out, camera=camera)
     zero = np.zeros(env.action_space.shape or ())
-    finished, survived, succeeded = False, 0, 0
+    finished, survived, succeeded, finite = False, 0, 0, 0
     try:
         for episode in range(episodes):
             env.reset(seed=seed + episode)
-            rewards, errors, ended, info = [], [], False, {}
+            rewards, errors, ended, info, observation = [], [], False, {}, zero
             with tqdm(
                 total=horizon, unit="tick", desc=f"episode {episode + 1}", file=sys.__stderr__, leave=False
             ) as bar:
                 while not ended:
-                    _, reward, terminated, truncated, info = env.step(zero)
+                    observation, reward, terminated, truncated, info = env.step(zero)
                     ended = terminated or truncated
                     rewards.append(reward)
                     errors.append(np.concatenate([info["position_error"], info["attitude_error"]]))
@@ -219,6 +219,7 @@ def run(
                             f"{env_id}  {forms}  {len(rewards) / CONTROL_RATE:5.1f} s",
                             info["thrust"],
                         )
+            finite += bool(np.isfinite(observation).all())
             survived += not info["failure"]
             succeeded += info["is_success"]
             rms = np.sqrt((np.array(errors) ** 2).sum(axis=0) / len(errors))
@@ -229,7 +230,7 @@ def run(
                 + (f"failure: {info['failure']}" if info["failure"] else f"success: {info['is_success']}")
             )
         if episodes > 1:
-            print(f"{survived} of {episodes} stayed in the air, {succeeded} of them with success")
+            print(f"{survived} of {episodes} stayed in the air, {succeeded} with success, {finite} in finite numbers")
         finished = True
     finally:
         if film is not None:

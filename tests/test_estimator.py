@@ -1,4 +1,4 @@
-"""Pins the estimator: exact with perfect sensors, as good as stated with real ones, biases learnt, drop-outs survived."""
+"""Pins the estimator: exact with perfect sensors, how good with real ones, biases learnt, drop-outs bridged."""
 
 import copy
 import math
@@ -23,7 +23,7 @@ REAL = SensorConfig()
 FC = np.array(ROBOT.flight_controller)
 TOLD = np.linspace(15.0, 25.0, 8)
 STILL = resting(FORMS["form2"], joint_torque=np.linspace(-5.0, 5.0, 16))
-SEEDS = range(4)
+SEEDS = range(3)
 COUNT = 2 * math.pi / 2**12
 """Coarsest count of a joint's encoder [rad]."""
 
@@ -33,19 +33,20 @@ def rest(time) -> RobotState:
     return replace(STILL, time=time)
 
 
-def wander(time, speed=1.0) -> RobotState:
+@cache
+def wander(time) -> RobotState:
     """From rest into a flight about all axes: the attitude turns about a fixed skew axis, so that ω is exact."""
     s = min(time, 1.0) ** 2 / 2 + max(time - 1.0, 0.0)
     rate = min(time, 1.0)
-    axis, phase = np.array([0.3, -0.25, 0.4]), speed * s
-    frequency, size = speed * np.array([1.7, 1.3, 2.1]), np.array([0.3, 0.4, 0.2])
+    axis, phase = np.array([0.3, -0.25, 0.4]), 1.9 * s
+    frequency, size = np.array([1.7, 1.3, 2.1]), np.array([0.3, 0.4, 0.2])
     return replace(
         STILL,
         time=time,
         position_w=size * np.sin(frequency * s) + np.array([0.0, 0.0, 1.0]),
         velocity_w=rate * size * frequency * np.cos(frequency * s),
-        quat_wb=matrix_to_quat(exp(axis * math.sin(1.9 * phase))),
-        omega_b=axis * 1.9 * speed * rate * math.cos(1.9 * phase),
+        quat_wb=matrix_to_quat(exp(axis * math.sin(phase))),
+        omega_b=axis * 1.9 * rate * math.cos(phase),
     )
 
 
@@ -219,7 +220,7 @@ def test_the_estimate_follows_the_robot_under_its_controller():
     env = gymnasium.make("spidar_gym/Hover-v0", plant=PlantConfig(sense=True, sensors=PERFECT)).unwrapped
     env.reset(seed=0)
     still, errors, moved = np.zeros(env.action_space.shape), [], []
-    for _ in range(160):
+    for _ in range(120):
         assert not env.step(still)[2]
         errors.append(deviation(env._seen, env.state))
         moved.append(np.abs(env.state.joint_velocity).max())
@@ -240,14 +241,14 @@ def test_a_pure_rotation_about_the_origin_of_the_torso_does_not_move_it():
     assert np.abs([s.velocity_w for s in flight.seen]).max() < 5e-4
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.01, 0.03, 0.05])
+@pytest.mark.parametrize("latency", [0.01, 0.03, 0.05])
 def test_latency_does_not_hold_back_a_robot_at_constant_velocity(latency):
     def glide(time):
         return cruise(time, (0.4, -0.3, 0.2), (0.1, 0.2, -0.3))
 
-    flight = follow(glide, replace(PERFECT, latency=latency), 3.5)
+    flight = follow(glide, replace(PERFECT, latency=latency), 3.0)
     # A frame that was taken for a present one would be 0.5 m/s × latency behind.
-    assert np.all(largest(flight.after(2.5)) < [5e-5, 1e-5, 2e-4, 2e-5])
+    assert np.all(largest(flight.after(2.0)) < [5e-5, 1e-5, 2e-4, 2e-5])
 
 
 @pytest.mark.parametrize("latency", [0.01, 0.03])
@@ -291,24 +292,28 @@ def test_the_newest_of_the_past_is_the_present():
 # Real sensors -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_with_real_sensors_no_error_exceeds_9_mm_6_mrad_90_mm_per_s_and_40_mrad_per_s(seed):
+    assert np.all(largest(follow(wander, REAL, 8.0, seed).after(2.0)) < [9e-3, 6e-3, 0.09, 0.04])
+
+
 def test_with_real_sensors_the_state_is_known_to_3_mm_2_mrad_30_mm_per_s_and_13_mrad_per_s():
-    errors = np.concatenate([follow(wander, REAL, 10.0, seed).after(2.0) for seed in SEEDS])
+    errors = np.concatenate([follow(wander, REAL, 8.0, seed).after(2.0) for seed in SEEDS])
     assert np.all(rms(errors) < [3.0e-3, 2.3e-3, 0.029, 0.013])
-    assert np.all(largest(errors) < [9e-3, 6e-3, 0.09, 0.04])
 
 
 def test_angular_velocity_is_known_better_than_the_raw_gyroscope_with_its_bias():
-    errors = np.concatenate([follow(wander, REAL, 10.0, seed).after(2.0) for seed in SEEDS])
+    errors = np.concatenate([follow(wander, REAL, 8.0, seed).after(2.0) for seed in SEEDS])
     raw = math.sqrt(3.0) * math.hypot(REAL.gyro_bias, REAL.gyro_noise * math.sqrt(200.0))
     assert rms(errors)[3] < 0.6 * raw
 
 
 def test_biases_are_learnt():
-    flights = [follow(wander, REAL, 10.0, seed) for seed in SEEDS]
+    flights = [follow(wander, REAL, 8.0, seed) for seed in SEEDS]
     drawn, learnt = (np.array([getattr(flight, name) for flight in flights]) for name in ("bias", "learnt"))
     sizes = np.repeat([REAL.gyro_bias, REAL.accelerometer_bias], 3)
     before, left = (np.sqrt(np.mean((x / sizes).reshape(-1, 2, 3) ** 2, (0, 2))) for x in (drawn, drawn - learnt))
-    assert np.all(before > 0.6)
+    assert np.all(before > 2.0 * left)
     assert np.all(left < [0.25, 0.4])
 
 
@@ -317,27 +322,26 @@ def test_biases_are_learnt_exactly_where_nothing_else_is_wrong():
         position_noise=0.0, rotation_noise=0.0, position_drift=0.0, rotation_drift=0.0, dropout=0.0, gyro_noise=0.0,
         accelerometer_noise=0.0, vibration=0.0,
     )  # fmt: skip
-    flight = follow(wander, config, 6.0)
+    flight = follow(wander, config, 5.0)
     assert np.all(np.abs(flight.bias) > [1e-4] * 3 + [1e-3] * 3)
     np.testing.assert_allclose(flight.learnt, flight.bias, rtol=0, atol=1e-3)
     np.testing.assert_allclose(flight.learnt[:3], flight.bias[:3], rtol=0, atol=2e-5)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_drop_out_of_300_ms_is_bridged_and_forgotten(seed):
-    flight = follow(wander, REAL, 5.5, seed, blind=(3.0, 3.3))
-    gone = np.linalg.norm(np.ptp([s.position_w for s, t in zip(flight.truth, flight.time) if 3.0 <= t <= 3.3], axis=0))
-    during = largest(flight.after(3.0, 3.325))
-    assert gone > 0.1
-    assert np.all(during < [0.03, 6e-3, 0.12, 0.04])
-    assert np.all(largest(flight.after(4.3)) < [9e-3, 6e-3, 0.09, 0.04])
+    flight = follow(wander, REAL, 4.0, seed, blind=(2.0, 2.3))
+    start, end = (int(np.argmin(np.abs(flight.time - time))) for time in (2.0, 2.3))
+    assert np.linalg.norm(flight.truth[end].position_w - flight.truth[start].position_w) > 0.1
+    assert np.all(largest(flight.after(2.0, 2.325)) < [0.03, 6e-3, 0.12, 0.04])
+    assert np.all(largest(flight.after(3.3)) < [9e-3, 6e-3, 0.09, 0.04])
 
 
 def test_the_robot_flies_on_its_own_sensors():
     env = gymnasium.make("spidar_gym/Hover-v0", sensors=True).unwrapped
     env.reset(seed=1)
     still, errors = np.zeros(env.action_space.shape), []
-    for _ in range(160):
+    for _ in range(120):
         assert not env.step(still)[2]
         errors.append(deviation(env._seen, env.state))
     env.close()

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from spidar_gym.control.presets import controller_config
 from spidar_gym.experiments import flight_figures, flight_table, fly_paper
+from spidar_gym.tune import margin_table
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -30,8 +32,14 @@ def test_every_linked_file_exists():
 
 
 @pytest.mark.slow
-def test_the_flight_table_is_what_the_flight_gives():
-    lines = flight_table(flight_figures(fly_paper("as_flown"))).splitlines()
+@pytest.mark.parametrize("noise", [False, True])
+def test_the_flight_tables_are_what_the_flights_give(noise):
+    lines = flight_table(flight_figures(fly_paper("as_flown", noise=noise))).splitlines()
     for line in lines:
         if not line.startswith("QP time"):  # the one line that differs from machine to machine
             assert line in README
+
+
+def test_the_margins_are_those_of_the_preset():
+    for line in margin_table(controller_config("tuned")).splitlines():
+        assert line in README

@@ -15,8 +15,8 @@ from spidar_gym.state import Measurement, RobotState
 
 LEVER_B = np.array(ROBOT.flight_controller)
 """Where motion capture and inertial unit look, in the torso [m]."""
-HISTORY = 16
-"""Past samples kept for delayed frames: 80 ms."""
+HISTORY = 32
+"""Past samples kept for delayed frames: 160 ms."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ are scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), bec
 on scaling more than on anything else, and because the solver's own scaling would make a tick depend on the one before.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar, Protocol, runtime_checkable
@@ -25,6 +25,10 @@ TORQUE_SCALE = ROBOT.max_joint_torque
 """Unit of joint torque rows [Nm]."""
 INFINITY = 1e30
 """A bound that is none, in the solver's convention."""
+
+
+_NONE_LOST = np.zeros(N_ROTORS, bool)
+_NONE_LOST.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +53,7 @@ class Demand:
     """Lower bounds of θ [rad], read where restricted."""
     upper: RotorVector
     """Upper bounds of θ [rad], read where restricted."""
-    lost: RotorMask
+    lost: RotorMask = field(default_factory=lambda: _NONE_LOST)
     """Rotors that give no force."""
 
 

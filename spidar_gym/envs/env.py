@@ -185,8 +185,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
         self._seen = self._state
         if self._nominal.sense:
-            self.estimator.reset(self._state)
-            self._seen = self.estimator.update(self.plant.measure(), self._state.thrust)
+            first = self.plant.measure()
+            indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
+            self.estimator.reset(replace(self._state, **indicated))
+            self._seen = self.estimator.update(first, self._state.thrust)
         # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
         trim = None if self._described else self._trim(q)
         self.controller.reset(self._seen, q, trim)

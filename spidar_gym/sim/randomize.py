@@ -43,7 +43,7 @@ CRAWL = "estimate, crawl study"
 PHYSICS = "estimate, flight study"
 TABLE: tuple[Row, ...] = (
     # Body and ground.
-    Row("body.total_mass", "set", 15.2, 16.4, "kg", "[JSK] sum of parts … [Zhao2025] hover"),
+    Row("body.total_mass", "set", 15.2, 16.4, "kg", "[JSK] sum of the parts; estimate"),
     Row("body.link_mass", "scale", 0.90, 1.10, "1", PHYSICS, (N_LINKS,)),
     Row("body.link_com", "add", -0.01, 0.01, "m", PHYSICS, (N_LINKS, 3)),
     Row("body.torso_com", "add", -0.02, 0.02, "m", PHYSICS, (3,)),

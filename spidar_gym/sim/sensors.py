@@ -62,6 +62,8 @@ class SensorConfig:
             value = getattr(self, f.name)
             if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
                 raise InvalidValueError(f.name, value, "a number of at least 0")
+        if self.latency > 0.1:
+            raise InvalidValueError("latency", self.latency, "within 0 … 0.1 s: older frames are no use to anyone")
         if self.dropout > 1.0:
             raise InvalidValueError("dropout", self.dropout, "a probability within 0 … 1")
 
