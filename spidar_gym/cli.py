@@ -74,9 +74,9 @@ def flight(
         scenarios: Flights of a cell of --speeds and --ablation.
         workers: Processes for them.
     """
-    if scenarios < 1 or workers < 1:
-        name, value = ("scenarios", scenarios) if scenarios < 1 else ("workers", workers)
-        raise InvalidValueError(name, value, "a whole number of at least 1")
+    for name, value, least in (("scenarios", scenarios, 1), ("workers", workers, 1), ("seed", seed, 0)):
+        if value < least:
+            raise InvalidValueError(name, value, f"a whole number of at least {least}")
     if speeds or ablation:
         _speeds(output_folder(out), json, ablation, scenarios, workers)
         return
@@ -182,7 +182,7 @@ def run(
         out: Video file to write (.mp4).
         show: Open a window.
     """
-    entry = _check_run(env_id, episodes, camera, seconds, out)
+    entry = _check_run(env_id, episodes, seed, camera, seconds, out)
     horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
     env = gymnasium.make(
         env_id, forms=forms, preset=preset, joint_speed=joint_speed,
@@ -238,11 +238,13 @@ def run(
         env.close()
 
 
-def _check_run(env_id: str, episodes: int, camera: str, seconds: float | None, out: Path | None) -> Entry:
+def _check_run(env_id: str, episodes: int, seed: int, camera: str, seconds: float | None, out: Path | None) -> Entry:
     """The environment's entry, where the arguments of `run` make sense."""
     entry = environment(env_id)
     if episodes < 1:
         raise InvalidValueError("episodes", episodes, "a whole number of at least 1")
+    if seed < 0:
+        raise InvalidValueError("seed", seed, "a whole number of at least 0")
     require_name("camera", camera, CAMERAS)
     if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
         raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
@@ -290,12 +292,13 @@ def tune(
         seed: Seed of the search.
         workers: Processes.
     """
+    search = dict(generations=generations, population=population, flights=flights, seed=seed, workers=workers)
+    tuning.check_search(**search)
     folder = output_folder(out)
     with tqdm(unit="flight", desc="tune", file=sys.__stderr__) as bar:
         last = tuning.tune(
-            folder, generations=generations, population=population, flights=flights, seed=seed, workers=workers,
-            on_flight=bar.update, on_generation=lambda line: bar.set_postfix(cost=f"{line['cost']:.3f}"),
-        )  # fmt: skip
+            folder, **search, on_flight=bar.update, on_generation=lambda line: bar.set_postfix(cost=line["cost"])
+        )
     print(json_text(last["parameters"]))
     print(f"cost {last['cost']:.3f} after {last['generation'] + 1} generations, written to {folder / 'tune.json'}\n")
     print(tuning.margin_table(tuning.configuration(last["parameters"])))
@@ -335,7 +338,11 @@ def assets(
     """
     root = assets_dir()
     files = {**generated_files(), **pages()}
-    stale = [name for name, text in files.items() if not _same(root / name, text)]
+    stale = [
+        name
+        for name, text in files.items()
+        if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text
+    ]
     if check:
         if stale:
             raise StaleAssetError(", ".join(str(root / name) for name in stale))
@@ -387,10 +394,6 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
         ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES), ("cameras", CAMERAS)
     ):  # fmt: skip
         print(f"{title}: {', '.join(names)}")
-
-
-def _same(path: Path, text: str) -> bool:
-    return path.is_file() and path.read_text(encoding="utf-8") == text
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,5 +1,6 @@
 """`spidar tune`: gains and compensations of the preset `tuned`, by CMA-ES on flights of seeds of its own."""
 
+import importlib.util
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -117,6 +118,17 @@ def scenarios(generation: int, flights: int) -> list[Scenario]:
     return [Scenario(*kinds[k % len(kinds)], first + k, SECONDS) for k in range(flights)]
 
 
+def check_search(*, generations: int, population: int, flights: int, seed: int, workers: int) -> None:
+    """Refuse a search that cannot be made."""
+    if importlib.util.find_spec("cma") is None:
+        raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'")
+    numbers = {"generations": generations, "population": population, "flights": flights, "seed": seed}
+    for name, value in {**numbers, "workers": workers}.items():
+        least = {"population": 2, "seed": 0}.get(name, 1)
+        if value < least:
+            raise InvalidValueError(name, value, f"a whole number of at least {least}")
+
+
 def tune(
     folder: Path,
     *,
@@ -138,18 +150,14 @@ def tune(
         seed: Of the search; other settings than those of an unfinished search are refused.
         workers: Processes.
         on_flight: Called after every flight.
-        on_generation: Called with each line of the log.
+        on_generation: Called with the head of each line of the log.
 
     Returns:
         The last line of the log: the mean of the search distribution, its cost and margins.
     """
-    try:
-        import cma
-    except ImportError as error:
-        raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'") from error
-    for name, value in (("generations", generations), ("population", population), ("flights", flights)):
-        if value < 1:
-            raise InvalidValueError(name, value, "a whole number of at least 1")
+    check_search(generations=generations, population=population, flights=flights, seed=seed, workers=workers)
+    import cma
+
     settings = {"population": population, "flights": flights, "seed": seed}
     state = folder / "tune.pickle"
     lines: list[dict[str, Any]] = []
@@ -181,7 +189,7 @@ def tune(
         )
         write_bytes(state, pickle.dumps((search, lines, settings)))
         write_text(folder / "tune.json", json_text({"settings": settings, "log": lines}))
-        on_generation(lines[-1])
+        on_generation({name: lines[-1][name] for name in ("generation", "cost", "best", "sigma")})
     return lines[-1]
 
 

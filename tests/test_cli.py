@@ -1,6 +1,8 @@
 """Pins the command line: help with units, one line for every error and nothing written, JSON alone on stdout."""
 
 import ctypes.util
+import dataclasses
+import functools
 import json
 import math
 import re
@@ -10,17 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spidar_gym import cli, description, experiments, viz
+from spidar_gym import cli, description, experiments, studies, tune, viz
 from spidar_gym.cli import main
 from spidar_gym.description import CAMERAS, generated_files
 from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.envs.tasks import SEQUENCES
+from spidar_gym.envs.tasks import SEQUENCES, HoverTask
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.experiments import FlightLog
 from spidar_gym.robot import FORMS
+from spidar_gym.scenario import Outcome
 
-COMMANDS = [["paper"], ["paper", "flight"], ["run"], ["view"], ["assets"], ["bench"], ["list"]]
+NAMES = ("paper", "run", "lost", "tune", "view", "assets", "bench", "list")
+COMMANDS = [["paper"], ["paper", "flight"], *([name] for name in NAMES[1:])]
 drawing = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
 )
@@ -44,9 +48,13 @@ def still(monkeypatch):
     log = FlightLog(
         "as_flown", np.arange(1, n + 1) / 40, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 16)), np.zeros((n, 16)),
         np.zeros((n, 8, 2)), np.full((n, 8), 19.62), np.full(n, 1e-4), np.full(n, "solved"),
-        np.zeros((n, 39)),
+        np.zeros((n, 3)), np.full(n, 3e3), np.zeros((n, 39)),
     )  # fmt: skip
-    monkeypatch.setattr(experiments, "fly_paper", lambda preset, on_tick=None: log)
+    monkeypatch.setattr(
+        experiments,
+        "fly_paper",
+        lambda preset, noise=False, seed=0, on_tick=None: dataclasses.replace(log, preset=preset, noise=noise),
+    )
 
 
 @pytest.fixture
@@ -87,21 +95,22 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 2, "bench": 1}.get(" ".join(command), 0)
-    assert all(re.search(r"\[(s|rad/s)\]", option) for option in quantities)
+    assert len(quantities) == {"run": 5, "bench": 1}.get(" ".join(command), 0)
+    # A strength has no unit, but a range.
+    assert all(re.search(r"\[(s|rad/s|m/s|N)\]|0 … 1\b", option) for option in quantities)
 
 
 def test_the_help_names_every_command(capfd):
     with pytest.raises(SystemExit):
         main(["--help"])
     out = capfd.readouterr().out
-    assert all(f"• {name} " in out for name in ("paper", "run", "view", "assets", "bench", "list"))
+    assert all(f"• {name} " in out for name in NAMES)
 
 
 def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
     main(["list"])
     words = re.split(r"[\s,:]+", capfd.readouterr().out.replace("spidar_gym/Hover-v0:", "spidar_gym/Hover-v0 "))
-    assert set(ENVIRONMENTS) | set(SEQUENCES) | set(CAMERAS) | {"as_flown", "residual_force"} <= set(words)
+    assert set(ENVIRONMENTS) | set(SEQUENCES) | set(CAMERAS) | {"as_flown", "tuned", "residual_force"} <= set(words)
     for name in ENVIRONMENTS:
         main(["list", name])
         assert capfd.readouterr().out == page(name) + "\n"
@@ -110,14 +119,29 @@ def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
 @pytest.mark.parametrize(
     ("arguments", "valid"),
     [
-        ([], "paper, run, view, assets, bench, list"),
-        (["fly"], "paper, run, view, assets, bench, list"),
+        ([], ", ".join(NAMES)),
+        (["fly"], ", ".join(NAMES)),
         (["paper", "crawl"], "flight"),
-        (["paper", "flight", "--preset", "mine"], "paper, as_flown"),
+        (["paper", "flight", "--preset", "mine"], "paper, as_flown, tuned"),
+        *((["paper", "flight", what, "--scenarios", "0"], "at least 1") for what in ("--speeds", "--ablation")),
+        (["paper", "flight", "--speeds", "--workers", "0"], "at least 1"),
+        (["paper", "flight", "--noise", "--seed", "-1"], "at least 0"),
+        (["lost", "--preset", "mine"], "paper, as_flown, tuned"),
+        *(
+            (["tune", f"--{name}", "0"], "at least 1") for name in ("generations", "flights", "workers")
+        ),
+        (["tune", "--population", "1", "--flights", "1", "--generations", "1"], "at least 2"),
         (["paper", "flight", "--camera", "back"], "chase, side, front, top"),
         (["run", "spidar_gym/Walk-v0"], "spidar_gym/Hover-v0"),
         (["run", "--forms", "form4"], ", ".join(SEQUENCES)),
-        (["run", "--preset", "mine"], "paper, as_flown"),
+        (["run", "--preset", "mine"], "paper, as_flown, tuned"),
+        *((["run", "--randomization", v], "within 0 … 1") for v in ("-0.1", "1.5", "nan")),
+        *((["run", "--wind", v], "at least 0 [m/s]") for v in ("-1", "nan", "inf")),
+        *((["run", "--push", v], "at least 0 [N]") for v in ("-1", "nan")),
+        *((["run", "--lost-rotor", v], "1 … 8, or 0 for none") for v in ("9", "-1")),
+        (["run", "--lost-rotor", "2.5"], "INT"),
+        (["run", "--lost-rotor", "3", "--fault", "engine"], "thrust, vectoring"),
+        (["run", "--seconds", "0.1", "--seed", "-1"], "at least 0"),
         (["run", "--camera", "back", "--seconds", "0.1"], "chase, side, front, top"),
         (["run", "--camera", "back", "--seconds", "0.1", "--out", "films/x.mp4"], "chase, side, front, top"),
         *((["run", "--seconds", "0.1", "--joint-speed", v], "above 0 [rad/s]") for v in ("0", "-0.2", "nan", "inf")),
@@ -275,14 +299,172 @@ def test_the_real_flight_prints_exactly_one_json_object_on_stdout(here, capfd):
     assert sorted(files(here)) == ["out/flight/flight.json", "out/flight/flight.png"]
 
 
+def test_the_flight_with_noise_says_so_and_stands_beside_the_papers_rmse(still, here, capfd):
+    outputs = []
+    for options in ([], ["--noise", "--seed", "3"]):
+        main(["paper", "flight", "--no-video", *options])
+        outputs.append(capfd.readouterr().out)
+    assert ["with noise" in out for out in outputs] == [False, True]
+    assert ["0.038  0.037  0.043" in out for out in outputs] == [False, True]
+    assert json.loads((here / "out/flight/flight.json").read_text(encoding="utf-8"))["flight"]["noise"] is True
+
+
+def test_noise_and_seed_reach_the_flight(here, monkeypatch):
+    given = {}
+
+    def stop(preset, **options):
+        given.update(options, preset=preset)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(experiments, "fly_paper", stop)
+    with pytest.raises(SystemExit):
+        main(["paper", "flight", "--noise", "--seed", "7", "--preset", "tuned"])
+    assert (given["preset"], given["noise"], given["seed"]) == ("tuned", True, 7)
+
+
+# Studies
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Flights of the studies that take no time; gives the list of the flights asked for."""
+    asked = []
+
+    def fly_all(jobs, *, workers=1, on_done=lambda: None):
+        jobs = list(jobs)
+        asked.extend(jobs)
+        outcomes = []
+        for k, (_, scenario) in enumerate(jobs):
+            on_done()
+            outcomes.append(Outcome(0.001 * (1 + k % 7), 0.002 * scenario.joint_speed, 0, 3.0, 0, ""))
+        return outcomes
+
+    for module in (studies, tune):
+        monkeypatch.setattr(module, "fly_all", fly_all)
+    monkeypatch.setattr(studies, "compare", functools.partial(studies.compare, draws=20))
+    return asked
+
+
+@pytest.mark.parametrize("name", ["speeds", "ablation"])
+def test_the_studies_of_speed_fly_every_cell_and_write_what_they_print(name, quick, here, capfd, monkeypatch):
+    monkeypatch.setattr(viz, "speed_figure", lambda rows, path: path.write_bytes(b"drawn"))
+    main(["paper", "flight", f"--{name}", "--scenarios", "3", "--workers", "1", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)[name]
+    assert sorted(files(here)) == (["o/speeds.json", "o/speeds.png"] if name == "speeds" else ["o/ablation.json"])
+    assert json.loads((here / f"o/{name}.json").read_text(encoding="utf-8")) == {name: rows}
+    assert len(quick) == 3 * len(rows) == sum(row["flights"] for row in rows)
+    speeds = {row["joint_speed"] for row in rows}
+    assert {0.2, 0.6, 1.0} <= speeds
+    assert (len(speeds) > 3) == (name == "speeds")
+    controllers = {row["controller"] for row in rows}
+    assert {"paper", "tuned"} <= controllers
+    assert (len(controllers) > 2) == (name == "ablation")
+    assert {row["condition"] for row in rows} == {"nominal", "randomised"}
+
+
+def test_the_study_of_speed_prints_a_line_for_every_controller_and_cell(quick, here, capfd, monkeypatch):
+    def missing(*_, **__):
+        raise MissingDependencyError("a library", "pip install something")
+
+    monkeypatch.setattr(viz, "speed_figure", missing)
+    main(["paper", "flight", "--speeds", "--scenarios", "1"])
+    out, err = capfd.readouterr()
+    rows = json.loads((here / "out/flight/speeds.json").read_text(encoding="utf-8"))["speeds"]
+    lines = [line for line in out.splitlines() if line.startswith(("nominal", "randomised"))]
+    assert len(lines) == len(rows)
+    assert "pip install something" in err
+
+
+def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypatch):
+    flight = {
+        "position_m": 0.01, "attitude_rad": 0.02, "commands_in_bounds": True, "failure": "", "seconds": 12.0,
+    }  # fmt: skip
+    monkeypatch.setattr(studies, "_fly_lost", lambda preset, form, disturbances: flight)
+    main(["lost", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)["lost_rotors"]
+    assert sorted(files(here)) == ["o/lost.json"]
+    assert {(row["fault"], row["form"], row["rotor"]) for row in rows} == {
+        (fault, form, rotor) for fault in ("thrust", "vectoring") for form in FORMS for rotor in range(1, 9)
+    }
+    assert len(rows) == 2 * 8 * len(FORMS)
+    # What statics allows of form ②: seven rotors carry the robot whichever is lost.
+    assert all(row["feasible"] for row in rows if row["form"] == "form2")
+    main(["lost"])
+    assert sum(line.startswith(("thrust", "vectoring")) for line in capfd.readouterr().out.splitlines()) == len(rows)
+
+
+def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(quick, here, capfd):
+    pytest.importorskip("cma")
+    arguments = ["tune", "--population", "4", "--flights", "2", "--seed", "3"]
+    main([*arguments, "--generations", "1"])
+    assert "cost" in capfd.readouterr().out
+    # Four candidates and the mean of the distribution.
+    assert len(quick) == 5 * 2
+    main([*arguments, "--generations", "2"])
+    assert len(quick) == 2 * 5 * 2
+    out = capfd.readouterr().out
+    assert "after 2 generations" in out
+    assert "gain margin" in out
+    log = json.loads((here / "out/tune/tune.json").read_text(encoding="utf-8"))["log"]
+    assert [line["generation"] for line in log] == [0, 1]
+    assert set(files(here)) == {"out/tune/tune.json", "out/tune/tune.pickle"}
+    before = files(here)
+    assert "valid: the same settings, or another folder" in refused_after_a_bar(
+        capfd, "tune", "--population", "5", "--flights", "2", "--seed", "3"
+    )
+    assert files(here) == before
+
+
+def refused_after_a_bar(capfd, *arguments) -> str:
+    """The last line on stderr of a command that is refused when its progress bar is there already."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(arguments))
+    out, err = capfd.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    line = err.splitlines()[-1]
+    assert line.startswith("spidar: ")
+    return line
+
+
 # Episodes
 
 
-def test_run_flies_the_episodes_it_was_asked_for_and_reports_each(capfd, here):
+def test_run_flies_the_episodes_it_was_asked_for_and_reports_each_and_who_stayed_in_the_air(capfd, here):
     main(["run", "--episodes", "2", "--seed", "5", "--seconds", "0.25", "--forms", "form1"])
-    lines = capfd.readouterr().out.splitlines()
+    *lines, survivors = capfd.readouterr().out.splitlines()
     assert [line.split(",")[0] for line in lines] == ["episode 1 (seed 5): 0.2 s", "episode 2 (seed 6): 0.2 s"]
+    assert survivors.startswith("2 of 2 stayed in the air")
     assert list(here.iterdir()) == []
+
+
+def test_who_fell_is_not_among_those_who_stayed_in_the_air(capfd, monkeypatch):
+    words = iter(["", "", "tilt", *[""] * 10])
+    monkeypatch.setattr(HoverTask, "failed", lambda *_: next(words))
+    main(["run", "--episodes", "3", "--seconds", "0.1", "--forms", "form1"])
+    *lines, survivors = capfd.readouterr().out.splitlines()
+    assert [line.endswith("failure: tilt") for line in lines] == [True, False, False]
+    assert survivors.startswith("2 of 3 stayed in the air")
+
+
+def test_one_episode_has_no_line_of_survivors(capfd):
+    main(["run", "--seconds", "0.1", "--forms", "form1"])
+    assert "stayed" not in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["--no-wake"], ["--sensors"], ["--randomization", "1"], ["--wind", "3"], ["--lost-rotor", "4"],
+     ["--lost-rotor", "4", "--fault", "vectoring"], ["--preset", "tuned"]],
+    ids=" ".join,
+)  # fmt: skip
+def test_every_option_of_run_changes_the_flight(options, capfd):
+    flights = []
+    for more in ([], options, options):
+        main(["run", "--seconds", "2.5", "--forms", "equal", "--joint-speed", "1", "--preset", "paper", *more])
+        flights.append(capfd.readouterr().out)
+    assert flights[0] != flights[1]
+    assert flights[1] == flights[2]
 
 
 def test_a_short_hover_that_stays_on_its_reference_is_reported_as_a_success(capfd):

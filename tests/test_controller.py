@@ -7,7 +7,9 @@ import pytest
 from states import model, random_joints, random_pose, resting, staying, upright
 
 from spidar_gym.control.allocator import AllocationStatus, AllocatorConfig
+from spidar_gym.control.centroidal import CentroidalConfig, Integrals, MotionError, integrate
 from spidar_gym.control.controller import Controller, ControllerConfig, motion_error
+from spidar_gym.control.presets import PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
@@ -251,7 +253,7 @@ def test_speeds_and_limits_that_are_not_positive_are_refused_with_what_was_expec
 
 def test_unknown_names_are_refused_with_the_valid_ones():
     with pytest.raises(UnknownNameError, match=r"as flown.*paper, as_flown"):
-        Controller(ControllerConfig(preset="as flown"), model())
+        Controller(ControllerConfig(allocation="as flown"), model())
     with pytest.raises(InvalidValueError, match="at least 1"):
         Controller(ControllerConfig(allocator=AllocatorConfig(max_iter=0)), model())
     controller = controller_at(HOVER)
@@ -306,7 +308,7 @@ def test_attitude_error_is_the_small_rotation_to_the_desired_attitude_in_torso_a
 
 def settled(form, preset):
     """The controller and the last two commands of a hover in a form whose rotors come to where they are commanded."""
-    q, controller = FORMS[form], Controller(ControllerConfig(preset=preset), model())
+    q, controller = FORMS[form], Controller(ControllerConfig(allocation=preset), model())
     state = resting(q, vectoring=controller.rest_vectoring(q))
     controller.reset(state)
     for _ in range(30):
@@ -347,3 +349,120 @@ def test_every_form_of_the_paper_can_give_a_torque_about_every_axis(form):
         controller.reset(state)
         controller.step(state, staying(state), Residual(wrench=np.concatenate([np.zeros(3), torque])))
         np.testing.assert_allclose(controller.tick.allocation.unallocated_wrench, np.zeros(6), atol=2e-3)
+
+
+# Lost rotors
+
+
+def with_lost(form, preset, rotor, fault, turned=(0.0, 0.0), added=None):
+    """The controller after one tick of a hover with a lost rotor whose vectoring is `turned` away [rad], the state."""
+    q, controller = FORMS[form], Controller(controller_config(preset), model())
+    vectoring = controller.rest_vectoring(q)
+    vectoring[rotor] += turned
+    state = resting(q, vectoring=vectoring)
+    controller.reset(state)
+    residual = NO_RESIDUAL if added is None else Residual(wrench=added)
+    command = controller.step(state, staying(state, **{fault: np.arange(8) == rotor}), residual)
+    return controller, command, state
+
+
+def wrench_of(forces_l, state):
+    """Force and torque about the CoG of forces at the rotors, torso axes, summed one by one."""
+    snapshot = model().snapshot(state.joint_position, quat_to_matrix(state.quat_wb), state.vectoring)
+    forces_b = [R @ f for R, f in zip(snapshot.R_bl, forces_l, strict=True)]
+    torques = [np.cross(r, f) for r, f in zip(snapshot.rotor_c, forces_b, strict=True)]
+    return np.concatenate([np.sum(forces_b, axis=0), np.sum(torques, axis=0)])
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("rotor", range(8))
+def test_a_lost_rotor_gives_nothing_and_the_other_seven_carry_form_two_with_torques_about_every_axis(rotor, preset):
+    for added in (np.zeros(6), np.array([3.0, -3.0, 3.0, 0.5, 0.5, -0.5])):
+        controller, command, state = with_lost("form2", preset, rotor, "lost_thrust", added=added)
+        allocation = controller.tick.allocation
+        assert command.thrust[rotor] < 1e-9
+        assert allocation.status in (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED)
+        wanted = np.array([0.0, 0.0, ROBOT.weight, 0.0, 0.0, 0.0]) + added
+        np.testing.assert_allclose(wrench_of(allocation.forces_l, state), wanted, rtol=0, atol=2e-3)
+        assert command.thrust.max() <= ROBOT.max_thrust
+        assert np.abs(allocation.joint_torques).max() <= ROBOT.max_joint_torque + 1e-6 or preset == "as_flown"
+
+
+def test_the_force_of_a_lost_rotor_is_exactly_zero():
+    for form in FORMS:
+        for rotor in range(8):
+            controller, command, _ = with_lost(form, "paper", rotor, "lost_thrust")
+            assert not controller.memory.forces_l[rotor].any(), (form, rotor)
+            assert command.thrust[rotor] == 0.0
+
+
+def test_a_lost_rotor_gives_nothing_even_where_the_demand_cannot_be_met():
+    controller, command, _ = with_lost("form2", "paper", 3, "lost_thrust", added=np.array([0, 0, 300.0, 0, 0, 0]))
+    assert controller.tick.allocation.status == AllocationStatus.SOFTENED
+    assert command.thrust[3] < 1e-9
+    assert np.delete(command.thrust, 3).min() > 10.0
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("rotor", range(8))
+@pytest.mark.parametrize("turned", [(0.0, 0.0), (0.1, -0.15), (-0.2, 0.1)])
+def test_a_stuck_rotor_thrusts_along_the_direction_in_which_it_is_stuck(turned, rotor, form):
+    controller, command, state = with_lost(form, "paper", rotor, "lost_vectoring", turned)
+    allocation = controller.tick.allocation
+    phi, theta = state.vectoring[rotor]
+    stuck = np.array([np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)])
+    force = allocation.forces_l[rotor]
+    assert force @ stuck > 5.0
+    # One direction is a wedge of a hundredth of a radian to either side.
+    assert np.linalg.norm(np.cross(stuck, force)) <= 0.0101 * np.linalg.norm(force)
+    np.testing.assert_allclose(command.vectoring[rotor], (phi, theta), rtol=0, atol=0.0101)
+    assert allocation.status in (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED)
+    wanted = np.array([0.0, 0.0, ROBOT.weight, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(wrench_of(allocation.forces_l, state), wanted, rtol=0, atol=2e-3)
+
+
+def test_a_declared_fault_of_no_rotor_changes_no_bit():
+    states, reference = flight(7, 5)
+    none = replace(reference, lost_thrust=np.zeros(8, bool), lost_vectoring=np.zeros(8, bool))
+    plain, told = (commands(controller_at(HOVER), states, r) for r in (reference, none))
+    assert all(map(same, plain, told))
+
+
+# Integrals
+
+
+def moving_error(speed):
+    return MotionError(np.array([0.3, -0.2, 0.1]), np.asarray(speed, float), np.array([0.1, 0.2, -0.3]), np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("speed", "held"),
+    [((0.0, 0.0, 0.0), (False, False, False)), ((0.11, 0.0, 0.0), (True, False, False)),
+     ((0.0, -0.11, 0.09), (False, True, False)), ((0.1, -0.1, 0.1), (False, False, False)),
+     ((-5.0, 5.0, -0.2), (True, True, True))],
+)  # fmt: skip
+def test_a_position_axis_faster_than_the_limit_does_not_integrate_and_the_others_and_the_attitude_do(speed, held):
+    before, none = Integrals(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])), np.zeros(3)
+    error = moving_error(speed)
+    after = integrate(before, error, none, none, dt=0.025, max_speed=0.1)
+    step = np.where(held, 0.0, 0.025 * error.position_w)
+    np.testing.assert_allclose(after.position_w - before.position_w, step, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(after.attitude - before.attitude, 0.025 * error.attitude, rtol=0, atol=1e-12)
+
+
+def test_without_a_limit_every_axis_integrates_however_fast_it_is():
+    before, none = Integrals(np.zeros(3), np.zeros(3)), np.zeros(3)
+    after = integrate(before, moving_error((9.0, -9.0, 9.0)), none, none, dt=0.025)
+    np.testing.assert_allclose(after.position_w, [0.0075, -0.005, 0.0025], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("limit", "held"), [(0.1, True), (0.3, False)])
+def test_the_controller_integrates_no_axis_that_is_faster_than_its_configured_limit(limit, held):
+    assert CentroidalConfig().max_integration_speed == 0.1
+    state = resting(FORMS["form1"], velocity_w=np.array([0.2, 0.05, 0.0]))
+    controller = controller_at(state, centroidal=CentroidalConfig(max_integration_speed=limit))
+    reference = staying(state)
+    controller.step(state, replace(reference, position_w=reference.position_w + 0.1))
+    x, y, z = controller.memory.integrals.position_w
+    assert x == pytest.approx(0.0 if held else 0.0025)
+    assert (y, z) == pytest.approx((0.0025, 0.0025))

@@ -9,11 +9,13 @@ import pytest
 
 from spidar_gym.envs.tasks import HoverTask
 from spidar_gym.errors import SpidarError, UnknownNameError
-from spidar_gym.experiments import PAPER_FLIGHT, FlightLog, flight_figures, flight_table, fly_paper
+from spidar_gym.experiments import PAPER_FLIGHT, FlightLog, flight_figures, flight_table, fly_paper, recovery, sink
+from spidar_gym.robot import ROBOT
 
 KEYS = {
     "preset", "rmse_position_m", "rmse_attitude_rad", "theta_form3_rad", "phi_form3_rad", "tau2_form3_nm",
-    "thrust_form1_n", "thrust_form3_n", "qp",
+    "thrust_form1_n", "thrust_form3_n", "qp", "noise", "sink_m", "sink_half_second_m", "recovery_s",
+    "wake_loss_constrained", "endurance_min",
 }  # fmt: skip
 QP_KEYS = {"median_us", "p99_us", "max_us", "unsolved"}
 
@@ -23,10 +25,10 @@ def log_of(**columns) -> FlightLog:
     t = np.arange(1.0, 41.0)
     shapes = {
         "position_error": (3,), "attitude_error": (3,), "joint_position": (16,), "joint_torque": (16,),
-        "vectoring": (8, 2), "thrust": (8,), "solve_time": (), "qpos": (39,),
+        "vectoring": (8, 2), "thrust": (8,), "solve_time": (), "air_force": (3,), "qpos": (39,),
     }  # fmt: skip
     values = {name: np.zeros((40, *shape)) for name, shape in shapes.items()}
-    log = FlightLog("as_flown", time=t, status=np.full(40, "solved"), **values)
+    log = FlightLog("as_flown", time=t, status=np.full(40, "solved"), power=np.full(40, 3e3), **values)
     return replace(log, **{name: column(t) for name, column in columns.items()})
 
 
@@ -84,7 +86,7 @@ def test_figures_have_exactly_the_promised_keys_and_survive_json():
     lengths = {name: len(value) for name, value in figures.items() if isinstance(value, list)}
     assert lengths == {
         "rmse_position_m": 3, "rmse_attitude_rad": 3, "theta_form3_rad": 4, "phi_form3_rad": 4,
-        "thrust_form1_n": 8, "thrust_form3_n": 8,
+        "thrust_form1_n": 8, "thrust_form3_n": 8, "sink_m": 2, "sink_half_second_m": 2, "recovery_s": 2,
     }  # fmt: skip
 
 
@@ -103,8 +105,8 @@ def test_the_table_shows_ours_and_the_papers_numbers_side_by_side():
         position_error=lambda t: np.full((40, 3), 0.0123),
         thrust=lambda t: np.where(t < 10, 20.0, 21.0)[:, None] * np.ones(8)
     )  # fmt: skip
-    lines = flight_table(flight_figures(log)).splitlines()
-    assert "as_flown" in lines[0]
+    lines = flight_table(flight_figures(replace(log, noise=True))).splitlines()
+    assert "as_flown, with noise" in lines[0]
     (position,) = [line for line in lines if line.startswith("RMSE position")]
     assert position.index("0.0123") < position.index("0.038")
     (thrust,) = [line for line in lines if line.startswith("Σλ")]
@@ -112,8 +114,107 @@ def test_the_table_shows_ours_and_the_papers_numbers_side_by_side():
     assert lines[0].rindex("paper") == position.index("0.038  0.037  0.043")
 
 
+def test_a_flight_without_noise_is_not_held_against_the_rmse_of_the_real_robot():
+    text = flight_table(flight_figures(log_of(thrust=lambda t: np.full((40, 8), 20.0))))
+    assert "0.038" not in text
+    assert "noise" in next(line for line in text.splitlines() if line.startswith("RMSE position"))
+    assert "with noise" not in text.splitlines()[0]
+
+
+TICKS = np.arange(1, 1601) / 40
+"""40 s of ticks [s]."""
+
+
+def ticked(error) -> FlightLog:
+    """A flight in which the CoG's error of each tick is what `error` says of its time."""
+    log = log_of()
+    rows = np.array([error(t) for t in TICKS], float)
+    return replace(log, time=TICKS, position_error=rows)
+
+
+def test_sink_is_how_far_the_cog_falls_from_the_start_of_a_window_to_its_end():
+    def error(t):
+        # Desired − actual: 2 cm too high at 28.5 s, 28 cm too low at 30 s; what happens sideways does not matter.
+        return (t, -t, -0.02 + 0.2 * (t - 28.5))
+
+    log = ticked(error)
+    assert sink(log, (28.5, 30.0)) == pytest.approx(0.3)
+    assert sink(log, (28.5, 29.0)) == pytest.approx(0.1)
+    assert sink(ticked(lambda t: (0, 0, -0.1 * t)), (28.5, 30.0)) == pytest.approx(-0.15)
+    assert sink(ticked(lambda t: (0, 0, 1.0)), (28.5, 30.0)) == 0.0
+    # Where the window begins and ends counts, not what is between.
+    assert sink(ticked(lambda t: (0, 0, 28.51 < t < 29.99)), (28.5, 30.0)) == 0.0
+    assert sink(ticked(lambda t: (0, 0, t > 29.99)), (28.5, 30.0)) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("far", "expected"),
+    [
+        (lambda t: t <= 31.001, 1.025),
+        (lambda t: t <= 30.001, 0.025),
+        (lambda t: t < 29.999, 0.0),
+        (lambda t: False, 0.0),
+        (lambda t: t <= 30.501 or 31.999 <= t <= 32.201, 2.225),
+        (lambda t: t > 35.001, 0.0),
+        (lambda t: t > 34.99, math.inf),
+        (lambda t: True, math.inf),
+    ],
+)
+def test_a_flight_has_recovered_when_its_error_stays_below_5_cm(far, expected):
+    for size in ((0.0, 0.0, 0.05), (0.03, 0.03, -0.03), (1.0, 0.0, 0.0)):
+        log = ticked(lambda t, size=size: np.multiply(size, far(t)))
+        assert recovery(log, 30.0, 35.0) == pytest.approx(expected, abs=1e-9)
+    near = ticked(lambda t: np.multiply((0.028, 0.028, 0.028), far(t)))
+    assert recovery(near, 30.0, 35.0) == 0.0
+
+
+def test_the_figures_take_both_windows_without_the_constraint_and_the_times_after_them():
+    def error(t):
+        first, second = 0.2 * np.clip(t - 28.5, 0.0, 1.5), 0.4 * np.clip(t - 35.0, 0.0, 1.5)
+        return (0, 0, first * (t < 30.3) + second * (t < 37.5))
+
+    figures = flight_figures(ticked_with_all(error))
+    np.testing.assert_allclose(figures["sink_m"], [0.3, 0.6], rtol=1e-9)
+    np.testing.assert_allclose(figures["sink_half_second_m"], [0.1, 0.2], rtol=1e-9)
+    np.testing.assert_allclose(figures["recovery_s"], [0.3, 1.0], rtol=0, atol=0.026)
+
+
+def ticked_with_all(error) -> FlightLog:
+    """The same with a row a tick in every column."""
+    log = ticked(error)
+    columns = {
+        name: np.repeat(getattr(log, name), 40, axis=0)
+        for name in vars(log)
+        if name not in ("preset", "noise", "time", "position_error")
+    }
+    return replace(log, **columns)
+
+
+def test_the_loss_to_the_wake_is_the_downward_force_of_the_air_in_form_3_over_the_weight():
+    def air(t):
+        down = np.where((t >= 14.0) & (t <= 27.0), -0.02, -0.5) * ROBOT.weight
+        return np.stack([7.0 + 0 * t, -7.0 + 0 * t, down], axis=1)
+
+    assert flight_figures(log_of(air_force=air))["wake_loss_constrained"] == pytest.approx(0.02)
+
+
+def test_endurance_is_85_percent_of_eight_packs_at_the_mean_power_of_the_hover_in_form_1():
+    def power(t):
+        return np.where((t >= 2.0) & (t <= 4.0), 1000.0 * t, 1.0)
+
+    # 8 packs of 22.2 V and 3 Ah at 3 kW.
+    minutes = 0.85 * 8 * 22.2 * 3.0 / 3000.0 * 60.0
+    assert flight_figures(log_of(power=power))["endurance_min"] == pytest.approx(minutes)
+
+
+def test_the_figures_of_a_flight_that_never_recovers_are_still_json():
+    """RFC 8259 has no infinity: what other readers of flight.json would refuse must not be written."""
+    figures = flight_figures(log_of(position_error=lambda t: np.ones((40, 3))))
+    json.dumps(figures, allow_nan=False)
+
+
 def test_an_unknown_preset_is_refused():
-    with pytest.raises(UnknownNameError, match="paper, as_flown"):
+    with pytest.raises(UnknownNameError, match="paper, as_flown, tuned"):
         fly_paper("mine")
 
 
@@ -160,3 +261,68 @@ def test_the_papers_allocation_flies_no_worse_than_the_paper():
     for name in ("rmse_position_m", "rmse_attitude_rad"):
         assert np.all(np.array(figures[name]) <= PAPER_FLIGHT[name]), figures[name]
     assert figures["qp"]["unsolved"] == 0
+
+
+@pytest.mark.slow
+def test_without_the_constraint_the_flight_sinks_at_once_and_recovers_in_two_seconds(flown):
+    figures = flight_figures(flown)
+    assert all(0.20 <= fallen <= 0.46 for fallen in figures["sink_m"]), figures["sink_m"]
+    assert all(fallen >= 0.02 for fallen in figures["sink_half_second_m"]), figures["sink_half_second_m"]
+    assert all(seconds < 2.0 for seconds in figures["recovery_s"]), figures["recovery_s"]
+
+
+@pytest.mark.slow
+def test_the_constraint_is_dropped_in_two_windows_and_nowhere_else(flown):
+    theta = flown.vectoring[:, ::2, 1]
+    for start, end in ((27.0, 28.5), (33.0, 35.0), (39.0, 40.0)):
+        np.testing.assert_allclose(flown.window(theta, (start, end)), -0.4, rtol=0, atol=0.03)
+    for start, end in ((29.0, 30.0), (35.5, 36.5)):
+        # The inner links of form ③ stand at 45°: a rotor that may thrust upright turns to −π/4.
+        np.testing.assert_allclose(flown.window(theta, (start, end)), -math.pi / 4, rtol=0, atol=0.03)
+    calm = (flown.time > 13.0) & (flown.time <= 28.5)
+    assert np.abs(flown.position_error[calm]).max() < 0.01
+
+
+@pytest.mark.slow
+def test_with_the_constraint_the_wake_costs_less_than_a_percent_and_the_battery_lasts_9_minutes(flown):
+    figures = flight_figures(flown)
+    assert 0.0 < figures["wake_loss_constrained"] < 0.01
+    assert abs(figures["endurance_min"] - 9.0) < 0.3
+    assert not figures["noise"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("preset", "seed"), [("as_flown", 0), ("as_flown", 1), ("paper", 0)])
+def test_a_flight_with_noise_is_at_or_below_the_papers_rmse_on_all_six_axes(preset, seed, flown):
+    log = fly_paper(preset, noise=True, seed=seed)
+    figures = flight_figures(log)
+    assert figures["noise"]
+    for name in ("rmse_position_m", "rmse_attitude_rad"):
+        assert np.all(np.array(figures[name]) <= PAPER_FLIGHT[name]), figures[name]
+    clean = flight_figures(flown)
+    assert np.linalg.norm(figures["rmse_position_m"]) > np.linalg.norm(clean["rmse_position_m"])
+    # In front of the first window, where nothing moves, noise is all there is.
+    assert np.abs(flown.window(flown.attitude_error, (2.0, 4.0))).max() < 1e-3
+    assert log.window(log.attitude_error, (2.0, 4.0)).std(axis=0).min() > 1e-4
+
+
+@pytest.mark.slow
+def test_the_seed_decides_over_the_noise():
+    ticks = iter(range(10**6))
+
+    def stop():
+        if next(ticks) % 40 == 39:
+            raise KeyboardInterrupt
+
+    def starts(seed):
+        rows = []
+        with pytest.MonkeyPatch.context() as patch:
+            keep = HoverTask.failed
+            patch.setattr(HoverTask, "failed", lambda *a: rows.append(a[1].copy()) or keep(*a))
+            with pytest.raises(KeyboardInterrupt):
+                fly_paper(noise=True, seed=seed, on_tick=stop)
+        return np.array(rows)
+
+    first, again, other = starts(0), starts(0), starts(1)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)

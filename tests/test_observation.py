@@ -10,6 +10,7 @@ import pytest
 from states import model, resting, staying
 
 from spidar_gym.control.centroidal import Integrals
+from spidar_gym.control.compensation import fresh_compensation
 from spidar_gym.control.controller import Controller, Memory
 from spidar_gym.control.observation import LegMomentum, Preview, layout, observe
 from spidar_gym.envs.actions import ACTION_MODES
@@ -41,7 +42,8 @@ def seen(controller, state, reference=None, **parts) -> dict[str, np.ndarray]:
     """What is observed of a state, all that is not given being zero or at rest."""
     memory = Memory(
         Integrals(np.zeros(3), np.zeros(3)), Lock(NONE, NONE, np.zeros(8)), no_interference(), np.zeros((8, 2)),
-        np.zeros((8, 3)), np.zeros(16), np.zeros(3), np.zeros(3),
+        np.zeros((8, 3)), np.zeros(16), np.zeros(3), np.zeros(3), np.zeros(16),
+        fresh_compensation(np.zeros(16), np.zeros(6)),
     )  # fmt: skip
     observation = observe(
         state,
@@ -205,6 +207,30 @@ def test_leg_momentum_is_what_the_commanded_joints_make_on_a_torso_that_holds_st
     np.testing.assert_allclose(views[-1]["leg_momentum"], momentum_b, rtol=0, atol=1e-6)
     rate = 40.0 * (views[-1]["leg_momentum"] - views[-2]["leg_momentum"])
     np.testing.assert_allclose(views[-1]["leg_momentum_rate"], rate, rtol=0, atol=1e-4)
+
+
+def test_encoders_and_motion_capture_are_seen_where_there_are_sensors_and_the_truth_where_there_are_none():
+    for sensors in (False, True):
+        env = gymnasium.make(HOVER, forms="form1", perturbation=0.0, sensors=sensors).unwrapped
+        env.reset(seed=0)
+        offs = []
+        for _ in range(20):
+            view, state = split(env.step(np.zeros(6))[0]), env.state
+            angles = np.arctan2(view["vectoring_sine"], view["vectoring_cosine"]).reshape(8, 2)
+            turn = np.angle(np.exp(1j * (angles - state.vectoring)))
+            offs.append(np.concatenate([view["joint_position"] - state.joint_position, turn.reshape(-1)]))
+        if sensors:
+            # Half a count of noise and the rounding to a count of 0.8 … 1.5 mrad.
+            assert 2e-4 < np.std(offs) < 2e-3
+            assert np.abs(offs).max() < 0.01
+        else:
+            np.testing.assert_allclose(offs, 0.0, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("part", ["air_force", "thrust", "power_w"])
+def test_what_only_the_simulator_knows_is_in_the_info_and_not_in_the_observation(part):
+    assert part not in {field.name for field in layout(N_ACTION)}
+    assert part in gymnasium.make(HOVER).reset(seed=0)[1]
 
 
 def test_the_plan_counts_down_to_the_next_form_and_then_it_is_the_target():

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from dataclasses import fields
 
 import gymnasium
 import numpy as np
@@ -15,6 +16,9 @@ from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.envs.tasks import FAILURES, REWARD_TERMS, TASKS
 from spidar_gym.errors import UnknownNameError
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.plant import PlantConfig
+from spidar_gym.sim.randomize import TABLE
 
 NAMES = list(ENVIRONMENTS)
 HEADINGS = [
@@ -28,9 +32,11 @@ def section(name: str, heading: str) -> str:
     return text
 
 
-def table(name: str, heading: str) -> list[list[str]]:
-    """Rows of a section's table, cells stripped, without its head."""
-    lines = [line for line in section(name, heading).splitlines() if line.startswith("|")]
+def table(name: str, heading: str, below: str = "") -> list[list[str]]:
+    """Rows of the table of a section, or of its part `below` a smaller heading; cells stripped, without its head."""
+    first, *parts = re.split(r"^### ", section(name, heading), flags=re.MULTILINE)
+    text = next(part for part in parts if part.startswith(f"{below}\n")) if below else first
+    lines = [line for line in text.splitlines() if line.startswith("|")]
     # A bar within backticks belongs to its cell.
     return [[cell.strip() for cell in re.split(r"\|(?=(?:[^`]*`[^`]*`)*[^`]*$)", line)[1:-1]] for line in lines[2:]]
 
@@ -109,6 +115,42 @@ def test_every_argument_of_gym_make_is_documented_with_its_default(name):
     expected = {key: repr(value.default) for key, value in inspect.signature(task).parameters.items()}
     expected |= {key: repr(p.default) for key, p in own.items() if p.kind is p.KEYWORD_ONLY}
     assert rows == expected
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_disturbance_is_documented_with_its_default_and_what_it_means(name):
+    rows = table(name, "Arguments", "Disturbances")
+    assert {row[0].strip("`"): row[1].strip("`") for row in rows} == {
+        field.name: repr(field.default) for field in fields(Disturbances)
+    }
+    assert all(meaning for *_, meaning in rows)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_everything_that_is_randomised_is_documented_with_its_range_unit_and_source(name):
+    rows = table(name, "Arguments", "Randomisation")
+    assert [row[0].strip("`") for row in rows] == [row.field for row in TABLE]
+    drawn = gymnasium.make(name, randomization=1.0).reset(seed=0)[1]["randomization"]
+    for (field, operation, distribution, unit, source), row in zip(rows, TABLE, strict=True):
+        part, attribute = field.strip("`").split(".")
+        assert hasattr(getattr(PlantConfig(), part), attribute)
+        low, high, count = re.fullmatch(r"U\(([-\d.]+), ([-\d.]+)\)(?: × (\d+))?", distribution).groups()
+        np.testing.assert_allclose([float(low), float(high)], [row.low, row.high], rtol=1e-3)
+        assert drawn[field.strip("`")].size == int(count or 1)
+        assert operation in ("set", "scale", "add")
+        assert unit
+        assert source
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_option_of_reset_is_documented(name):
+    text = section(name, "Arguments")
+    with pytest.raises(UnknownNameError) as refusal:
+        gymnasium.make(name).reset(options={"nothing": 1})
+    options = str(refusal.value).partition("valid: ")[2].split(", ")
+    assert len(options) == 2
+    (call,) = re.findall(r"`reset\(options=(.*?)\)`", text)
+    assert re.findall(r"'(\w+)':", call) == options
 
 
 @pytest.mark.parametrize("name", NAMES)

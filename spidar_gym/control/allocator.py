@@ -131,11 +131,13 @@ class Allocator:
         start: float,
     ) -> Allocation:
         solve_time = time.perf_counter() - start
+        if demand.lost.any():
+            forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold to rounding only
         norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
         thrust = np.array(norms)
         saturated = thrust > ROBOT.max_thrust
         if max(norms) > ROBOT.max_thrust:
-            forces = forces * np.where(saturated, ROBOT.max_thrust / thrust, 1.0)[:, None]
+            forces = forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(thrust, 1e-9))[:, None]
             thrust = np.minimum(thrust, ROBOT.max_thrust)
         f = forces.reshape(-1)
         wrench = demand.thrust_map @ f
