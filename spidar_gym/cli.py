@@ -27,7 +27,14 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS, Entry, environment
 from spidar_gym.envs.tasks import SEQUENCES, hover_height
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, StaleAssetError, require_name
+from spidar_gym.errors import (
+    InvalidValueError,
+    MissingDependencyError,
+    SpidarError,
+    StaleAssetError,
+    require_least,
+    require_name,
+)
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.scenario import CONDITIONS
@@ -74,9 +81,8 @@ def flight(
         scenarios: Flights of a cell of --speeds and --ablation.
         workers: Processes for them.
     """
-    for name, value, least in (("scenarios", scenarios, 1), ("workers", workers, 1), ("seed", seed, 0)):
-        if value < least:
-            raise InvalidValueError(name, value, f"a whole number of at least {least}")
+    require_least(1, scenarios=scenarios, workers=workers)
+    require_least(0, seed=seed)
     if speeds or ablation:
         _speeds(output_folder(out), json, ablation, scenarios, workers)
         return
@@ -241,10 +247,8 @@ def run(
 def _check_run(env_id: str, episodes: int, seed: int, camera: str, seconds: float | None, out: Path | None) -> Entry:
     """The environment's entry, where the arguments of `run` make sense."""
     entry = environment(env_id)
-    if episodes < 1:
-        raise InvalidValueError("episodes", episodes, "a whole number of at least 1")
-    if seed < 0:
-        raise InvalidValueError("seed", seed, "a whole number of at least 0")
+    require_least(1, episodes=episodes)
+    require_least(0, seed=seed)
     require_name("camera", camera, CAMERAS)
     if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
         raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")

@@ -46,3 +46,10 @@ def require_name(kind: str, name: str, valid: Iterable[str]) -> None:
     """Raise `UnknownNameError` unless `name` is one of the valid ones."""
     if name not in valid:
         raise UnknownNameError(kind, name, valid)
+
+
+def require_least(least: int, **numbers: int) -> None:
+    """Raise `InvalidValueError` for the first of the named numbers that is below `least`."""
+    for name, value in numbers.items():
+        if value < least:
+            raise InvalidValueError(name, value, f"a whole number of at least {least}")

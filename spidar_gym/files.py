@@ -31,6 +31,11 @@ def json_text(result: dict[str, Any]) -> str:
     return json.dumps(result, indent=2, ensure_ascii=False)
 
 
+def has_text(path: Path, text: str) -> bool:
+    """Whether a file is there and holds just this text."""
+    return path.is_file() and path.read_text(encoding="utf-8") == text
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole or not at all."""
     write_bytes(path, (text if text.endswith("\n") else text + "\n").encode())

@@ -13,7 +13,7 @@ from spidar_gym.control.centroidal import CentroidalConfig
 from spidar_gym.control.compensation import CompensationConfig
 from spidar_gym.control.controller import ControllerConfig
 from spidar_gym.control.margins import AXES, margins
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
+from spidar_gym.errors import MissingDependencyError, SpidarError, require_least
 from spidar_gym.files import json_text, write_bytes, write_text
 from spidar_gym.scenario import CONDITIONS, Outcome, Scenario, fly_all
 
@@ -122,11 +122,9 @@ def check_search(*, generations: int, population: int, flights: int, seed: int, 
     """Refuse a search that cannot be made."""
     if importlib.util.find_spec("cma") is None:
         raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'")
-    numbers = {"generations": generations, "population": population, "flights": flights, "seed": seed}
-    for name, value in {**numbers, "workers": workers}.items():
-        least = {"population": 2, "seed": 0}.get(name, 1)
-        if value < least:
-            raise InvalidValueError(name, value, f"a whole number of at least {least}")
+    require_least(1, generations=generations, flights=flights, workers=workers)
+    require_least(2, population=population)
+    require_least(0, seed=seed)
 
 
 def tune(
