@@ -8,6 +8,7 @@ import io
 import math
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -98,7 +99,7 @@ def flight(
     # After the flight, so that drawing does not disturb the times that it reports.
     for name, draw in (
         ("figure", lambda: viz.flight_figure(log, folder / "flight.png")),
-        ("video", lambda: _film(log, folder / "flight.mp4", camera) if video else None),
+        ("video", lambda: viz.film_flight(log, folder / "flight.mp4", camera=camera, ticks=_bar) if video else None),
     ):
         try:
             draw()
@@ -132,16 +133,8 @@ def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: i
             print(f"no figure: {error}", file=sys.__stderr__)
 
 
-def _film(log: experiments.FlightLog, path: Path, camera: str) -> None:
-    """Draw a flight's video with a progress bar; an interrupted one leaves no file."""
-    film = viz.FlightVideo(path, camera=camera)
-    finished = False
-    try:
-        for tick in tqdm(range(len(log.qpos)), unit="tick", desc="video", file=sys.__stderr__):
-            film.film(tick, log.qpos[tick], viz.flight_caption(tick), log.thrust[tick])
-        finished = True
-    finally:
-        film.close(keep=finished)
+def _bar(ticks: Iterable[int]) -> Iterable[int]:
+    return tqdm(ticks, unit="tick", desc="video", file=sys.__stderr__)
 
 
 app.command(paper_app, name="paper", help="Fly the paper's experiments and print our figures beside the paper's.")

@@ -1,5 +1,6 @@
 """Figures and videos of experiments."""
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +175,20 @@ class FlightVideo:
         """Finish the video, or throw it away."""
         self._writer.close(keep=keep)
         self._renderer.close()
+
+
+def film_flight(
+    log: FlightLog, path: Path, *, camera: str = "chase", ticks: Callable[[Iterable[int]], Iterable[int]] = iter
+) -> None:
+    """Draw a flight's video; an interrupted one leaves no file. `ticks` may wrap the ticks, to show progress."""
+    film = FlightVideo(path, camera=camera)
+    finished = False
+    try:
+        for tick in ticks(range(len(log.qpos))):
+            film.film(tick, log.qpos[tick], flight_caption(tick), log.thrust[tick])
+        finished = True
+    finally:
+        film.close(keep=finished)
 
 
 def flight_caption(tick: int) -> str:
