@@ -191,9 +191,12 @@ def ramp_joints(
     step = speed / ramp * dt
     if longest == 0.0 and not velocity.any():
         return command, velocity
-    # The speed from which, losing one step of speed a tick, the command comes to rest on the target.
-    reach = step * (math.sqrt(0.25 + 2.0 * longest / (step * dt)) - 0.5)
-    wanted = way * (min(speed, reach, longest / dt) / longest) if longest > 0.0 else np.zeros_like(way)
+    # The speed (n + f) steps from which, losing one step a tick, the command comes to rest on the target: it covers
+    # (n + f) + (n − 1 + f) + … + f = (n + 1) (n/2 + f) steps times dt on the way.
+    far = longest / (step * dt)
+    n = math.floor(math.sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9)
+    reach = step * (n + (far - 0.5 * n * (n + 1)) / (n + 1))
+    wanted = way * (min(speed, reach) / longest) if longest > 0.0 else np.zeros_like(way)
     change = wanted - velocity
     most = float(np.abs(change).max())
     if most > step * (1.0 + 1e-9):

@@ -276,8 +276,9 @@ class Controller:
                 self.tick.allocation.wrench, config=options, dt=dt,
             )  # fmt: skip
             memory = replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
-            more[:3] = -options.observer_gain * (external[:3] @ R_wb)
-            more[3:] = -options.observer_gain * (external[3:] @ R_wb)
+        if options.observer_gain:
+            more[:3] = -options.observer_gain * (memory.external_w[:3] @ R_wb)
+            more[3:] = -options.observer_gain * (memory.external_w[3:] @ R_wb)
         position, velocity = servo_response(
             memory.servo_position, memory.servo_velocity, joints, bandwidth=options.servo_bandwidth, dt=dt
         )
