@@ -69,12 +69,13 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
             for name in dict.fromkeys(row["controller"] for row in rows):
                 own = [row for row in rows if row["controller"] == name and row["condition"] == condition]
                 axis.plot([row["joint_speed"] for row in own], [row[key] for row in own], marker="o", label=name)
-            axis.set_ylabel(f"error in {label}" if column == 0 else "")
-            axis.set_ylim(bottom=0.0)
+            axis.set_ylabel(label if column == 0 else "")
             axis.grid(alpha=0.3)
             axis.legend()
         axes[0, column].set_title(condition, loc="left")
         axes[1, column].set_xlabel("joint speed [rad/s]")
+    for row_axes, key in zip(axes, ("position_mm", "attitude_mrad"), strict=True):
+        row_axes[0].set_ylim(0.0, 1.08 * max(row[key] for row in rows))
     figure.suptitle("Random asymmetric forms: RMS norm a flight, first second left out, interquartile mean")
     _save(figure, path)
 
