@@ -113,3 +113,21 @@ def test_outcomes_come_in_the_order_of_the_jobs_and_every_flight_is_counted():
     jobs, done = [(config, flight) for flight in flights for config in (PAPER, TUNED)], []
     assert fly_all(iter(jobs), on_done=lambda: done.append(None)) == [fly(*job) for job in jobs]
     assert len(done) == len(jobs)
+
+
+SHORT = [Scenario("nominal", 1.0, 1, 1.5), Scenario("randomised", 1.0, 1, 1.5), Scenario("nominal", 1.0, 2, 1.5)]
+
+
+def test_a_scenario_has_one_outcome_whatever_flew_before_and_in_however_many_processes():
+    alone = [fly(PAPER, scenario) for scenario in SHORT]
+    assert [fly(PAPER, scenario) for scenario in reversed(SHORT)] == alone[::-1]
+    assert fly_all([(PAPER, scenario) for scenario in SHORT], workers=2) == alone
+    assert len({outcome.attitude for outcome in alone}) == len(alone)
+
+
+def test_controllers_meet_the_same_forms_and_the_better_one_errs_less():
+    scenario = Scenario("nominal", 1.0, 3, 5.0)
+    paper, tuned = fly(PAPER, scenario), fly(controller_config("tuned"), scenario)
+    assert tuned.attitude < 0.5 * paper.attitude
+    assert tuned.joint_torque < 7.0 + 1e-3
+    assert paper.failure == tuned.failure == ""
