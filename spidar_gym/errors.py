@@ -1,6 +1,8 @@
 """Every error that the tools raise: one base class, each message says what would have been valid."""
 
+import math
 from collections.abc import Iterable
+from numbers import Real
 
 
 class SpidarError(Exception):
@@ -46,6 +48,13 @@ def require_name(kind: str, name: str, valid: Iterable[str]) -> None:
     """Raise `UnknownNameError` unless `name` is one of the valid ones."""
     if name not in valid:
         raise UnknownNameError(kind, name, valid)
+
+
+def require_not_negative(**numbers: float) -> None:
+    """Raise `InvalidValueError` for the first of the named numbers that is negative or not finite."""
+    for name, value in numbers.items():
+        if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
+            raise InvalidValueError(name, value, "a number of at least 0")
 
 
 def require_least(least: int, **numbers: int) -> None:

@@ -28,7 +28,7 @@ def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float 
     x, v, a, integral, estimate, believed = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     line = [0.0] * max(1, round((DELAY + delay) / H))
     seconds, peaks = 60.0, []
-    for k in range(round(seconds / H)):
+    for _ in range(round(seconds / H)):
         integral += H * x
         # The observer: ŵ follows what accelerates beyond what the rotors are believed to give.
         u = -(kp * x + ki * integral + kd * v) - o.observer_gain * estimate
@@ -41,7 +41,6 @@ def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float 
         peaks.append(abs(x))
         if abs(x) > 1e6:
             return math.inf
-        del k
     third = len(peaks) // 3
     return max(peaks[2 * third :]) / max(peaks[third : 2 * third])
 

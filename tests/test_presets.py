@@ -42,7 +42,7 @@ def test_every_preset_keeps_the_margins_of_gain_delay_and_sensitivity(preset):
 
 
 def test_fields_of_a_preset_can_be_changed_and_the_preset_stays():
-    assert controller_config("tuned", joint_speed=0.7).joint_speed == 0.7
+    assert replace(controller_config("tuned"), joint_speed=0.7).joint_speed == 0.7
     assert controller_config("tuned") == PRESETS["tuned"]
     assert controller_config("tuned").joint_speed == ROBOT.joint_speed
 

@@ -5,12 +5,12 @@ integrals. Here are the classical answers. All are pure functions of a small mem
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Wrench
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp
@@ -39,10 +39,7 @@ class CompensationConfig:
 
     def __post_init__(self) -> None:
         """Refuse what is not a filter."""
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
-                raise InvalidValueError(f.name, value, "a number of at least 0")
+        require_not_negative(**vars(self))
         for name in ("servo_bandwidth", "observer_time"):
             if getattr(self, name) <= 0.0:
                 raise InvalidValueError(name, getattr(self, name), "a number above 0")

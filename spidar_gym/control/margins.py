@@ -27,8 +27,6 @@ class Margins:
 
     gain: float
     """The loop's gain may rise by this factor."""
-    gain_reduction: float
-    """It may fall by this factor."""
     phase: float
     """Phase margin at the gain crossover [rad]."""
     delay: float
@@ -61,13 +59,12 @@ def margins(config: ControllerConfig, axis: int, *, delay: float = DELAY, lag: f
     crossing = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     turning = np.flatnonzero(np.diff(np.sign(angle + np.pi)) != 0)
     if len(crossing) != 1 or angle[crossing[0]] <= -np.pi:
-        return Margins(0.0, 0.0, 0.0, 0.0, float("inf"))
+        return Margins(0.0, 0.0, 0.0, float("inf"))
     k = crossing[0]
     phase = float(angle[k] + np.pi)
-    above, below = turning[turning > k], turning[turning < k]
+    above = turning[turning > k]
     return Margins(
         gain=float(1.0 / size[above].max()) if len(above) else float("inf"),
-        gain_reduction=float(size[below].min()) if len(below) else float("inf"),
         phase=phase,
         delay=phase / float(omega[k]),
         sensitivity=float(np.abs(1.0 / (1.0 + L)).max()),

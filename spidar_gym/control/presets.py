@@ -1,12 +1,9 @@
 """Presets: which allocation, which gains and which compensations make a named controller."""
 
-from dataclasses import replace
-from typing import Any
-
 from spidar_gym.control.centroidal import CentroidalConfig
 from spidar_gym.control.compensation import CompensationConfig
 from spidar_gym.control.controller import ControllerConfig
-from spidar_gym.errors import UnknownNameError
+from spidar_gym.errors import require_name
 
 PRESETS: dict[str, ControllerConfig] = {
     "paper": ControllerConfig(),
@@ -32,8 +29,7 @@ PRESETS: dict[str, ControllerConfig] = {
 """Controllers by name."""
 
 
-def controller_config(preset: str, **changes: Any) -> ControllerConfig:  # noqa: ANN401 - the fields of ControllerConfig
-    """A preset with some of its fields changed (`UnknownNameError` lists the valid presets)."""
-    if preset not in PRESETS:
-        raise UnknownNameError("preset", preset, PRESETS)
-    return replace(PRESETS[preset], **changes)
+def controller_config(preset: str) -> ControllerConfig:
+    """The controller of a preset (`UnknownNameError` lists the valid ones)."""
+    require_name("preset", preset, PRESETS)
+    return PRESETS[preset]

@@ -1,12 +1,11 @@
 """The sensors of the real robot: motion capture, inertial unit and encoders, with their rates, noise and latency."""
 
 import math
-from dataclasses import dataclass, field, fields
-from numbers import Real
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
@@ -58,10 +57,7 @@ class SensorConfig:
 
     def __post_init__(self) -> None:
         """Refuse negative noise."""
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
-                raise InvalidValueError(f.name, value, "a number of at least 0")
+        require_not_negative(**vars(self))
         if self.latency > 0.1:
             raise InvalidValueError("latency", self.latency, "within 0 … 0.1 s: older frames are no use to anyone")
         if self.dropout > 1.0:
