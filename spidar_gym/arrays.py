@@ -22,5 +22,9 @@ RotorMask = Bool[np.ndarray, "8"]
 """One truth value per rotor module."""
 RotorForces = Float[np.ndarray, "8 3"]
 """One force [N] per rotor module; the variable's suffix names its frame."""
+LegMask = Bool[np.ndarray, "4"]
+"""One truth value per leg, front left first."""
+FootForces = Float[np.ndarray, "4 3"]
+"""One force [N] or position [m] per foot; the variable's suffix names its frame."""
 Vectoring = Float[np.ndarray, "8 2"]
 """The vectoring angles (φ, θ) [rad] of each rotor module."""

@@ -249,6 +249,11 @@ class RobotSpec:
         reach = self.yaw_axis_radius + 2 * self.yaw_to_pitch + self.pitch_to_yaw + self.pitch_to_foot
         return 2.0 * (reach + self.foot_radius)
 
+    @property
+    def peg_depth(self) -> float:
+        """From the torso's origin down to the tips of its four pegs: its height when it lies on a floor [m]."""
+        return self.peg_length - self.peg_top - self.yaw_axis_z
+
     def leg_azimuth(self, leg: int) -> float:
         """Direction of leg 0 … 3 (front left, back left, back right, front right) in the torso [rad]."""
         return math.pi / 4 + leg * math.pi / 2

@@ -7,13 +7,14 @@ from enum import StrEnum
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, RotorForces, RotorMask, RotorVector, Wrench
+from spidar_gym.arrays import FootForces, JointVector, RotorForces, RotorMask, RotorVector, Wrench
 from spidar_gym.control.blocks import SPHERE_PATTERN, sphere_planes
 from spidar_gym.control.modes import PROJECTION
 from spidar_gym.control.qp import (
     FORCE_SCALE,
     INFINITY,
     N_FORCES,
+    N_UNKNOWNS,
     WRENCH_SCALE,
     Demand,
     Mode,
@@ -23,10 +24,12 @@ from spidar_gym.control.qp import (
 )
 from spidar_gym.control.solver import OTHER_RHO, RHO, Workspace, closed_form
 from spidar_gym.errors import InvalidValueError, UnknownNameError
-from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.robot import N_LEGS, N_ROTORS, ROBOT
 
 SIDE_TOLERANCE = 1e-5
 """A row this close to its bound may be active, in scaled units."""
+_NO_FEET = np.zeros((N_LEGS, 3))
+_NO_FEET.flags.writeable = False
 
 
 class AllocationStatus(StrEnum):
@@ -62,12 +65,14 @@ class Allocation:
 
     forces_l: RotorForces
     """Rotor forces in link axes, within the sphere ‖f‖ ≤ λ̄ [N]."""
+    foot_forces_f: FootForces
+    """Forces of the floor on the feet, floor axes [N]; zero in the modes in which they are no unknowns."""
     thrust: RotorVector
     """λ = ‖f‖ [N]."""
     joint_torques: JointVector
     """Quasi-static joint torque that goes with them, τ_q = g − T f [Nm]."""
     wrench: Wrench
-    """Wrench that they produce [N, Nm]."""
+    """Wrench that rotors and feet produce [N, Nm]."""
     unallocated_wrench: Wrench
     """Desired minus produced wrench [N, Nm]."""
     saturated: RotorMask
@@ -112,8 +117,8 @@ class Allocator:
         """
         start = time.perf_counter()
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is answered, not warned about
-            forces, status, iterations, slack = self._solve(demand, self.mode(mode), previous_l)
-            return self._answer(demand, forces, status, iterations, slack, start)
+            x, status, iterations, slack = self._solve(demand, self.mode(mode), previous_l)
+            return self._answer(demand, x, status, iterations, slack, start)
 
     def mode(self, name: str) -> Mode:
         """Mode by name (`UnknownNameError` lists the valid ones)."""
@@ -124,13 +129,14 @@ class Allocator:
     @staticmethod
     def _answer(
         demand: Demand,
-        forces: RotorForces,
+        f: np.ndarray,
         status: AllocationStatus,
         iterations: int,
         slack: float,
         start: float,
     ) -> Allocation:
         solve_time = time.perf_counter() - start
+        forces, feet = f[:N_FORCES].reshape(N_ROTORS, 3), f[N_FORCES:]
         if demand.lost.any():
             forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold to rounding only
         norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
@@ -139,10 +145,11 @@ class Allocator:
         if max(norms) > ROBOT.max_thrust:
             forces = forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(thrust, 1e-9))[:, None]
             thrust = np.minimum(thrust, ROBOT.max_thrust)
-        f = forces.reshape(-1)
+        f = np.concatenate((forces.reshape(-1), feet)) if len(feet) else forces.reshape(-1)
         wrench = demand.thrust_map @ f
         return Allocation(
             forces_l=forces,
+            foot_forces_f=feet.reshape(N_LEGS, 3) if len(feet) else _NO_FEET,
             thrust=thrust,
             joint_torques=demand.gravity_torque - demand.torque_map @ f,
             wrench=wrench,
@@ -156,14 +163,15 @@ class Allocator:
 
     def _solve(
         self, demand: Demand, mode: Mode, previous_l: RotorForces
-    ) -> tuple[RotorForces, AllocationStatus, int, float]:
+    ) -> tuple[np.ndarray, AllocationStatus, int, float]:
+        """All unknowns [N], how they were found, iterations and slack."""
         try:
             program = assemble(mode, demand)
         except ValueError:  # the sine of infinity
             return self._held(demand, previous_l, 0)
         x = closed_form(program)
         if x is not None:
-            return FORCE_SCALE * x.reshape(N_ROTORS, 3), AllocationStatus.CLOSED_FORM, 0, 0.0
+            return FORCE_SCALE * x, AllocationStatus.CLOSED_FORM, 0, 0.0
         if not _finite(program):
             return self._held(demand, previous_l, 0)
         iterations = 0
@@ -176,8 +184,7 @@ class Allocator:
                 exact = closed_form(program, _sides(program, x), rounds=8)
             if exact is not None or solved:
                 status = AllocationStatus.SOLVED if solved else AllocationStatus.CLOSED_FORM
-                forces = FORCE_SCALE * (x if exact is None else exact)
-                return forces.reshape(N_ROTORS, 3), status, iterations, 0.0
+                return FORCE_SCALE * (x if exact is None else exact), status, iterations, 0.0
             if infeasible:
                 break
         soft = soften(program, mode.soft_rows, price=self.config.price)
@@ -187,17 +194,18 @@ class Allocator:
         if exact is not None:
             x = exact
         if exact is not None or (solved and soft.violation(x) <= self.config.check_tolerance):
-            slack = float(np.abs(x[N_FORCES:]).max())
-            return FORCE_SCALE * x[:N_FORCES].reshape(N_ROTORS, 3), AllocationStatus.SOFTENED, iterations, slack
+            slack = float(np.abs(x[mode.size :]).max())
+            return FORCE_SCALE * x[: mode.size], AllocationStatus.SOFTENED, iterations, slack
         return self._held(demand, previous_l, iterations)
 
     @staticmethod
     def _held(
         demand: Demand, previous_l: RotorForces, iterations: int
-    ) -> tuple[RotorForces, AllocationStatus, int, float]:
-        """The previous forces, bounded."""
-        held = _bounded(previous_l)
-        unmet = np.abs(demand.wrench - demand.thrust_map @ held.reshape(-1)).max() / WRENCH_SCALE
+    ) -> tuple[np.ndarray, AllocationStatus, int, float]:
+        """The previous forces, bounded; of the feet nothing is known."""
+        feet = demand.thrust_map.shape[1] - N_FORCES
+        held = np.concatenate((_bounded(previous_l).reshape(-1), np.zeros(feet)))
+        unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / WRENCH_SCALE
         return held, AllocationStatus.HELD, iterations, float(unmet) if np.isfinite(unmet) else INFINITY
 
     def solver(self, mode: Mode) -> Workspace:
@@ -207,15 +215,14 @@ class Allocator:
     def _workspace(self, mode: Mode, kind: str) -> Workspace:
         key = (mode.name, kind)
         if key not in self._workspaces:
-            block = np.arange(N_FORCES) // 6  # the two rotors of a leg share its joints, others do not
+            # The two rotors and the foot of a leg share its joints, others do not.
+            block = np.concatenate((np.arange(N_FORCES) // 6, np.arange(N_UNKNOWNS - N_FORCES) // 3))[: mode.size]
             P, A = block[:, None] == block[None], mode.pattern
             if kind == "soft":
-                k = len(mode.soft_rows)
-                P = np.block(
-                    [[P, np.zeros((N_FORCES, k), bool)], [np.zeros((k, N_FORCES), bool), np.eye(k, dtype=bool)]]
-                )
+                k, n = len(mode.soft_rows), mode.size
+                P = np.block([[P, np.zeros((n, k), bool)], [np.zeros((k, n), bool), np.eye(k, dtype=bool)]])
                 A = np.hstack([A, np.zeros((len(A), k), bool)])
-                A[mode.soft_rows, N_FORCES + np.arange(k)] = True
+                A[mode.soft_rows, n + np.arange(k)] = True
             elif kind == "projection":
                 A = np.vstack([A, SPHERE_PATTERN])
             self._workspaces[key] = Workspace(P, A, max_iter=self.config.max_iter, tolerance=self.config.tolerance)
@@ -238,7 +245,7 @@ class Allocator:
         start = time.perf_counter()
         with np.errstate(over="ignore", invalid="ignore"):
             forces, status, iterations = self._nearest(demand, forces_l, previous_l, rounds)
-            return self._answer(demand, forces, status, iterations, 0.0, start)
+            return self._answer(demand, forces.reshape(-1), status, iterations, 0.0, start)
 
     def _nearest(
         self, demand: Demand, wish_l: RotorForces, previous_l: RotorForces, rounds: int

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from spidar_gym.arrays import RotorForces
-from spidar_gym.control.qp import FORCE_SCALE, INFINITY, N_FORCES, TORQUE_SCALE, WRENCH_SCALE, Demand
+from spidar_gym.control.qp import FORCE_SCALE, INFINITY, N_FORCES, N_UNKNOWNS, TORQUE_SCALE, WRENCH_SCALE, Demand
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 
@@ -28,7 +28,8 @@ class ThrustEffort:
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √w₁ 1 and r = 0."""
-        P.reshape(-1)[:: N_FORCES + 1] += self.weight
+        n = len(q)
+        P.reshape(-1)[: N_FORCES * (n + 1) : n + 1] += self.weight
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class JointTorqueEffort:
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √w₂ T and r = √w₂ g / λ̄."""
         T = demand.torque_map
+        if not demand.lifted.all():
+            T = T * np.repeat(demand.lifted, 4)[:, None]
         P += self.weight * (T.T @ T)
         q -= (self.weight / FORCE_SCALE) * (demand.gravity_torque @ T)
 
@@ -52,7 +55,7 @@ class WrenchBalance:
 
     constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
-    pattern: ClassVar[np.ndarray] = np.ones((6, N_FORCES), bool)
+    pattern: ClassVar[np.ndarray] = np.ones((6, N_UNKNOWNS), bool)
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Six equalities, in units of the weight."""
@@ -73,11 +76,11 @@ class ThrustBox:
     """λ̄ [N]."""
     constant: ClassVar[bool] = False
     soft: ClassVar[bool] = False
-    pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, dtype=bool)
+    pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, N_UNKNOWNS, dtype=bool)
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """24 bounds, one for each unknown; zero for the rotors that are lost."""
-        A.reshape(-1)[:: N_FORCES + 1] = 1.0
+        A.reshape(-1)[:: A.shape[1] + 1] = 1.0
         u[:] = self.limit / FORCE_SCALE
         l[:] = -self.limit / FORCE_SCALE
         if demand.lost.any():
@@ -94,8 +97,13 @@ class JointTorqueLimit:
     constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.array(
-        # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one.
-        [[c // 6 == j // 4 and (c // 3 % 2 == 1 or j % 4 < 2) for c in range(N_FORCES)] for j in range(N_JOINTS)]
+        # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one;
+        # a foot those of its leg.
+        [
+            [c // 6 == j // 4 and (c // 3 % 2 == 1 or j % 4 < 2) for c in range(N_FORCES)]
+            + [c // 3 == j // 4 for c in range(N_UNKNOWNS - N_FORCES)]
+            for j in range(N_JOINTS)
+        ]
     )
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
@@ -105,6 +113,9 @@ class JointTorqueLimit:
         np.divide(demand.gravity_torque, TORQUE_SCALE, out=l)
         np.add(l, bound, out=u)
         l -= bound
+        if not demand.lifted.all():
+            standing = ~np.repeat(demand.lifted, 4)
+            A[standing], l[standing], u[standing] = 0.0, -INFINITY, INFINITY
 
 
 @dataclass(frozen=True)
@@ -117,7 +128,7 @@ class VectoringLock:
     constant: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.array(
-        [[c // 3 == i and c % 3 > 0 for c in range(N_FORCES)] for i in range(N_ROTORS)]
+        [[c // 3 == i and c % 3 > 0 for c in range(N_UNKNOWNS)] for i in range(N_ROTORS)]
     )
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
@@ -142,7 +153,7 @@ class InterferenceBound:
     constant: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.array(
-        [[c // 3 == i % N_ROTORS for c in range(N_FORCES)] for i in range(2 * N_ROTORS)]
+        [[c // 3 == i % N_ROTORS and c < N_FORCES for c in range(N_UNKNOWNS)] for i in range(2 * N_ROTORS)]
     )
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:

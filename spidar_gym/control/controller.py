@@ -12,7 +12,6 @@ from spidar_gym.control.centroidal import (
     CentroidalConfig,
     Integrals,
     MotionError,
-    clip,
     desired_wrench,
     integrate,
     motion_error,
@@ -36,6 +35,7 @@ from spidar_gym.model.interference import Interference, InterferenceConfig, inte
 from spidar_gym.model.rotor import (
     Lock,
     LockConfig,
+    follow,
     nominal_vectoring,
     point,
     thrust_map,
@@ -252,7 +252,7 @@ class Controller:
             forces = lead_forces(
                 forces, snapshot, state.omega_b, compensation.servo_velocity, lead=options.vectoring_lead
             )
-        vectoring = self._vectoring(forces, lock)
+        vectoring = follow(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
         self.tick = Tick(percept, wrench, demand, allocation, speed)
         unallocated = allocation.unallocated_wrench
         self.memory = Memory(
@@ -334,18 +334,6 @@ class Controller:
             lost=reference.lost_thrust,
         )
         return demand, lock, bounds
-
-    def _vectoring(self, forces_l: RotorForces, lock: Lock) -> Vectoring:
-        """Angles for the allocated forces, φ held where it is locked, nothing faster than the servos."""
-        step = ROBOT.max_vectoring_speed * self.dt
-        active, held = lock.active.tolist(), lock.phi.tolist()
-        angles = []
-        for i, (force, (phi0, theta0)) in enumerate(
-            zip(forces_l.tolist(), self.memory.vectoring.tolist(), strict=True)
-        ):
-            phi, theta = point(force, phi0, theta0, held[i] if active[i] else None)
-            angles.append((phi0 + clip(phi - phi0, step), theta0 + clip(theta - theta0, step)))
-        return np.array(angles)
 
     def _joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
         """Next joint command on the straight line to `target`, and its rate: all joints arrive together.

@@ -9,6 +9,7 @@ from spidar_gym.control.blocks import (
     VectoringLock,
     WrenchBalance,
 )
+from spidar_gym.control.contact import ContactWrenchRange, FootEffort, FrictionPyramid, PowerEffort
 from spidar_gym.control.qp import Constraint, Cost, Mode
 from spidar_gym.errors import UnknownNameError
 
@@ -47,3 +48,36 @@ def find_allocation(name: str) -> dict[str, Mode]:
     if name not in ALLOCATIONS:
         raise UnknownNameError("allocation", name, ALLOCATIONS)
     return ALLOCATIONS[name]
+
+
+def ground_modes(
+    *, power: bool, torque_weight: float, torque_limit: float, foot_friction: float, peg_friction: float,
+    min_normal: float,
+) -> dict[str, Mode]:  # fmt: skip
+    """The modes of the crawl by name.
+
+    `rest`: torso and feet lie on the floor, no thrust. `leg`: the lifted legs alone, [Zhao2025, Eq. 9, 11-13] for their
+    rotors. `legs`: all legs lifted, the torso on its pegs, with [Zhao2025, Eq. 37]. `stance`: the feet carry the robot,
+    moving its torso or standing, with the floor's forces as unknowns.
+
+    Args:
+        power: Minimise Σ λ^1.5 instead of the paper's Σ ‖f‖².
+        torque_weight: w₂ of [Zhao2025, Eq. 9] [1/(Nm)²].
+        torque_limit: τ̄_q of the allocation, below the servo's by a margin [Nm].
+        foot_friction: Planned friction of the feet.
+        peg_friction: Planned friction of the pegs.
+        min_normal: Least normal force of all pegs together [N].
+    """
+    effort = PowerEffort() if power else ThrustEffort()
+    costs = (effort, JointTorqueEffort(torque_weight))
+    links = (ThrustBox(), JointTorqueLimit(torque_limit), VectoringLock())
+    pegs, feet = ContactWrenchRange(peg_friction, min_normal), FrictionPyramid(foot_friction)
+    return {
+        mode.name: mode
+        for mode in (
+            Mode("rest", (ThrustEffort(),), (ThrustBox(),), avoid_interference=False),
+            Mode("leg", costs, links, avoid_interference=False),
+            Mode("legs", costs, (pegs, *links), avoid_interference=False),
+            Mode("stance", (*costs, FootEffort()), (WrenchBalance(), feet, *links), False, feet_carry=True),
+        )
+    }

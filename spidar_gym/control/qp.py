@@ -1,7 +1,8 @@
 """The allocation as a quadratic program with a fixed pattern: blocks state costs and rows, `assemble` stacks them.
 
-Nothing here solves. The unknowns are the rotor forces in link axes, divided by λ̄: x = f / λ̄, 24 numbers. Rows and costs
-are scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), because a first-order solver's accuracy depends
+Nothing here solves. The unknowns are the rotor forces in link axes, divided by λ̄: x = f / λ̄, 24 numbers. Where the feet
+carry the robot, 12 more follow: the forces of the floor on the four feet, floor axes, in the same unit. Rows and costs are
+scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), because a first-order solver's accuracy depends
 on scaling more than on anything else, and because the solver's own scaling would make a tick depend on the one before.
 """
 
@@ -13,10 +14,13 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spidar_gym.arrays import JointVector, RotorMask, RotorVector, Wrench
-from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.arrays import JointVector, LegMask, Matrix3, RotorMask, RotorVector, Vector3, Wrench
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 
 N_FORCES = 3 * N_ROTORS
+"""Unknowns of a mode in which the feet carry nothing."""
+N_UNKNOWNS = N_FORCES + 3 * N_LEGS
+"""Unknowns of a mode in which they do."""
 FORCE_SCALE = ROBOT.max_thrust
 """Unit of the unknowns [N]."""
 WRENCH_SCALE = ROBOT.total_mass * GRAVITY
@@ -27,8 +31,10 @@ INFINITY = 1e30
 """A bound that is none, in the solver's convention."""
 
 
-_NONE_LOST = np.zeros(N_ROTORS, bool)
-_NONE_LOST.flags.writeable = False
+_NONE_LOST, _ALL_LIFTED = np.zeros(N_ROTORS, bool), np.ones(N_LEGS, bool)
+_LEVEL, _ORIGIN, _ALIKE = np.eye(3), np.zeros(3), np.ones(N_ROTORS)
+for _array in (_NONE_LOST, _ALL_LIFTED, _LEVEL, _ORIGIN, _ALIKE):
+    _array.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +42,11 @@ class Demand:
     """What one tick asks of the allocation: everything that the blocks may read."""
 
     wrench: Wrench
-    """Desired wrench w^d in {CoG} [N, Nm]."""
-    thrust_map: Float[np.ndarray, "6 24"]
-    """Q: forces in link axes → wrench in {CoG}."""
-    torque_map: Float[np.ndarray, "16 24"]
-    """T: forces in link axes → joint torque that they take off the servos; τ_q = g − T f."""
+    """Desired wrench w^d in {CoG} [N, Nm]; on the ground what holds the weight."""
+    thrust_map: Float[np.ndarray, "6 n"]
+    """Q: forces → wrench in {CoG}; 24 columns for the rotors in link axes, and 12 for the feet where they carry."""
+    torque_map: Float[np.ndarray, "16 n"]
+    """T: forces → joint torque that they take off the servos; τ_q = g − T f."""
     gravity_torque: JointVector
     """g: joint torque that holds the links without thrust [Nm]."""
     locked: RotorMask
@@ -55,6 +61,14 @@ class Demand:
     """Upper bounds of θ [rad], read where restricted."""
     lost: RotorMask = field(default_factory=lambda: _NONE_LOST)
     """Rotors that give no force."""
+    lifted: LegMask = field(default_factory=lambda: _ALL_LIFTED)
+    """Legs whose joint torque counts; what a leg on the ground feels is between it and the floor."""
+    com_b: Vector3 = field(default_factory=lambda: _ORIGIN)
+    """CoG seen from the torso's origin [m]: takes a wrench from {CoG} to {B}."""
+    R_bf: Matrix3 = field(default_factory=lambda: _LEVEL)
+    """Axes of the floor, seen from the torso."""
+    effort: RotorVector = field(default_factory=lambda: _ALIKE)
+    """Weight of each rotor's ‖f‖² where power is to be saved."""
 
 
 _ROTORS, _JOINTS = np.zeros(N_ROTORS), np.zeros(N_JOINTS)
@@ -74,7 +88,7 @@ class Cost(Protocol):
     """Whether it is the same at every tick; then it is added once."""
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
-        """Add WᵀW to P, shape (24, 24), and −Wᵀr to q, shape (24,)."""
+        """Add WᵀW to P, shape (n, n), and −Wᵀr to q, shape (n,)."""
         ...
 
 
@@ -83,14 +97,14 @@ class Constraint(Protocol):
     """Rows l ≤ A x ≤ u; their number and pattern never change, an idle row has infinite bounds."""
 
     pattern: ClassVar[np.ndarray]
-    """Where A may be nonzero, shape (m, 24) of bool."""
+    """Where A may be nonzero, shape (m, 36) of bool; modes without foot forces use its first 24 columns."""
     soft: ClassVar[bool]
     """Whether the fallback may violate these rows at a price."""
     constant: ClassVar[bool]
     """Whether they are the same at every tick; then they are written once."""
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
-        """Write the rows into A, shape (m, 24), l and u, shape (m,), which come idle: zero and unbounded."""
+        """Write the rows into A, shape (m, n), l and u, shape (m,), which come idle: zero and unbounded."""
         ...
 
 
@@ -131,17 +145,24 @@ class Mode:
     """Blocks of rows."""
     avoid_interference: bool = True
     """Whether rotors are restricted at all."""
+    feet_carry: bool = False
+    """Whether the forces on the feet are unknowns too."""
+
+    @property
+    def size(self) -> int:
+        """How many unknowns."""
+        return N_UNKNOWNS if self.feet_carry else N_FORCES
 
     @cached_property
-    def pattern(self) -> Bool[np.ndarray, "m 24"]:
+    def pattern(self) -> Bool[np.ndarray, "m n"]:
         """Where A may be nonzero."""
-        return np.vstack([block.pattern for block in self.constraints])
+        return np.vstack([block.pattern[:, : self.size] for block in self.constraints])
 
     @cached_property
     def idle(self) -> tuple[np.ndarray, ...]:
         """P, q, A, l, u with what never changes; the rest is zero and unbounded."""
-        m = len(self.pattern)
-        P, q, A = np.zeros((N_FORCES, N_FORCES)), np.zeros(N_FORCES), np.zeros((m, N_FORCES))
+        m, n = len(self.pattern), self.size
+        P, q, A = np.zeros((n, n)), np.zeros(n), np.zeros((m, n))
         l, u = np.full(m, -INFINITY), np.full(m, INFINITY)
         for cost in self.costs:
             if cost.constant:

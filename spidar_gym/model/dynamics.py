@@ -13,9 +13,19 @@ import numpy as np
 import pinocchio as pin
 from jaxtyping import Float
 
-from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Vectoring
+from spidar_gym.arrays import FootForces, JointVector, Matrix3, RotorForces, Vector3, Vectoring
 from spidar_gym.description import mjcf_path
-from spidar_gym.robot import CONTACT_SITES, GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_JOINTS, N_ROTORS, ROTOR_SITES
+from spidar_gym.robot import (
+    CONTACT_SITES,
+    GIMBAL_NAMES,
+    GRAVITY,
+    JOINT_NAMES,
+    N_JOINTS,
+    N_LEGS,
+    N_ROTORS,
+    ROBOT,
+    ROTOR_SITES,
+)
 from spidar_gym.so3 import CROSS
 
 
@@ -46,6 +56,16 @@ class Snapshot:
     """Linear and angular momentum about the CoG per joint velocity, torso held fixed [kg m, kg m²]."""
 
 
+@dataclass(frozen=True, slots=True)
+class Feet:
+    """The foot spheres' centres at one configuration, torso axes."""
+
+    position_b: FootForces
+    """Seen from the torso's origin [m]."""
+    J: Float[np.ndarray, "4 3 16"]
+    """∂(centre)/∂q, torso held fixed [m/rad]."""
+
+
 class Model:
     """The robot's kinematics and mass distribution; owns the Pinocchio model and its work space."""
 
@@ -64,6 +84,10 @@ class Model:
         self._J, self._com = self._data.J, self._data.com[0]
         self._link_views = [self._data.oMi[joint(f"joint{i}_pitch")].rotation for i in range(1, N_ROTORS + 1)]
         self._rotor_views = [self._data.oMi[joint(f"gimbal{i}_pitch")].translation for i in range(1, N_ROTORS + 1)]
+        self._knee_views = [self._data.oMi[joint(f"joint{2 * leg}_pitch")] for leg in range(1, N_LEGS + 1)]
+        self._foot = np.array([ROBOT.pitch_to_foot, 0.0, 0.0])
+        self._carries = np.array([[[j // 4 == leg] for j in range(N_JOINTS)] for leg in range(N_LEGS)], float)
+        self._carries = self._carries.transpose(0, 2, 1)
         # A rotor is moved by the joints between the torso and its link: two for an inner link, all four of the leg
         # for an outer one.
         self._moves = np.array(
@@ -104,6 +128,15 @@ class Model:
             gravity_torque=(GRAVITY * R_wb[2]) @ momentum[:3],
             momentum_map=momentum,
         )
+
+    def stance(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> tuple[Snapshot, Feet]:
+        """`snapshot`, and where the feet are."""
+        snapshot = self.snapshot(q, R_wb, vectoring)
+        feet = np.array([placement.translation + placement.rotation @ self._foot for placement in self._knee_views])
+        J = self._J.take(self._v_joint, axis=1)
+        J_foot = J[:3] - (feet @ CROSS).reshape(N_LEGS, 3, 3) @ J[3:]
+        J_foot *= self._carries
+        return snapshot, Feet(feet, J_foot)
 
     def segments(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Masses (k,) [kg], CoGs from the torso's origin (k, 3) [m] and Jacobians (k, 3, 16) of the k = 33 segments."""

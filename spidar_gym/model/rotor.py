@@ -197,3 +197,13 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
     forward = phi_hat + min(way, config.most, max(config.least, weight * way))
     backward = phi_hat - min(back, config.most, max(config.least, weight * back))
     return backward if abs(backward - held) + bias < abs(forward - held) else forward
+
+
+def follow(forces_l: RotorForces, lock: Lock, present: Vectoring, step: float) -> Vectoring:
+    """Angles for the forces [rad], φ held where it is locked, none farther than `step` [rad] from the `present` one."""
+    active, held = lock.active.tolist(), lock.phi.tolist()
+    angles = []
+    for i, (force, (phi0, theta0)) in enumerate(zip(forces_l.tolist(), present.tolist(), strict=True)):
+        phi, theta = point(force, phi0, theta0, held[i] if active[i] else None)
+        angles.append((phi0 + max(-step, min(step, phi - phi0)), theta0 + max(-step, min(step, theta - theta0))))
+    return np.array(angles)
