@@ -28,6 +28,10 @@ STAND = ("brace", "up", "hold", "down", "settle")
 """Phases of standing up."""
 PHASES = ("done", *CYCLE, "hold")
 """All phases."""
+FILTER_TIME = 0.1
+"""Time constant of the filters on pose and joint angles [s]."""
+RESPONSE_TIME = 0.17
+"""… and of the model of how the filtered pose follows its plan: that filter, servos, delay [s]."""
 _LEGS_UP = frozenset(("spool", "raise", "swing", "lower"))
 _ON_FEET = frozenset(("brace", "up", "forward", "down"))
 
@@ -74,13 +78,15 @@ class GaitConfig:
     """Integral gain from the torso's error to where the legs push it [1/s]; 0 is off."""
     trim_limit: float = 0.03
     """Largest trim [m]."""
+    rolling: bool = False
+    """Whether the kinematics know that the feet are balls, which roll as their legs turn."""
     timeout: float = 10.0
     """A phase that has not ended by then ends [s]."""
 
     def __post_init__(self) -> None:
         """Refuse a start pose out of reach and what is no length or time."""
         require_name("stride scheme", self.stride, STRIDES)
-        positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride")}
+        positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride", "rolling")}
         require_not_negative(**positive)
         for name in ("max_distance", "max_turn", "lift_height", "timeout"):
             if getattr(self, name) == 0.0:
@@ -253,6 +259,10 @@ class GaitMemory:
     """Planned height over where it lay [m]."""
     lift: float = 0.0
     """Height at which it moves [m]."""
+    expected: Vector3 = field(default_factory=lambda: np.zeros(3))
+    """Where the filtered pose should be by now, seen from where the torso lay: x, y [m], yaw [rad]."""
+    yaw: float = 0.0
+    """Filtered yaw from there [rad]."""
     trim: Vector3 = field(default_factory=lambda: np.zeros(3))
     """x, y [m] and yaw [rad] added to where the legs push the torso."""
     timeouts: int = 0
@@ -335,7 +345,7 @@ class Gait:
             residual: What a policy adds.
         """
         memory, dt = self.memory, self.dt
-        share = 1.0 - math.exp(-dt / 0.1)
+        share = 1.0 - math.exp(-dt / FILTER_TIME)
         move = share * (position_w - memory.position_w)
         turn = share * (q - memory.joints)
         memory.position_w, memory.joints, memory.R_wb = memory.position_w + move, memory.joints + turn, R_wb
@@ -350,6 +360,7 @@ class Gait:
         memory, config = self.memory, self.config
         speed = self.joint_speed * max(0.0, residual.phase_rate)
         if memory.phase in _ON_FEET or (memory.phase == "hold" and self.mode == "stance"):
+            self._track()
             self._trim()
             self._push(speed)
         elif memory.phase in _LEGS_UP or memory.phase == "hold":
@@ -391,15 +402,16 @@ class Gait:
                 and joint_rate < 0.05
             )
             return self._still(there, config.leg_touch_time)
-        error = self._error()
+        error, depth = self._error()
         if phase == "up":
             return memory.height >= config.forward_at * memory.lift - 1e-9
         if phase == "forward":
             near = memory.share >= config.down_at - 1e-9
             if config.down_at >= 1.0:
-                near = near and math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= 0.01
+                arrived = math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= 0.003
+                near = near and arrived
             return near
-        there = memory.height <= -config.press + 1e-9 and memory.share >= 1.0 and torso_rate < 0.01 and error[3] < 0.05
+        there = memory.height <= -config.press + 1e-9 and memory.share >= 1.0 and torso_rate < 0.01 and depth < 0.05
         return self._still(there, config.torso_touch_time)
 
     def _still(self, there: bool, duration: float) -> bool:
@@ -486,6 +498,7 @@ class Gait:
         memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
         memory.feet_f = _feet(memory.joints)
         memory.share, memory.height, memory.trim = 0.0, 0.0, np.zeros(3)
+        memory.expected, memory.yaw = np.zeros(3), 0.0
         memory.lift = (config.lift_height if step.height is None else step.height) * residual.lift_scale
         while memory.lift > 0.01 and self._reach(1.0, memory.lift) is None:
             memory.lift *= 0.95
@@ -528,27 +541,45 @@ class Gait:
                     memory.share = goal_share
         wanted = self._reach(memory.share, memory.height)
         if wanted is not None:
-            way = wanted - memory.plan
-            memory.plan = memory.plan + np.minimum(np.maximum(way, -reach), reach)
+            before = memory.plan
+            way = wanted - before
+            memory.plan = before + np.minimum(np.maximum(way, -reach), reach)
+            if config.rolling:
+                self._roll(memory.plan - before)
 
-    def _error(self) -> tuple[float, float, float, float]:
-        """Plan − filtered pose of the torso: along the floor x, y [m], yaw [rad], and distance in height [m]."""
+    def _roll(self, turn: JointVector) -> None:
+        """A leg that turns down by an angle rolls its ball outwards by the radius times that: where the feet are then."""
         memory = self.memory
-        wanted = memory.way.arc(memory.share)
-        x, y, z = ((memory.position_w - memory.floor_w) @ memory.floor_R).tolist()
+        turned = memory.way.arc(memory.share).yaw
+        for leg in range(N_LEGS):
+            out = ROBOT.foot_radius * float(turn[4 * leg + 1] + turn[4 * leg + 3])
+            heading = ROBOT.leg_azimuth(leg) + float(memory.plan[4 * leg]) + turned
+            memory.feet_f[leg, :2] += out * math.cos(heading), out * math.sin(heading)
+
+    def _track(self) -> None:
+        """Follow the torso's yaw, and where its filtered pose should be by now."""
+        memory = self.memory
         turned = memory.floor_R.T @ memory.R_wb
-        yaw = wanted.yaw - math.atan2(turned[1, 0], turned[0, 0])
-        return wanted.x - x, wanted.y - y, math.remainder(yaw, 2.0 * math.pi), abs(memory.height - z)
+        yaw = math.atan2(turned[1, 0], turned[0, 0])
+        memory.yaw += (1.0 - math.exp(-self.dt / FILTER_TIME)) * (yaw - memory.yaw)
+        wanted = memory.way.arc(memory.share)
+        share = 1.0 - math.exp(-self.dt / RESPONSE_TIME)
+        memory.expected = memory.expected + share * (np.array([wanted.x, wanted.y, wanted.yaw]) - memory.expected)
+
+    def _error(self) -> tuple[Vector3, float]:
+        """Expected − filtered pose of the torso along the floor, x, y [m], yaw [rad]; and how far its height is off."""
+        memory = self.memory
+        x, y, z = ((memory.position_w - memory.floor_w) @ memory.floor_R).tolist()
+        return memory.expected - (x, y, memory.yaw), abs(memory.height - z)
 
     def _trim(self) -> None:
         """Feet are balls that roll when their legs turn, so the torso does not go as far as the kinematics say."""
         memory, config = self.memory, self.config
         if memory.phase != "forward" or config.trim_gain == 0.0:
             return
-        x, y, yaw, _ = self._error()
-        step = config.trim_gain * self.dt
+        error, _ = self._error()
         limit = np.array([config.trim_limit, config.trim_limit, 2.0 * config.trim_limit])
-        memory.trim = np.minimum(np.maximum(memory.trim + step * np.array([x, y, yaw]), -limit), limit)
+        memory.trim = np.minimum(np.maximum(memory.trim + config.trim_gain * self.dt * error, -limit), limit)
 
 
 def _towards(way: float, step: float) -> float:

@@ -19,6 +19,7 @@ from spidar_gym.sim.aero import Aero, AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.disturbances import Disturbances, Weather
 from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
+from spidar_gym.sim.ground import GroundConfig, GroundWatch, Touch
 from spidar_gym.sim.memory import PlantMemory, Saved
 from spidar_gym.sim.scene import TIMESTEP, scene
 from spidar_gym.sim.sensors import SensorConfig, Sensors
@@ -57,6 +58,8 @@ class PlantConfig:
     """The air."""
     sensors: SensorConfig = field(default_factory=SensorConfig)
     """Noise of the sensors."""
+    ground: GroundConfig = field(default_factory=GroundConfig)
+    """The floor."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated."""
@@ -77,7 +80,8 @@ class Plant:
 
     def __init__(self, config: PlantConfig | None = None) -> None:
         """Compile the scene (`StaleAssetError` where the model file was edited by hand)."""
-        self.model = copy.copy(scene(visual=False))
+        config = config or PlantConfig()
+        self.model = copy.copy(scene(visual=False, uneven=config.ground.uneven))
         self.data = mujoco.MjData(self.model)
         # Views into MuJoCo's memory, made once: every access to an attribute of MjData makes a new one.
         self._q, self._v, self._a = self.data.qpos, self.data.qvel, self.data.act
@@ -93,19 +97,27 @@ class Plant:
         self._joint_servos = np.array([servo.id for servo in servos[_JOINTS]])
         self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
         self._geom_xpos, self._options = self.data.geom_xpos, self.model.opt
-        self._floor_radius = self.model.geom_rbound.copy()
-        self._floor_radius[self.model.geom("floor").id] = -np.inf
+        self._reach = self.model.geom_rbound.copy()
+        self._reach[self.model.geom_contype > 0] = -np.inf  # the floor itself
+        self._watch = GroundWatch(self.model, self.data)
         self._watching = True
         self.memory = PlantMemory()
-        self.configure(config or PlantConfig())
+        self.config = config
+        self.configure(config)
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot; takes effect with the next reset."""
+        """Become another robot; takes effect with the next reset (`InvalidValueError` for tiles where there were none).
+        """
+        if config.ground.uneven != self.config.ground.uneven:
+            raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
         self.config = config
         self.period = config.substeps * TIMESTEP
         """Control period [s]."""
         config.actuators.apply(self.model, config.joint_speed)
-        config.body.apply(self.model, scene(visual=False))
+        config.body.apply(self.model, scene(visual=False, uneven=config.ground.uneven))
+        config.ground.apply(self.model)
+        self._R_wf = config.ground.R_wf
+        self._top = float(config.ground.tiles.max())
         self._aero = Aero(self.model, self.data, config.aero)
         self._sensors = Sensors(config.sensors)
         actuators = config.actuators
@@ -192,7 +204,7 @@ class Plant:
         self._obey(targets)
         if not (command.joint_torque_limit == memory.torque_limit).all():
             self._limit_torque(command.joint_torque_limit.copy())
-        clearance = float((self._geom_xpos[:, 2] - self._floor_radius).min())
+        clearance = float((self._geom_xpos @ self._R_wf[:, 2] - self._reach).min()) - self._top
         self._watch_floor(not clearance > FASTEST * self.period)
         end = memory.clock + config.substeps
         while memory.clock < end:
@@ -252,6 +264,10 @@ class Plant:
     def in_contact(self) -> bool:
         """Whether any part of the robot touches the floor."""
         return self.memory.in_contact
+
+    def touch(self) -> Touch:
+        """What touches the floor, and how it slides."""
+        return self._watch.look(self.config.ground, self._R_wf)
 
     @property
     def thrust_factor(self) -> RotorVector:

@@ -9,6 +9,7 @@ from functools import cache
 import mujoco
 
 from spidar_gym.description import mjcf_path
+from spidar_gym.sim.ground import TILE, TILE_DEPTH, TILES
 
 # MuJoCo would write its warnings into a file of the working folder.
 mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
@@ -20,8 +21,11 @@ MAX_WIDTH, MAX_HEIGHT = 1920, 1080
 
 
 @cache
-def scene(visual: bool) -> mujoco.MjModel:
-    """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step."""
+def scene(visual: bool, uneven: bool = False) -> mujoco.MjModel:
+    """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step.
+
+    With `uneven` there are tiles on the floor, which `GroundConfig.apply` lays.
+    """
     spec = mujoco.MjSpec.from_file(str(mjcf_path()))
     if not visual:
         for geom in list(spec.geoms):
@@ -30,6 +34,14 @@ def scene(visual: bool) -> mujoco.MjModel:
     world = spec.worldbody
     floor = world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     floor.contype, floor.conaffinity, floor.friction = 1, 0, [0.01, 0.005, 0.0001]
+    tiles = []
+    if uneven:
+        for i in range(TILES):
+            for j in range(TILES):
+                tile = world.add_geom(name=f"tile{i}_{j}", type=mujoco.mjtGeom.mjGEOM_BOX)
+                tile.size, tile.pos = [TILE / 2, TILE / 2, TILE_DEPTH], [i * TILE, j * TILE, -1.0]
+                tile.contype, tile.conaffinity, tile.friction = 1, 0, floor.friction
+                tiles.append(tile)
     if visual:
         spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
         spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
@@ -52,6 +64,9 @@ def scene(visual: bool) -> mujoco.MjModel:
         grid = spec.add_material(name="grid", texrepeat=[1, 1], texuniform=True)
         grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
         floor.material = "grid"
+        for k, tile in enumerate(tiles):
+            shade = 0.70 + 0.08 * ((k // TILES + k) % 2)
+            tile.rgba = [shade, shade + 0.02, shade + 0.04, 1.0]
         world.add_light(
             pos=[0, 0, 5], dir=[0, 0, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
             castshadow=True, diffuse=[0.45, 0.45, 0.45], specular=[0.2, 0.2, 0.2],

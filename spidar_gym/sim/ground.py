@@ -1,0 +1,159 @@
+"""The floor, flat, sloped or of uneven tiles, and what touches it: contacts, slip, clearance of the ducts.
+
+What is measured here is for rewards, metrics and tests: no controller sees it, because the robot has no touch sensor.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+import math
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+
+from spidar_gym.arrays import Matrix3
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import N_LEGS, N_ROTORS, PEG_SITES, ROBOT
+from spidar_gym.sim.values import check_arrays, constant
+from spidar_gym.so3 import exp, matrix_to_quat
+
+TILES = 16
+"""The uneven floor has this many tiles a side."""
+TILE = 0.25
+"""Edge of a tile [m]; the uneven floor is a square of 4 m round the origin."""
+TILE_DEPTH = 0.05
+"""Half the thickness of a tile [m]."""
+MAX_SLOPE = 0.6
+"""Steepest slope [rad]: beyond it nothing with the robot's friction stays where it is."""
+
+
+@dataclass(frozen=True)
+class GroundConfig:
+    """The floor under the robot."""
+
+    slope: float = 0.0
+    """Angle to the horizontal [rad]; the floor turns about the origin."""
+    heading: float = 0.0
+    """Direction in which it rises [rad]."""
+    tiles: np.ndarray = field(default_factory=lambda: constant(0.0, TILES, TILES))
+    """Height of each tile over the plane [m]; all zero is a plane without tiles."""
+
+    def __post_init__(self) -> None:
+        """Refuse walls and holes."""
+        check_arrays(self)
+        if abs(self.slope) > MAX_SLOPE:
+            raise InvalidValueError("slope", self.slope, f"an angle within ± {MAX_SLOPE:g} rad")
+        if (self.tiles < 0.0).any() or (self.tiles > 0.2).any():
+            raise InvalidValueError("tiles", float(self.tiles.max()), "heights within 0 … 0.2 m")
+
+    @property
+    def uneven(self) -> bool:
+        """Whether there are tiles."""
+        return bool(self.tiles.any())
+
+    @property
+    def R_wf(self) -> Matrix3:
+        """Attitude of the floor."""
+        return exp(self.slope * np.array([math.sin(self.heading), -math.cos(self.heading), 0.0]))
+
+    def apply(self, model: mujoco.MjModel) -> None:
+        """Lay the floor in a model of `scene(…, uneven=self.uneven)`."""
+        R = self.R_wf
+        quat = matrix_to_quat(R)
+        floor = model.geom("floor").id
+        if self.uneven:
+            for i in range(TILES):
+                for j in range(TILES):
+                    x, y = ((k + 0.5 - TILES / 2) * TILE for k in (i, j))
+                    tile = model.geom(f"tile{i}_{j}").id
+                    model.geom_pos[tile] = R @ (x, y, self.tiles[i, j] - TILE_DEPTH)
+                    model.geom_quat[tile] = quat
+                    model.geom_sameframe[tile] = 0
+            # The bounding volumes of the tiles were made where they lay before.
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+        model.geom_pos[floor] = R @ (0.0, 0.0, -TILE_DEPTH if self.uneven else 0.0)
+        model.geom_quat[floor] = quat
+        # Otherwise MuJoCo would take the floor's frame for the world's.
+        model.geom_sameframe[floor] = 0
+
+    def height(self, points_f: np.ndarray) -> np.ndarray:
+        """Height of the floor under points (n, 3), floor axes [m]."""
+        if not self.uneven:
+            return np.zeros(len(points_f))
+        cell = np.floor(points_f[:, :2] / TILE).astype(int) + TILES // 2
+        inside = ((cell >= 0) & (cell < TILES)).all(axis=1)
+        cell = np.clip(cell, 0, TILES - 1)
+        return np.where(inside, self.tiles[cell[:, 0], cell[:, 1]], -TILE_DEPTH)
+
+
+def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float) -> GroundConfig:
+    """The same slope with tiles of random heights, even between 0 and `steps` [m]; those under the start are alike."""
+    tiles = rng.uniform(0.0, steps, (TILES, TILES))
+    return replace(ground, tiles=tiles)
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """What touches the floor at one instant."""
+
+    feet: np.ndarray
+    """(4,) whether each foot does."""
+    pegs: np.ndarray
+    """(8,) whether each peg does, those of the torso first."""
+    ducts: bool
+    """Whether a duct does."""
+    foot_slip: np.ndarray
+    """Speed of each foot's touching point along the floor, 0 in the air (4,) [m/s]."""
+    peg_slip: np.ndarray
+    """… of each of the torso's pegs (4,) [m/s]."""
+    duct_clearance: float
+    """Height of the lowest duct over the floor below its centre [m]."""
+
+
+class GroundWatch:
+    """Looks at the contacts of one simulation."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Look up what may touch."""
+        self._model, self._data = model, data
+        names = [f"foot{leg}" for leg in range(1, N_LEGS + 1)] + list(PEG_SITES)
+        self._balls = [model.geom(name).id for name in names]
+        radii = [ROBOT.foot_radius] * N_LEGS + [ROBOT.peg_radius] * len(PEG_SITES)
+        self._radii = np.array(radii)
+        bodies = {model.body(f"gimbal{i}_pitch_module").id for i in range(1, N_ROTORS + 1)}
+        colliding = (model.geom_conaffinity > 0) & (model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER)
+        self._ducts = np.array([g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies and colliding[g]])
+        self._duct_size = model.geom_size[self._ducts, :2].copy()
+        self._kind = np.full(model.ngeom, -1)
+        self._kind[self._balls] = np.arange(len(names))
+        self._kind[self._ducts] = len(names)
+        self._x, self._R = data.geom_xpos, data.geom_xmat
+        self._twist, self._com = data.cvel, data.subtree_com
+        self._carriers = model.geom_bodyid[self._balls[:8]]
+        self._root = int(model.body_rootid[self._carriers[0]])
+
+    def look(self, ground: GroundConfig, R_wf: Matrix3) -> Touch:
+        """What touches the floor now."""
+        data, n = self._data, len(self._balls)
+        touching = np.zeros(n + 2, bool)
+        if data.ncon:
+            touching[self._kind[data.contact.geom].reshape(-1)] = True
+        normal = R_wf[:, 2]
+        slip = np.zeros(8)
+        if touching[:8].any():
+            twist = self._twist.take(self._carriers, axis=0)
+            x, y, z = (self._x.take(self._balls[:8], axis=0) - self._com[self._root] - self._radii[:8, None] * normal).T
+            wx, wy, wz, vx, vy, vz = twist.T
+            v = np.stack((vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x))
+            along = (v * v).sum(axis=0) - (normal @ v) ** 2
+            slip = np.where(touching[:8], np.sqrt(np.maximum(along, 0.0)), 0.0)
+        centres = self._x.take(self._ducts, axis=0)
+        upright = np.abs(self._R.take(self._ducts, axis=0).reshape(-1, 3, 3)[:, :, 2] @ normal)
+        radius, half = self._duct_size.T
+        low = centres @ normal - radius * np.sqrt(np.maximum(0.0, 1.0 - upright * upright)) - half * upright
+        if ground.uneven:
+            low = low - ground.height(centres @ R_wf)
+        return Touch(
+            touching[:N_LEGS], touching[N_LEGS:n], bool(touching[n]), slip[:N_LEGS], slip[N_LEGS:], float(low.min())
+        )
