@@ -22,7 +22,7 @@ from spidar_gym.control.controller import Controller, ControllerConfig
 from spidar_gym.control.modes import find_allocation
 from spidar_gym.control.qp import Demand, assemble
 from spidar_gym.control.solver import closed_form
-from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.sim.aero import Aero
 from spidar_gym.so3 import exp
@@ -128,7 +128,7 @@ class _ZeroAction(gymnasium.Wrapper):
 def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     wrapped = gymnasium.make("spidar_gym/Hover-v0", forms=form, preset=preset_name, max_episode_steps=10**6)
     env = wrapped.unwrapped
-    assert isinstance(env, SpidarEnv)
+    assert isinstance(env, HoverEnv)
     wrapped.reset(seed=0)
     zero = np.zeros(6)
     for _ in range(80):

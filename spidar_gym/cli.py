@@ -24,10 +24,10 @@ from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.control.presets import PRESETS
 from spidar_gym.description import CAMERAS, assets_dir, generated_files
 from spidar_gym.envs.actions import ACTION_MODES
-from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
+from spidar_gym.envs.hover_task import SEQUENCES, hover_height
 from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS, Entry, environment
-from spidar_gym.envs.tasks import SEQUENCES, hover_height
 from spidar_gym.errors import (
     InvalidValueError,
     MissingDependencyError,
@@ -191,7 +191,7 @@ def run(
         render_mode="human" if show else None,
     )  # fmt: skip
     inner = env.unwrapped
-    assert isinstance(inner, SpidarEnv)
+    assert isinstance(inner, HoverEnv)
     film = None
     if out is not None:
         output_folder(out.parent)

@@ -11,7 +11,7 @@ import numpy as np
 import spidar_gym.envs.registry
 from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.control.presets import controller_config
-from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.robot import N_ROTORS, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
@@ -128,7 +128,7 @@ def fly_paper(
         max_episode_steps=FLIGHT_TICKS,
     )
     env = wrapped.unwrapped
-    assert isinstance(env, SpidarEnv)
+    assert isinstance(env, HoverEnv)
     rows: list[tuple] = []
     try:
         wrapped.reset(seed=seed)

@@ -11,7 +11,7 @@ import numpy as np
 
 import spidar_gym.envs.registry
 from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig
-from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
 
 SETTLE = 1.0
 """Seconds of a flight that do not count: the flight starts on its reference, but its servos have not settled."""
@@ -55,14 +55,14 @@ class Outcome:
 
 
 @cache
-def _environment(condition: str, joint_speed: float) -> SpidarEnv:
+def _environment(condition: str, joint_speed: float) -> HoverEnv:
     """One environment a process for each kind of scenario."""
     spidar_gym.envs.registry.register()
     env = gymnasium.make(
         "spidar_gym/Hover-v0", forms="independent", joint_speed=joint_speed, perturbation=0.0, max_episode_steps=10**9,
         disable_env_checker=True, **CONDITIONS[condition],
     ).unwrapped  # fmt: skip
-    assert isinstance(env, SpidarEnv)
+    assert isinstance(env, HoverEnv)
     return env
 
 

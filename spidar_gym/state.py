@@ -123,9 +123,17 @@ class Residual:
     joint_offset: np.ndarray = field(default_factory=lambda: _NO_OFFSET)
     """Added to the joint targets [rad], shape (16,)."""
     joint_speed_scale: float = 1.0
-    """Factor on the planned joint speed; the servo's own limit stays."""
+    """Factor on the planned joint speed, on the ground the rate of the phases; the servo's own limit stays."""
     forces_l: np.ndarray | None = None
     """Added to the allocated rotor forces, link axes [N], shape (8, 3); the sum is moved to the nearest valid point."""
+    leg_forces_b: np.ndarray | None = None
+    """On the ground the same by leg, torso axes [N], shape (4, 3); the two rotors of a leg share it."""
+    raise_scale: float = 1.0
+    """On the ground: factor on how far the next step raises the legs."""
+    stride_scale: float = 1.0
+    """On the ground: factor on the next stride, within the reach."""
+    lift_scale: float = 1.0
+    """On the ground: factor on how high the next torso motion lifts it."""
 
 
 NO_RESIDUAL = Residual()
@@ -157,6 +165,8 @@ def valid_reference(reference: Reference) -> bool:
 def valid_residual(residual: Residual) -> bool:
     """Whether every number is finite."""
     square = float(residual.wrench @ residual.wrench) + float(residual.joint_offset @ residual.joint_offset)
-    if residual.forces_l is not None:
-        square += float(np.vdot(residual.forces_l, residual.forces_l))
-    return math.isfinite(square + residual.joint_speed_scale)
+    for forces in (residual.forces_l, residual.leg_forces_b):
+        if forces is not None:
+            square += float(np.vdot(forces, forces))
+    scales = residual.joint_speed_scale + residual.raise_scale + residual.stride_scale + residual.lift_scale
+    return math.isfinite(square + scales)

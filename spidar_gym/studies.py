@@ -12,7 +12,7 @@ import spidar_gym.envs.registry
 from spidar_gym.control.compensation import CompensationConfig
 from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig
 from spidar_gym.control.presets import controller_config
-from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.scenario import CONDITIONS, Outcome, Scenario, fly_all
 from spidar_gym.sim.disturbances import FAULTS
@@ -199,7 +199,7 @@ def _fly_lost(preset: str, form: str, disturbances: dict[str, Any]) -> dict[str,
         "spidar_gym/Hover-v0", forms=form, preset=preset, perturbation=0.0, disturbances=disturbances,
         horizon_s=FAULT_SECONDS, max_episode_steps=ticks,
     )  # fmt: skip
-    assert isinstance(env.unwrapped, SpidarEnv)
+    assert isinstance(env.unwrapped, HoverEnv)
     env.reset(seed=0)
     zero, position, attitude, bounded, info, time = np.zeros(env.action_space.shape or ()), 0.0, 0.0, True, {}, 0.0
     for k in range(ticks):

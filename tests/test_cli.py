@@ -15,9 +15,9 @@ import pytest
 from spidar_gym import cli, description, experiments, studies, tune, viz
 from spidar_gym.cli import main
 from spidar_gym.description import CAMERAS, generated_files
+from spidar_gym.envs.hover_task import SEQUENCES, HoverTask
 from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.envs.tasks import SEQUENCES, HoverTask
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.experiments import FlightLog
 from spidar_gym.robot import FORMS

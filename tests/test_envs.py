@@ -22,8 +22,8 @@ from spidar_gym.control.controller import Controller, ControllerConfig
 from spidar_gym.control.observation import layout
 from spidar_gym.control.presets import PRESETS, controller_config
 from spidar_gym.envs.actions import ACTION_MODES
+from spidar_gym.envs.hover_task import FAILURES, REWARD_TERMS, SEQUENCES, FormGoal, HoverTask, Progress, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.envs.tasks import FAILURES, REWARD_TERMS, SEQUENCES, FormGoal, HoverTask, Progress, hover_height
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import FORMS, ROBOT

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spidar_gym.envs.tasks import HoverTask
+from spidar_gym.envs.hover_task import HoverTask
 from spidar_gym.errors import SpidarError, UnknownNameError
 from spidar_gym.experiments import PAPER_FLIGHT, FlightLog, flight_figures, flight_table, fly_paper, recovery, sink
 from spidar_gym.robot import ROBOT

@@ -8,13 +8,10 @@ import gymnasium
 import numpy as np
 import pytest
 
-from spidar_gym.control.observation import layout
 from spidar_gym.description import assets_dir
-from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.page import page, pages
+from spidar_gym.envs.page import CHAPTERS, page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.envs.tasks import FAILURES, REWARD_TERMS, TASKS
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.plant import PlantConfig
@@ -62,7 +59,7 @@ def test_the_action_table_counts_every_entry_of_every_space_once(name):
             sizes[mode], covered[mode] = int(size), []
         covered[mode] += entries(cell.split()[0])
         assert authority
-    assert list(sizes) == list(ACTION_MODES)
+    assert list(sizes) == list(CHAPTERS[name].modes)
     for mode, size in sizes.items():
         assert gymnasium.make(name, action_mode=mode).action_space.shape == (size,)
         assert covered[mode] == list(range(size))
@@ -78,7 +75,7 @@ def test_the_observation_table_counts_every_entry_of_the_default_space_once_with
         np.testing.assert_allclose(space.high[list(where)], float(bound), rtol=1e-6)
         assert meaning
     assert covered == list(range(space.shape[0]))
-    assert [row[1].strip("`") for row in rows] == [field.name for field in layout(6)]
+    assert [row[1].strip("`") for row in rows] == [field.name for field in gymnasium.make(name).unwrapped.layout]
     assert f"({space.shape[0]},)" in section(name, "Observation Space")
 
 
@@ -89,7 +86,7 @@ def test_every_info_key_is_documented_with_its_shape_and_every_documented_one_ex
     for keys, shape, _, meaning in table(name, "Info"):
         assert meaning
         for key in re.findall(r"`([^`]+)`", keys):
-            names = [f"reward_{term}" for term in REWARD_TERMS] if key == "reward_<term>" else [key]
+            names = [f"reward_{term}" for term in CHAPTERS[name].reward_terms] if key == "reward_<term>" else [key]
             documented |= dict.fromkeys(names, shape)
     assert set(documented) == set(info)
     for key, shape in documented.items():
@@ -103,15 +100,17 @@ def test_every_info_key_is_documented_with_its_shape_and_every_documented_one_ex
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reward_table_has_every_term_and_its_weights_add_up_to_one(name):
     rows = table(name, "Rewards")
-    assert [row[0].strip("`") for row in rows] == list(REWARD_TERMS)
+    assert [row[0].strip("`") for row in rows] == list(CHAPTERS[name].reward_terms)
     assert abs(sum(float(row[1]) for row in rows) - 1.0) < 1e-12
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_argument_of_gym_make_is_documented_with_its_default(name):
     rows = {row[0].strip("`"): row[1].strip("`") for row in table(name, "Arguments")}
-    own = inspect.signature(SpidarEnv).parameters
-    task = TASKS[ENVIRONMENTS[name].task]
+    chapter = CHAPTERS[name]
+    own = {**inspect.signature(SpidarEnv).parameters, **inspect.signature(chapter.env).parameters}
+    own = {key: p for key, p in own.items() if key not in ("mode", "fields", "joint_speed")}
+    task = chapter.task
     expected = {key: repr(value.default) for key, value in inspect.signature(task).parameters.items()}
     expected |= {key: repr(p.default) for key, p in own.items() if p.kind is p.KEYWORD_ONLY}
     assert rows == expected
@@ -148,7 +147,7 @@ def test_every_option_of_reset_is_documented(name):
     with pytest.raises(UnknownNameError) as refusal:
         gymnasium.make(name).reset(options={"nothing": 1})
     options = str(refusal.value).partition("valid: ")[2].split(", ")
-    assert len(options) == 2
+    assert options
     (call,) = re.findall(r"`reset\(options=(.*?)\)`", text)
     assert re.findall(r"'(\w+)':", call) == options
 
@@ -156,7 +155,7 @@ def test_every_option_of_reset_is_documented(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_word_of_failure_and_the_horizon_are_documented(name):
     text = section(name, "Episode End")
-    assert re.findall(r"^- `(\w+)`", text, re.MULTILINE) == list(FAILURES)
+    assert re.findall(r"^- `(\w+)`", text, re.MULTILINE) == list(CHAPTERS[name].failures)
     assert f"after {gymnasium.spec(name).max_episode_steps} steps" in text
 
 

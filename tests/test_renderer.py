@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.description import CAMERAS
-from spidar_gym.envs.tasks import hover_height
+from spidar_gym.envs.hover_task import hover_height
 from spidar_gym.errors import SpidarError, UnknownNameError
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.plant import Plant

@@ -16,8 +16,8 @@ from spidar_gym.so3 import skew
 class PowerEffort:
     """w₁ Σ e_i ‖f_i‖²: with e_i = ‖f_i‖^−½ of the last tick it becomes Σ ‖f_i‖^1.5, which is electrical power.
 
-    Not in the paper. The weights are iterated from tick to tick (iteratively reweighted least squares); `effort_weights`
-    gives them.
+    Not in the paper. The weights are iterated from tick to tick (iteratively reweighted least squares);
+    `effort_weights` gives them.
     """
 
     weight: float = 1.0
@@ -52,9 +52,9 @@ def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, W
     - Friction holds force and twist at once: a peg that carries the share n of N holds μ n, of which half may go into a
       force along the floor and half into a twist. So ‖f_xy‖ ≤ ½ μ N, as a box f̄_xy = μ N_min / (2 √2), and the lever of
       all pegs being a √2, τ̄_z = ½ μ N_min a √2.
-    - The centre of pressure may be anywhere in the square: about its centre on the floor |τ_x|, |τ_y| ≤ a N. Only half is
-      used, so that no peg comes near to lifting off. About the torso's origin, d higher, the friction force adds up to
-      d f̄_xy: τ̄_xy = ½ a N_min − d f̄_xy.
+    - The centre of pressure may be anywhere in the square: about its centre on the floor |τ_x|, |τ_y| ≤ a N. Only half
+      is used, so that no peg comes near to lifting off. About the torso's origin, d higher, the friction force adds
+      up to d f̄_xy: τ̄_xy = ½ a N_min − d f̄_xy.
     - f_z ≥ N_min, where the paper has 0: a peg that does not press has no friction. Upwards there is no bound.
 
     Args:

@@ -1,4 +1,4 @@
-"""The stack on the ground: (state, residual) → command. Gait, snapshot, allocation, hand-over, vectoring, joint setpoints."""
+"""The stack on the ground: (state, residual) → command. Gait, snapshot, allocation, hand-over, vectoring, joints."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,8 @@ from spidar_gym.arrays import JointVector, Matrix3, RotorForces, RotorVector, Ve
 from spidar_gym.control.allocator import Allocation, AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.blocks import torque_map
 from spidar_gym.control.contact import effort_weights
-from spidar_gym.control.gait import NO_GAIT_RESIDUAL, Gait, GaitCommand, GaitConfig, GaitResidual
+from spidar_gym.control.footsteps import GaitCommand, GaitConfig
+from spidar_gym.control.gait import Gait
 from spidar_gym.control.modes import ground_modes
 from spidar_gym.control.qp import N_FORCES, N_UNKNOWNS, Demand
 from spidar_gym.errors import InvalidValueError, require_not_negative
@@ -17,7 +18,7 @@ from spidar_gym.model.dynamics import Feet, Model, Snapshot
 from spidar_gym.model.rotor import Lock, LockConfig, follow, nominal_vectoring, thrust_map, update_lock
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.so3 import CROSS, quat_to_matrix
-from spidar_gym.state import Command, RobotState, valid_state
+from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState, valid_residual, valid_state
 
 _NO_ROTORS = np.zeros(N_ROTORS, bool)
 _ROTOR_LEG = np.arange(N_ROTORS) // 2
@@ -151,28 +152,30 @@ class Crawler:
             np.ones(N_ROTORS),
         )  # fmt: skip
 
-    def step(
-        self, state: RobotState, residual: GaitResidual = NO_GAIT_RESIDUAL, forces_l: RotorForces | None = None
-    ) -> Command:
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
         """One control tick.
 
         Args:
             state: What is known of the robot.
-            residual: What a policy adds to the gait.
-            forces_l: What a policy adds to the rotor forces, link axes [N]; the sum stays within the thrust sphere.
+            residual: What a policy adds; `NO_RESIDUAL` is the crawler alone. Its wrench is asked for beside the weight.
 
         Returns:
-            The command for the next control period. A state that is not finite is answered with the last command.
+            The command for the next control period. A state that is not finite is answered with the last command, a
+            residual that is not finite is left out.
         """
         memory, config = self.memory, self.config
         if not valid_state(state):
             return self._hold()
+        if residual is not NO_RESIDUAL and not valid_residual(residual):
+            residual = NO_RESIDUAL
         R_wb = quat_to_matrix(state.quat_wb)
         plan = self.gait.step(state.position_w, R_wb, state.joint_position, residual)
         mode, lifted = self.gait.mode, self.gait.lifted
         snapshot, feet = self.model.stance(state.joint_position, R_wb, state.vectoring)
-        demand, lock = self._demand(state, plan, R_wb, snapshot, feet, mode, lifted)
+        demand, lock = self._demand(state, plan, R_wb, snapshot, feet, mode, lifted, residual)
         allocation = self.allocator.allocate(demand, mode, memory.forces_l)
+        if residual.forces_l is not None or residual.leg_forces_b is not None:
+            allocation = self._more(demand, snapshot, allocation, residual)
         torque = np.where(np.repeat(lifted, 4), allocation.joint_torques, 0.0)
         force_gap, torque_gap, gap = memory.force_gap, memory.torque_gap, memory.gap
         if mode != memory.mode:
@@ -182,25 +185,38 @@ class Crawler:
         forces, torque = allocation.forces_l, torque + gap * torque_gap
         if gap > 0.0:
             forces = forces + gap * force_gap
-        if forces_l is not None and forces_l.any():
-            forces = forces + forces_l
         thrust = np.sqrt(np.einsum("ij,ij->i", forces, forces))
         if thrust.max() > ROBOT.max_thrust:
             forces = forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(thrust, 1e-9))[:, None]
             thrust = np.minimum(thrust, ROBOT.max_thrust)
         vectoring = follow(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
-        joints = plan + config.feed_forward / ROBOT.joint_kp * torque
+        joints = plan + config.feed_forward / ROBOT.joint_kp * torque + residual.joint_offset
         joints = np.minimum(np.maximum(joints, -ROBOT.joint_limit), ROBOT.joint_limit)
         effort = memory.effort
         if config.power:
             effort = effort_weights(allocation.thrust, effort, 0.1)
-        self.tick = CrawlTick(
-            snapshot, feet, R_wb, demand, allocation, forces, mode, self.gait.memory.phase
-        )
-        self.memory = CrawlerMemory(
-            lock, vectoring, forces, torque, joints, mode, force_gap, torque_gap, gap, effort
-        )
+        self.tick = CrawlTick(snapshot, feet, R_wb, demand, allocation, forces, mode, self.gait.memory.phase)
+        self.memory = CrawlerMemory(lock, vectoring, forces, torque, joints, mode, force_gap, torque_gap, gap, effort)
         return Command(thrust, vectoring, joints, self._torque_limit)
+
+    def _more(self, demand: Demand, snapshot: Snapshot, allocation: Allocation, residual: Residual) -> Allocation:
+        """The allocation with a policy's forces, moved to the nearest valid point; the floor's forces as they were."""
+        wish = np.zeros((N_ROTORS, 3)) if residual.forces_l is None else residual.forces_l
+        if residual.leg_forces_b is not None:
+            shares = 0.5 * np.repeat(residual.leg_forces_b, 2, axis=0)
+            wish = wish + np.einsum("ij,ijk->ik", shares, snapshot.R_bl)
+        if not wish.any():
+            return allocation
+        feet = allocation.foot_forces_f.reshape(-1)[: demand.thrust_map.shape[1] - N_FORCES]
+        fixed = replace(
+            demand,
+            wrench=demand.wrench - demand.thrust_map[:, N_FORCES:] @ feet,
+            thrust_map=demand.thrust_map[:, :N_FORCES],
+            torque_map=demand.torque_map[:, :N_FORCES],
+            gravity_torque=demand.gravity_torque - demand.torque_map[:, N_FORCES:] @ feet,
+        )
+        more = self.allocator.project(fixed, allocation.forces_l + wish, self.memory.forces_l)
+        return replace(more, foot_forces_f=allocation.foot_forces_f)
 
     def _hold(self) -> Command:
         """The last command once more, its status `held`."""
@@ -212,7 +228,7 @@ class Crawler:
 
     def _demand(
         self, state: RobotState, plan: JointVector, R_wb: Matrix3, snapshot: Snapshot, feet: Feet, mode: str,
-        lifted: np.ndarray,
+        lifted: np.ndarray, residual: Residual,
     ) -> tuple[Demand, Lock]:  # fmt: skip
         """What the allocation is asked, and the rotors whose φ is held."""
         memory, config = self.memory, self.config
@@ -228,6 +244,8 @@ class Crawler:
             Q, T = with_feet(Q, T, snapshot, feet, R_bf)
         wrench = np.zeros(6)
         wrench[:3] = snapshot.mass * GRAVITY * R_wb[2]
+        if mode != "rest":
+            wrench += residual.wrench
         demand = Demand(
             wrench=wrench, thrust_map=Q, torque_map=T, gravity_torque=gravity, locked=lock.active, phi=lock.phi,
             restricted=_NO_ROTORS, lower=np.zeros(N_ROTORS), upper=np.zeros(N_ROTORS),
@@ -242,8 +260,8 @@ def with_feet(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Maps of rotor and foot forces to the wrench in {CoG} (6, 36) and to joint torque (16, 36).
 
-    The quasi-static joint torque with contact is τ_q = g − Σ J_rᵀ f − Σ J_cᵀ f_c: [Zhao2025, Eq. 5] with the floor's forces
-    on the feet, which act where the ball touches, straight below its centre.
+    The quasi-static joint torque with contact is τ_q = g − Σ J_rᵀ f − Σ J_cᵀ f_c: [Zhao2025, Eq. 5] with the floor's
+    forces on the feet, which act where the ball touches, straight below its centre.
 
     Args:
         Q: Rotor forces in link axes → wrench (6, 24).

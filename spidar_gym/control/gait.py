@@ -11,15 +11,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spidar_gym.arrays import FootForces, JointVector, Matrix3, Vector3
-from spidar_gym.control.leg import INNER, OUTER, YAW, foot_positions, leg_angles
+from spidar_gym.control.footsteps import GaitCommand, GaitConfig, Lift, Move, lying_pose, plan_cycles, stride_fits
+from spidar_gym.control.leg import INNER, OUTER, YAW, feet_at, leg_angles
 from spidar_gym.control.planar import Planar, planar_pose
-from spidar_gym.errors import InvalidValueError, require_name, require_not_negative
+from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.robot import N_JOINTS, N_LEGS, ROBOT
+from spidar_gym.so3 import rotation_z
+from spidar_gym.state import NO_RESIDUAL, Residual
 
-FLOOR_Z = -ROBOT.peg_depth
-"""Height of the floor seen from a torso that lies on its pegs [m]."""
-STRIDES = ("centred", "home")
-"""`centred`: feet go to home ± ½ stride round the torso; `home`: from home to home + stride, as in the lab's code."""
 CYCLE = ("spool", "raise", "swing", "lower", "brace", "up", "forward", "down", "settle")
 """Phases of a gait cycle: legs, then torso."""
 LIFT = ("spool", "raise", "hold", "lower", "settle")
@@ -30,171 +29,20 @@ PHASES = ("done", *CYCLE, "hold")
 """All phases."""
 FILTER_TIME = 0.1
 """Time constant of the filters on pose and joint angles [s]."""
+SLOW_TIME = 0.25
+"""… of a slower filter on the position: the torso rests where both agree [s]."""
+AGREE = 0.0025
+"""How well [m]."""
+NEAR = 0.05
+"""A joint is where it should be when it is this close [rad] [JSK]."""
+STILL = 0.05
+"""… and still when its filtered angle is slower than this [rad/s]."""
+MAX_DEPTH = 0.05
+"""The torso has not touched the floor while it is this far from its plan [m]."""
 RESPONSE_TIME = 0.17
 """… and of the model of how the filtered pose follows its plan: that filter, servos, delay [s]."""
 _LEGS_UP = frozenset(("spool", "raise", "swing", "lower"))
 _ON_FEET = frozenset(("brace", "up", "forward", "down"))
-
-
-@dataclass(frozen=True)
-class GaitConfig:
-    """What the gait is made of."""
-
-    inner: float = -0.55
-    """Start pose, inner pitch: the feet's home is where this pose has them, on the floor [rad]."""
-    outer: float = 1.32
-    """Start pose, outer pitch [rad]."""
-    stride: str = "centred"
-    """Where feet go: one of `STRIDES`."""
-    max_distance: float = 0.2
-    """Longest way of a cycle [m]; the reach may allow less."""
-    max_turn: float = 0.5
-    """Largest turn of a cycle [rad]."""
-    raise_angle: float = 0.1
-    """The inner pitch rises this far above the higher of start and end of the step [rad] [JSK]."""
-    lift_height: float = 0.1
-    """The torso moves at this height above where it lay [m] [Zhao2025, Sec. Crawling Motion]."""
-    press: float = 0.004
-    """Feet and torso are sent this far below the floor, so that they arrive [m]."""
-    swing_at: float = 1.0
-    """The swing begins at this share of the raise."""
-    lower_at: float = 0.03
-    """Legs are lowered when yaw and outer pitch are this close to their targets [rad]."""
-    forward_at: float = 1.0
-    """The torso moves on at this share of its lift."""
-    down_at: float = 1.0
-    """It goes down at this share of its way."""
-    spool_time: float = 0.5
-    """Time in which thrust takes over before legs or torso move [s]."""
-    settle_time: float = 0.5
-    """Time in which thrust fades after the torso has come down [s]; 0 goes on to the next cycle without a rest."""
-    leg_touch_time: float = 0.3
-    """Feet have touched down when the inner pitches are near their targets and still for so long [s]."""
-    torso_touch_time: float = 0.2
-    """The torso has when it is near its height and still for so long [s]."""
-    arrival: float = 0.003
-    """The torso is down its way when it is this close, filtered [m]; it waits for its trim until then."""
-    trim_gain: float = 2.0
-    """Integral gain from the torso's error to where the legs push it [1/s]; 0 is off."""
-    trim_limit: float = 0.03
-    """Largest trim [m]."""
-    rolling: bool = False
-    """Whether the kinematics know that the feet are balls, which roll as their legs turn."""
-    timeout: float = 10.0
-    """A phase that has not ended by then ends [s]."""
-
-    def __post_init__(self) -> None:
-        """Refuse a start pose out of reach and what is no length or time."""
-        require_name("stride scheme", self.stride, STRIDES)
-        positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride", "rolling")}
-        require_not_negative(**positive)
-        for name in ("max_distance", "max_turn", "lift_height", "timeout"):
-            if getattr(self, name) == 0.0:
-                raise InvalidValueError(name, 0.0, "a number above 0")
-        if leg_angles(self.home_b) is None or leg_angles(self.home_b - (0.0, 0.0, self.lift_height)) is None:
-            raise InvalidValueError("inner, outer", (self.inner, self.outer), "a pose whose feet reach the floor")
-
-    @property
-    def home_b(self) -> FootForces:
-        """Where the feet stand under a torso on its pegs, torso axes [m]."""
-        home = foot_positions(self.inner, self.outer)
-        home[:, 2] = FLOOR_Z + ROBOT.foot_radius
-        return home
-
-
-@dataclass(frozen=True)
-class Move:
-    """Go to a pose seen from where the command begins, on an arc."""
-
-    way: Planar
-    """Where to."""
-    cycles: int = 0
-    """In how many cycles; 0 takes as few as reach and configuration allow."""
-
-
-@dataclass(frozen=True)
-class Lift:
-    """Raise legs where they stand, hold, lower them."""
-
-    legs: tuple[int, ...] = (0,)
-    """Which, 0 … 3 from the front left counter-clockwise."""
-    angle: float = 0.2
-    """How far the inner pitch rises [rad]."""
-    seconds: float = 2.0
-    """How long they are held [s]."""
-
-
-@dataclass(frozen=True)
-class Stand:
-    """Lift the torso, hold, put it down."""
-
-    height: float = 0.1
-    """[m]."""
-    seconds: float = 2.0
-    """How long it is held [s]."""
-
-
-GaitCommand = Move | Lift | Stand
-
-
-def stride_fits(config: GaitConfig, way: Planar, lift_height: float | None = None) -> bool:
-    """Whether one cycle can go this way: every foot in reach at start and end, torso down and lifted."""
-    home, height = config.home_b, config.lift_height if lift_height is None else lift_height
-    ends = (way.arc(0.5), way.arc(-0.5)) if config.stride == "centred" else (way, Planar())
-    for end in ends:
-        feet = end.move(home)
-        for z in (-config.press, height):
-            if leg_angles(feet - (0.0, 0.0, z)) is None:
-                return False
-    return True
-
-
-def largest_stride(config: GaitConfig, way: Planar) -> float:
-    """Largest share of `way` that one cycle can go by the legs' reach, up to 20."""
-    low, high = 0.0, 1.0
-    while high < 20.0 and stride_fits(config, way.arc(high)):
-        low, high = high, 2.0 * high
-    for _ in range(24):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stride_fits(config, way.arc(middle)) else (low, middle)
-    return low
-
-
-def plan_cycles(config: GaitConfig, move: Move) -> int:
-    """How many cycles a move takes; `InvalidValueError` names the largest stride where the given number is too small."""
-    way = move.way
-    if not all(math.isfinite(v) for v in (way.x, way.y, way.yaw)):
-        raise InvalidValueError("way", way, "finite numbers")
-    share = largest_stride(config, way)
-    if share <= 0.0:
-        raise InvalidValueError("way", way, "a way whose first step is in reach")
-    if move.cycles:
-        if move.cycles < 0 or not isinstance(move.cycles, int):
-            raise InvalidValueError("cycles", move.cycles, "a whole number of at least 1, or 0 for as many as needed")
-        if share * move.cycles < 1.0 - 1e-9:
-            stride, most = way.distance / move.cycles, share * way.distance
-            turn = f" with {share * abs(way.yaw):.3f} rad" if way.yaw else ""
-            raise InvalidValueError("stride", f"{stride:.3f} m", f"up to {most:.3f} m{turn} a cycle in this direction")
-        return move.cycles
-    wanted = max(way.distance / config.max_distance, abs(way.yaw) / config.max_turn, 1.0 / share)
-    return max(1, math.ceil(wanted - 1e-6))
-
-
-@dataclass(frozen=True, slots=True)
-class GaitResidual:
-    """What a policy adds to the gait; the defaults change nothing."""
-
-    phase_rate: float = 1.0
-    """Factor on the planned speed of the joints, at most 1 in effect where the servos' limit is planned."""
-    raise_scale: float = 1.0
-    """Factor on the raise angle of the next step."""
-    stride_scale: float = 1.0
-    """Factor on the stride of the next step, within the reach."""
-    lift_scale: float = 1.0
-    """Factor on the lift height of the next torso motion."""
-
-
-NO_GAIT_RESIDUAL = GaitResidual()
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +73,8 @@ class GaitMemory:
     """Planned joint setpoints [rad]."""
     position_w: Vector3
     """Filtered position of the torso [m]."""
+    slow_w: Vector3
+    """… more slowly [m]."""
     R_wb: Matrix3
     """Attitude of the torso."""
     joints: JointVector
@@ -282,7 +132,7 @@ class Gait:
 
     def reset(self, position_w: Vector3, R_wb: Matrix3, q: JointVector) -> None:
         """Lie on the floor, nothing to do."""
-        self.memory = GaitMemory([], q.copy(), position_w.copy(), R_wb.copy(), q.copy())
+        self.memory = GaitMemory([], q.copy(), position_w.copy(), position_w.copy(), R_wb.copy(), q.copy())
         self.memory.planned = planar_pose(position_w, R_wb)
         self.memory.target = q.copy()
         self._lie()
@@ -333,9 +183,7 @@ class Gait:
             mask[:] = True
         return mask
 
-    def step(
-        self, position_w: Vector3, R_wb: Matrix3, q: JointVector, residual: GaitResidual = NO_GAIT_RESIDUAL
-    ) -> JointVector:
+    def step(self, position_w: Vector3, R_wb: Matrix3, q: JointVector, residual: Residual = NO_RESIDUAL) -> JointVector:
         """One tick: where the joints are told to be [rad].
 
         Args:
@@ -346,19 +194,20 @@ class Gait:
         """
         memory, dt = self.memory, self.dt
         share = 1.0 - math.exp(-dt / FILTER_TIME)
-        move = share * (position_w - memory.position_w)
         turn = share * (q - memory.joints)
-        memory.position_w, memory.joints, memory.R_wb = memory.position_w + move, memory.joints + turn, R_wb
+        memory.joints, memory.R_wb = memory.joints + turn, R_wb
+        memory.position_w = memory.position_w + share * (position_w - memory.position_w)
+        memory.slow_w = memory.slow_w + (1.0 - math.exp(-dt / SLOW_TIME)) * (position_w - memory.slow_w)
         memory.time += dt
         if memory.phase == "done" and memory.steps:
             self._enter(0, residual)
         if memory.phase != "done":
-            self._advance(residual, float(np.abs(turn).max()) / dt, float(np.linalg.norm(move)) / dt)
+            self._advance(residual, float(np.abs(turn).max()) / dt)
         return memory.plan
 
-    def _advance(self, residual: GaitResidual, joint_rate: float, torso_rate: float) -> None:
+    def _advance(self, residual: Residual, joint_rate: float) -> None:
         memory, config = self.memory, self.config
-        speed = self.joint_speed * max(0.0, residual.phase_rate)
+        speed = self.joint_speed * max(0.0, residual.joint_speed_scale)
         if memory.phase in _ON_FEET or (memory.phase == "hold" and self.mode == "stance"):
             self._track()
             self._trim()
@@ -367,59 +216,77 @@ class Gait:
             reach = speed * self.dt
             way = memory.target - memory.plan
             memory.plan = memory.plan + np.minimum(np.maximum(way, -reach), reach)
-        ended = self._ended(joint_rate, torso_rate)
+        ended = self._ended(joint_rate)
         if not ended and memory.time >= config.timeout and memory.phase not in ("hold", "spool", "brace", "settle"):
             memory.timeouts += 1
             ended = True
         if ended:
             self._enter(memory.index + 1, residual)
 
-    def _ended(self, joint_rate: float, torso_rate: float) -> bool:
-        """Whether the present phase has reached what it is for."""
+    def _ended(self, joint_rate: float) -> bool:
+        """Whether the present phase has reached what it is for; `joint_rate` is the fastest joint's, filtered."""
         memory, config = self.memory, self.config
-        phase = memory.phase
-        if phase in ("spool", "brace"):
-            return memory.time >= config.spool_time - 1e-9
-        if phase == "settle":
-            return memory.time >= config.settle_time - 1e-9
-        if phase == "hold":
+        waits = {"spool": config.spool_time, "brace": config.spool_time, "settle": config.settle_time}
+        if memory.phase in waits:
+            return memory.time >= waits[memory.phase] - 1e-9
+        if memory.phase == "hold":
             return memory.time >= memory.steps[0].seconds - 1e-9
-        legs = list(memory.steps[0].legs)
-        if phase == "raise":
-            rows = INNER[legs]
-            whole = memory.start[rows] - memory.highest[rows]
-            done = (memory.start[rows] - memory.plan[rows]) / np.maximum(whole, 1e-6)
-            late = config.swing_at >= 1.0 and np.abs(memory.joints[rows] - memory.highest[rows]).max() > 0.05
-            return bool(done.min() >= config.swing_at - 1e-6 and not late)
-        if phase == "swing":
-            rows = np.concatenate((YAW[legs], OUTER[legs]))
-            return bool(np.abs(memory.joints[rows] - memory.landing[rows]).max() <= config.lower_at)
-        if phase == "lower":
-            rows = INNER[legs]
-            there = (
-                np.abs(memory.plan - memory.landing).max() < 1e-9
-                and np.abs(memory.joints[rows] - memory.landing[rows]).max() < 0.1
-                and joint_rate < 0.05
-            )
-            return self._still(there, config.leg_touch_time)
-        error, depth = self._error()
-        if phase == "up":
-            return memory.height >= config.forward_at * memory.lift - 1e-9
-        if phase == "forward":
-            near = memory.share >= config.down_at - 1e-9
-            if config.down_at >= 1.0:
-                arrived = math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= 0.003
-                near = near and arrived
-            return near
-        there = memory.height <= -config.press + 1e-9 and memory.share >= 1.0 and torso_rate < 0.01 and depth < 0.05
-        return self._still(there, config.torso_touch_time)
+        if memory.phase in _LEGS_UP:
+            legs = list(memory.steps[0].legs)
+            ends = {"raise": self._raised, "swing": self._swung, "lower": self._touched}
+            return ends[memory.phase](legs, joint_rate < STILL)
+        return {"up": self._lifted_torso, "forward": self._arrived, "down": self._landed}[memory.phase]()
+
+    def _raised(self, legs: list[int], still: bool) -> bool:
+        memory, config, rows = self.memory, self.config, INNER[legs]
+        whole = memory.start[rows] - memory.highest[rows]
+        done = (memory.start[rows] - memory.plan[rows]) / np.maximum(whole, 1e-6)
+        if done.min() < config.swing_at - 1e-6:
+            return False
+        near = config.swing_at < 1.0 or bool(np.abs(memory.joints[rows] - memory.highest[rows]).max() <= NEAR)
+        return near or self._still(still, config.stall_time)
+
+    def _swung(self, legs: list[int], still: bool) -> bool:
+        memory, config = self.memory, self.config
+        rows = np.concatenate((YAW[legs], OUTER[legs]))
+        if np.abs(memory.plan[rows] - memory.landing[rows]).max() > config.lower_at:
+            return False
+        near = bool(np.abs(memory.joints[rows] - memory.landing[rows]).max() <= config.lower_at)
+        return near or self._still(still, config.stall_time)
+
+    def _touched(self, legs: list[int], still: bool) -> bool:
+        """Feet have touched down: near their targets and still for a while."""
+        memory, rows = self.memory, INNER[legs]
+        planned = float(np.abs(memory.plan - memory.landing).max()) < 1e-9
+        near = float(np.abs(memory.joints[rows] - memory.landing[rows]).max()) < 3.0 * NEAR
+        return self._still(planned and near and still, self.config.leg_touch_time)
+
+    def _lifted_torso(self) -> bool:
+        return self.memory.height >= self.config.forward_at * self.memory.lift - 1e-9
+
+    def _arrived(self) -> bool:
+        memory, config = self.memory, self.config
+        if memory.share < config.down_at - 1e-9:
+            return False
+        error, _ = self._error()
+        near = math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= config.arrival
+        # What the trim cannot reach is left for the next cycle.
+        return bool(near) or config.down_at < 1.0 or memory.time >= 0.5 * config.timeout
+
+    def _landed(self) -> bool:
+        """The torso has touched down: near the floor and no longer sinking for a while."""
+        memory, config = self.memory, self.config
+        _, depth = self._error()
+        sinking = abs(float((memory.position_w - memory.slow_w) @ memory.floor_R[:, 2]))
+        planned = memory.height <= -config.press + 1e-9 and memory.share >= 1.0
+        return self._still(planned and sinking < AGREE and depth < MAX_DEPTH, config.torso_touch_time)
 
     def _still(self, there: bool, duration: float) -> bool:
         memory = self.memory
         memory.still = memory.still + self.dt if there else 0.0
         return memory.still >= duration - 1e-9
 
-    def _enter(self, index: int, residual: GaitResidual) -> None:
+    def _enter(self, index: int, residual: Residual) -> None:
         """Begin a phase of the present step; after its last one the next step or nothing."""
         memory, config = self.memory, self.config
         step = memory.steps[0]
@@ -431,34 +298,34 @@ class Gait:
             index, step = 0, memory.steps[0]
         phase = step.phases[index]
         if phase == "settle" and config.settle_time == 0.0 and len(memory.steps) > 1:
-            self._lie()
-            return self._enter(index + 1, residual)
+            self._enter(index + 1, residual)
+            return
         memory.phase, memory.index, memory.time, memory.still = phase, index, 0.0, 0.0
-        legs = list(step.legs)
-        if phase == "spool":
+        self._aim(step, residual)
+
+    def _aim(self, step: Step, residual: Residual) -> None:
+        """Set the targets of the phase that begins."""
+        memory, legs = self.memory, list(step.legs)
+        if memory.phase in ("spool", "brace", "settle"):
             self._lie()
+        if memory.phase == "spool":
             self._footsteps(step, residual)
-            memory.target = memory.plan.copy()
-        elif phase == "raise":
+        elif memory.phase == "raise":
             memory.target = memory.plan.copy()
             memory.target[INNER[legs]] = memory.highest[INNER[legs]]
-        elif phase == "swing":
-            for rows in (YAW[legs], OUTER[legs]):
-                memory.target[rows] = memory.landing[rows]
-            memory.target[OUTER[legs] - 1] = memory.landing[OUTER[legs] - 1]
-        elif phase == "lower":
+        elif memory.phase == "swing":
+            raised = memory.target[INNER[legs]]
             memory.target = memory.landing.copy()
-        elif phase == "brace":
-            self._lie()
+            memory.target[INNER[legs]] = raised
+        elif memory.phase == "lower":
+            memory.target = memory.landing.copy()
+        elif memory.phase == "brace":
             self._stance(step, residual)
-        elif phase == "settle":
-            self._lie()
-        return None
 
     def _lie(self) -> None:
         """The torso lies on the floor: targets are reset to where the joints are, and this is where the floor is."""
         memory = self.memory
-        memory.plan = memory.joints.copy()
+        memory.plan, memory.target = memory.joints.copy(), memory.joints.copy()
         memory.floor_w, memory.floor_R = memory.position_w.copy(), memory.R_wb.copy()
 
     def _way(self, target: Planar | None) -> Planar:
@@ -470,7 +337,7 @@ class Gait:
         x, y = np.linalg.solve(memory.floor_R[:2, :2], [target.x - here.x, target.y - here.y]).tolist()
         return Planar(x, y, math.remainder(target.yaw - here.yaw, 2.0 * math.pi))
 
-    def _footsteps(self, step: Step, residual: GaitResidual) -> None:
+    def _footsteps(self, step: Step, residual: Residual) -> None:
         """Where the lifted legs go [Zhao2025, Sec. Crawling Gait, Step 1]."""
         memory, config = self.memory, self.config
         way = self._way(step.target).arc(max(0.0, residual.stride_scale))
@@ -492,16 +359,18 @@ class Gait:
             rows = 4 * np.array(legs) + k
             memory.landing[rows] = landing[rows]
 
-    def _stance(self, step: Step, residual: GaitResidual) -> None:
+    def _stance(self, step: Step, residual: Residual) -> None:
         """Where the feet stand and where the torso goes [Zhao2025, Sec. Crawling Gait, Step 2]."""
         memory, config = self.memory, self.config
         memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
-        memory.feet_f = _feet(memory.joints)
+        memory.feet_f = feet_at(memory.joints)
         memory.share, memory.height, memory.trim = 0.0, 0.0, np.zeros(3)
         memory.expected, memory.yaw = np.zeros(3), 0.0
         memory.lift = (config.lift_height if step.height is None else step.height) * residual.lift_scale
         while memory.lift > 0.01 and self._reach(1.0, memory.lift) is None:
             memory.lift *= 0.95
+        end = self._reach(1.0, 0.0)
+        memory.target = memory.plan if end is None else end
 
     def _reach(self, share: float, height: float) -> JointVector | None:
         """Joint angles that hold the torso at a share of its way and a height, trim included."""
@@ -548,7 +417,7 @@ class Gait:
                 self._roll(memory.plan - before)
 
     def _roll(self, turn: JointVector) -> None:
-        """A leg that turns down by an angle rolls its ball outwards by the radius times that: where the feet are then."""
+        """A leg that turns down by an angle rolls its ball outwards by the radius times that."""
         memory = self.memory
         turned = memory.way.arc(memory.share).yaw
         for leg in range(N_LEGS):
@@ -586,37 +455,19 @@ def _towards(way: float, step: float) -> float:
     return max(-step, min(step, way))
 
 
-def _feet(q: JointVector) -> FootForces:
-    """Centres of the feet, torso axes [m], outer yaw joints included."""
-    feet = np.zeros((N_LEGS, 3))
-    for leg in range(N_LEGS):
-        yaw, inner, twist, outer = q[4 * leg : 4 * leg + 4].tolist()
-        azimuth = ROBOT.leg_azimuth(leg)
-        # In the axes of the inner link: junction offset along x, then the outer link turned by twist and outer pitch.
-        reach = ROBOT.yaw_to_pitch + ROBOT.pitch_to_foot * math.cos(outer)
-        x = ROBOT.pitch_to_yaw + reach * math.cos(twist)
-        y, z = reach * math.sin(twist), -ROBOT.pitch_to_foot * math.sin(outer)
-        out = ROBOT.yaw_to_pitch + x * math.cos(inner) + z * math.sin(inner)
-        down = -x * math.sin(inner) + z * math.cos(inner)
-        c, s = math.cos(azimuth + yaw), math.sin(azimuth + yaw)
-        hip_x, hip_y = (ROBOT.yaw_axis_radius * f(azimuth) for f in (math.cos, math.sin))
-        feet[leg] = hip_x + out * c - y * s, hip_y + out * s + y * c, ROBOT.yaw_axis_z + down
-    return feet
-
-
-def lying_pose(config: GaitConfig) -> JointVector:
-    """Joint angles of the robot at rest: torso on its pegs, feet at home on the floor [rad]."""
-    angles = leg_angles(config.home_b)
-    assert angles is not None
-    return angles
-
-
-def total_way(commands: Sequence[GaitCommand]) -> Planar:
-    """Where commands end, seen from where they begin."""
-    pose = Planar()
-    for command in commands:
-        if isinstance(command, Move):
-            pose = pose @ command.way
-    return pose
-
-
+def nominal_time(config: GaitConfig, commands: Sequence[GaitCommand], *, joint_speed: float, dt: float) -> float:
+    """How long commands take where joints and torso go exactly as planned, on flat ground [s]."""
+    gait = Gait(config, joint_speed=joint_speed, dt=dt)
+    lying = np.array([0.0, 0.0, ROBOT.peg_depth])
+    gait.reset(lying, np.eye(3), lying_pose(config))
+    gait.command(commands)
+    position, yaw, q, ticks = lying, 0.0, gait.memory.plan, 0
+    while not gait.done:
+        q = gait.step(position, rotation_z(yaw), q)
+        ticks += 1
+        memory = gait.memory
+        if memory.phase in _ON_FEET:
+            pose = memory.way.arc(memory.share)
+            position = memory.floor_w + memory.floor_R @ (pose.x, pose.y, max(memory.height, 0.0))
+            yaw = pose.yaw + math.atan2(memory.floor_R[1, 0], memory.floor_R[0, 0])
+    return ticks * dt

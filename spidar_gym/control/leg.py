@@ -1,7 +1,7 @@
 """A leg with its outer yaw joint at 0: foot ↔ joint angles in closed form, for all four legs at once.
 
-The paper solves q₄ₗ₋₃, q₄ₗ₋₂ and q₄ₗ analytically [Zhao2025, Sec. Crawling Gait]. Positive pitch lowers a leg, so the knee
-is up where the outer pitch is positive.
+The paper solves q₄ₗ₋₃, q₄ₗ₋₂ and q₄ₗ analytically [Zhao2025, Sec. Crawling Gait]. Positive pitch lowers a leg, so the
+knee is up where the outer pitch is positive.
 """
 
 import math
@@ -50,3 +50,21 @@ def leg_angles(feet_b: FootForces) -> JointVector | None:
             return None
         q[4 * leg], q[4 * leg + 1], q[4 * leg + 3] = yaw, inner, outer
     return np.array(q)
+
+
+def feet_at(q: JointVector) -> FootForces:
+    """Centres of the feet, torso axes [m], outer yaw joints included."""
+    feet = np.zeros((N_LEGS, 3))
+    for leg in range(N_LEGS):
+        yaw, inner, twist, outer = q[4 * leg : 4 * leg + 4].tolist()
+        azimuth = ROBOT.leg_azimuth(leg)
+        # In the axes of the inner link: junction offset along x, then the outer link turned by twist and outer pitch.
+        reach = ROBOT.yaw_to_pitch + ROBOT.pitch_to_foot * math.cos(outer)
+        x = ROBOT.pitch_to_yaw + reach * math.cos(twist)
+        y, z = reach * math.sin(twist), -ROBOT.pitch_to_foot * math.sin(outer)
+        out = ROBOT.yaw_to_pitch + x * math.cos(inner) + z * math.sin(inner)
+        down = -x * math.sin(inner) + z * math.cos(inner)
+        c, s = math.cos(azimuth + yaw), math.sin(azimuth + yaw)
+        hip_x, hip_y = (ROBOT.yaw_axis_radius * f(azimuth) for f in (math.cos, math.sin))
+        feet[leg] = hip_x + out * c - y * s, hip_y + out * s + y * c, ROBOT.yaw_axis_z + down
+    return feet

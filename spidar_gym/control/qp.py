@@ -1,8 +1,8 @@
 """The allocation as a quadratic program with a fixed pattern: blocks state costs and rows, `assemble` stacks them.
 
 Nothing here solves. The unknowns are the rotor forces in link axes, divided by λ̄: x = f / λ̄, 24 numbers. Where the feet
-carry the robot, 12 more follow: the forces of the floor on the four feet, floor axes, in the same unit. Rows and costs are
-scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), because a first-order solver's accuracy depends
+carry the robot, 12 more follow: the forces of the floor on the four feet, floor axes, in the same unit. Rows and costs
+are scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), because a first-order solver's accuracy depends
 on scaling more than on anything else, and because the solver's own scaling would make a tick depend on the one before.
 """
 

@@ -1,12 +1,12 @@
 """What an action means: one table of action modes, each a list of channels with their authority."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spidar_gym.errors import UnknownNameError
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.state import Command, Residual
 
 WRENCH_AUTHORITY = np.array([0.15 * ROBOT.weight] * 3 + [8.0] * 3)
@@ -17,6 +17,10 @@ SPEED_AUTHORITY = 0.5
 """Relative change of the planned joint speed."""
 FORCE_AUTHORITY = 5.0
 """Force per axis and rotor after the allocation [N]."""
+GAIT_AUTHORITY = 0.5
+"""Relative change of raise angle, stride and lift height."""
+LEG_AUTHORITY = 8.0
+"""Force per axis and leg after the allocation [N]."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,16 @@ WRENCH = Channel(
 )
 JOINTS = Channel("joint_offset", N_JOINTS, f"± {JOINT_AUTHORITY:g} rad on the joint targets q₁ … q₁₆")
 SPEED = Channel("joint_speed_scale", 1, f"planned joint speed × (1 ± {SPEED_AUTHORITY:g}); the servo's limit stays")
+GAIT = Channel(
+    "gait", 4,
+    f"phase rate × (1 ± {SPEED_AUTHORITY:g}), raise × (1 ± {GAIT_AUTHORITY:g}), stride × (1 ± {GAIT_AUTHORITY:g}), "
+    f"lift height × (1 ± {GAIT_AUTHORITY:g})",
+)  # fmt: skip
+LEG_FORCES = Channel(
+    "leg_forces",
+    3 * N_LEGS,
+    f"± {LEG_AUTHORITY:g} N on each leg's rotor forces together, torso axes x, y, z of leg 0 …",
+)
 FORCES = Channel("forces", 3 * N_ROTORS, f"± {FORCE_AUTHORITY:g} N on each rotor force, link axes x, y, z of rotor 1 …")
 
 
@@ -57,6 +71,20 @@ def _both(action: np.ndarray) -> Residual:
 
 def _force(action: np.ndarray) -> Residual:
     return Residual(forces_l=FORCE_AUTHORITY * action.reshape(N_ROTORS, 3))
+
+
+def _gait(action: np.ndarray) -> Residual:
+    rate, lift, stride, height = action.tolist()
+    return Residual(
+        joint_speed_scale=1.0 + SPEED_AUTHORITY * rate,
+        raise_scale=1.0 + GAIT_AUTHORITY * lift,
+        stride_scale=1.0 + GAIT_AUTHORITY * stride,
+        lift_scale=1.0 + GAIT_AUTHORITY * height,
+    )
+
+
+def _gait_force(action: np.ndarray) -> Residual:
+    return replace(_gait(action[: GAIT.size]), leg_forces_b=LEG_AUTHORITY * action[GAIT.size :].reshape(N_LEGS, 3))
 
 
 @dataclass(frozen=True)
@@ -99,11 +127,24 @@ ACTION_MODES: dict[str, ActionMode] = {
 """Action modes by name. All zero is exactly the paper's controller, in every mode but `direct`."""
 
 
-def find_action_mode(name: str) -> ActionMode:
+CRAWL_MODES: dict[str, ActionMode] = {
+    **{
+        name: ACTION_MODES[name]
+        for name in ("residual_wrench", "residual_joint", "residual", "residual_force", "direct")
+    },
+    "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
+    "residual_gait_force": ActionMode(
+        (GAIT, LEG_FORCES), _gait_force, "shapes the gait and pulls at the legs; as `residual_force` does, by leg"
+    ),
+}
+"""Action modes of the crawl. All zero is exactly the crawler, in every mode but `direct`."""
+
+
+def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) -> ActionMode:
     """Mode by name (`UnknownNameError` lists the valid ones)."""
-    if name not in ACTION_MODES:
-        raise UnknownNameError("action mode", name, ACTION_MODES)
-    return ACTION_MODES[name]
+    if name not in modes:
+        raise UnknownNameError("action mode", name, modes)
+    return modes[name]
 
 
 def direct_command(action: np.ndarray, vectoring: np.ndarray) -> Command:

@@ -2,39 +2,33 @@
 
 import dataclasses
 import inspect
+from dataclasses import dataclass
+from typing import Any
 
 from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.observation import layout
-from spidar_gym.control.presets import PRESETS
+from spidar_gym.control.crawl_observation import crawl_layout
+from spidar_gym.control.observation import Field, layout
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.description import CAMERAS
-from spidar_gym.envs.actions import ACTION_MODES
+from spidar_gym.envs import crawl_task, hover_task
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode
+from spidar_gym.envs.crawl import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment
-from spidar_gym.envs.tasks import (
-    ARRIVAL_GRACE,
-    ARRIVAL_TOLERANCE,
-    FAILURES,
-    REWARD_TERMS,
-    SUCCESS_ATTITUDE,
-    SUCCESS_POSITION,
-    TASKS,
-)
 from spidar_gym.robot import field_docs
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
 
 INFO = {
-    "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
-    "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
     "thrust_command, thrust": ("(8,)", "N", "λ commanded and delivered"),
     "vectoring_command, vectoring": ("(8, 2)", "rad", "(φ, θ) commanded and measured, unwrapped"),
     "joint_torque_allocated, joint_torque": ("(16,)", "Nm", "quasi-static torque of the allocation; servo torque"),
-    "wrench_desired, wrench_allocated": ("(6,)", "N, Nm", "force and torque in {CoG}"),
+    "wrench_allocated": ("(6,)", "N, Nm", "force and torque in {CoG} of rotors, and of feet where they carry"),
     "total_thrust": ("float", "N", "Σλ delivered"),
     "qp_status": ("str", "", "closed_form, solved, softened, held; none where no allocation ran"),
     "qp_iterations": ("int", "", "solver iterations, 0 for the closed form"),
     "qp_slack": ("float", "", "largest violation of a softened row, in units of the weight or the torque limit"),
-    "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
     "thrust_factor": ("(8,)", "", "thrust of each module over its thrust in still air"),
     "air_force": ("(3,)", "N", "force of the air besides the thrust in still air, world"),
     "power_w": ("float", "W", "electrical power"),
@@ -45,15 +39,98 @@ INFO = {
     "is_success": ("bool", "", "see Episode End"),
     "failure": ("str", "", "why the episode ended early, empty otherwise"),
 }
-"""Keys of `info` → shape, unit, meaning. They are the same at every step, reset included."""
+"""Keys of `info` that every environment has → shape, unit, meaning. They are the same at every step, reset included."""
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """What is an environment's own on its page."""
+
+    env: type[SpidarEnv]
+    """Its class."""
+    task: Any
+    """Its task."""
+    modes: dict[str, ActionMode]
+    """Its action modes."""
+    layout: Any
+    """Size of the action → layout of the observation."""
+    reward_terms: dict[str, tuple[float, str]]
+    """Weight and formula of each term."""
+    failures: dict[str, str]
+    """Words of failure and what they mean."""
+    info: dict[str, tuple[str, str, str]]
+    """More keys of `info`."""
+    start: str
+    """Starting state."""
+    success: str
+    """What `is_success` means."""
+    presets: list[str]
+    """Names of its controllers."""
+    controller: str
+    """What the argument `controller` is."""
+    options: str
+    """Options of `reset`, as a call."""
+    trim: str
+    """What the controller knows of a drawn robot."""
+
+
+CHAPTERS: dict[str, Chapter] = {
+    "spidar_gym/Hover-v0": Chapter(
+        HoverEnv, hover_task.HoverTask, ACTION_MODES, layout, hover_task.REWARD_TERMS, hover_task.FAILURES,
+        {
+            "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
+            "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
+            "wrench_desired": ("(6,)", "N, Nm", "force and torque in {CoG}"),
+            "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
+        },
+        "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a\n"
+        "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`).",
+        f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
+        f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
+        f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
+        list(PRESETS), "ControllerConfig", "{'forms': name, 'disturbances': {...}}",
+        "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+    ),
+    "spidar_gym/Crawl-v0": Chapter(
+        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_layout, crawl_task.CRAWL_REWARD_TERMS,
+        crawl_task.CRAWL_FAILURES,
+        {
+            "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
+            "phase": ("str", "", "phase of the gait"),
+            "finished": ("bool", "", "the gait has nothing left to do and thrust is off"),
+            "time_s, nominal_time_s": ("float", "s", "time so far, or until finished; what the preset needs by plan"),
+            "airborne_share": ("float", "", "share of its swing in which the worst foot was in the air"),
+            "foot_contact": ("(4,) bool", "", "feet that touch the floor"),
+            "foot_slip_m, peg_slip_m": ("float", "m", "way of the worst foot's, or peg's, touching point on the floor"),
+            "duct_clearance_m": ("float", "m", "least height of a duct over the floor so far"),
+            "saturation_share": ("float", "", "share of joint-time within 0.01 Nm of the servo's limit"),
+            "thrust_fraction": ("float", "", "commanded Σλ over the weight"),
+            "thrust_fraction_mean, thrust_fraction_peak": ("float", "", "its mean and largest value so far"),
+            "tilt_rad": ("float", "rad", "tilt of the torso against the floor"),
+            "timeouts": ("int", "", "phases that ended by time-out"),
+            "cost_of_transport": ("float", "", "energy over weight times the way towards the goal"),
+            "shortfalls": ("list", "", "what is missing for `is_success`, in words"),
+        },
+        "Torso on its pegs, feet at home on the floor, rotors off; with `steps` the robot lies where it has settled.",
+        f"`is_success`: the gait finished within {crawl_task.SUCCESS_TIME:g} times its nominal time, the torso within\n"
+        f"{1000 * crawl_task.SUCCESS_POSITION:g} mm and {crawl_task.SUCCESS_YAW:g} rad of the goal, every foot in the "
+        f"air for {crawl_task.SUCCESS_AIRBORNE:.0%} of its swing, no phase\nended by time-out, no foot slid "
+        f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.",
+        list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
+        "controller keeps the nominal numbers.",
+    ),
+}  # fmt: skip
+"""Every environment's chapter by id."""
 
 
 def page(name: str) -> str:
     """Markdown page of an environment: `spidar list ENV_ID` prints it, `spidar assets` writes it."""
     entry = environment(name)
-    task = TASKS[entry.task]
-    defaults = inspect.signature(SpidarEnv).parameters
-    fields = layout(ACTION_MODES[defaults["action_mode"].default].size)
+    own = CHAPTERS[name]
+    task = own.task
+    defaults = inspect.signature(own.env).parameters
+    fields: tuple[Field, ...] = own.layout(own.modes[defaults["action_mode"].default].size)
+    info = own.info | INFO
     lines = [
         f"# {name}",
         "",
@@ -65,20 +142,20 @@ def page(name: str) -> str:
         "",
         "## Action Space",
         "",
-        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the paper's controller in",
-        "every mode but `direct`.",
+        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the preset in every",
+        "mode but `direct`.",
         "",
         "| action_mode | n | entries | what −1 … 1 becomes |",
         "|---|---|---|---|",
     ]
-    for mode_name, mode in ACTION_MODES.items():
+    for mode_name, mode in own.modes.items():
         start = 0
         for channel in mode.channels:
             end = start + channel.size
             label = (f"`{mode_name}`", f"{mode.size}") if start == 0 else ("", "")
             lines.append(f"| {label[0]} | {label[1]} | {start}–{end - 1} `{channel.name}` | {channel.authority} |")
             start = end
-    lines += ["", *(f"- `{n}`: {mode.doc}." for n, mode in ACTION_MODES.items())]
+    lines += ["", *(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items())]
     size = sum(f.size for f in fields)
     lines += [
         "",
@@ -102,41 +179,38 @@ def page(name: str) -> str:
         "",
         "| term | weight | formula |",
         "|---|---|---|",
-        *(f"| `{term}` | {weight:g} | {formula} |" for term, (weight, formula) in REWARD_TERMS.items()),
+        *(f"| `{term}` | {weight:g} | {formula} |" for term, (weight, formula) in own.reward_terms.items()),
         "",
         "## Info",
         "",
         "| key | shape | unit | meaning |",
         "|---|---|---|---|",
-        *(f"| {', '.join(f'`{k}`' for k in key.split(', '))} | {a} | {b} | {c} |" for key, (a, b, c) in INFO.items()),
+        *(f"| {', '.join(f'`{k}`' for k in key.split(', '))} | {a} | {b} | {c} |" for key, (a, b, c) in info.items()),
         "",
         "Solve times are not in `info`, because the same seed gives the same `info`: see",
         "`env.unwrapped.controller.tick.allocation.solve_time`.",
         "",
         "## Starting State",
         "",
-        "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a",
-        "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`).",
+        own.start,
         "",
         "## Episode End",
         "",
         "Terminated with `info['failure']`:",
         "",
-        *(f"- `{word}`: {meaning}." for word, meaning in FAILURES.items()),
+        *(f"- `{word}`: {meaning}." for word, meaning in own.failures.items()),
         "",
         f"Truncated by `TimeLimit` after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another",
         "length give both: `gym.make(..., horizon_s=40.0, max_episode_steps=1600)`.",
-        f"`is_success`: the whole horizon flown, RMS errors below {SUCCESS_POSITION:g} m and {SUCCESS_ATTITUDE:g} rad, "
-        f"every form reached within {ARRIVAL_TOLERANCE:g} rad no later than {ARRIVAL_GRACE:g} s after its deadline.",
+        own.success,
         "",
         "## Arguments",
         "",
         "| name | default | meaning |",
         "|---|---|---|",
-        *(f"| `{a}` | `{b!r}` | {c} |" for a, b, c in _arguments(task)),
+        *(f"| `{a}` | `{b!r}` | {c} |" for a, b, c in _arguments(own)),
         "",
-        "`reset(options={'forms': name, 'disturbances': {...}})` changes form sequence and disturbances of this",
-        "episode and those after it.",
+        f"`reset(options={own.options})` changes this episode and those after it.",
         "",
         "### Disturbances",
         "",
@@ -150,7 +224,7 @@ def page(name: str) -> str:
         "### Randomisation",
         "",
         "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The",
-        "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+        own.trim,
         "",
         "| field of `PlantConfig` | operation | distribution | unit | source |",
         "|---|---|---|---|---|",
@@ -164,14 +238,14 @@ def page(name: str) -> str:
     return "\n".join(lines)
 
 
-def _arguments(task: type) -> list[tuple[str, object, str]]:
-    """Arguments of `gym.make`: the task's fields, then the environment's own."""
-    docs = field_docs(task)
-    rows: list[tuple[str, object, str]] = [(f.name, f.default, docs[f.name]) for f in dataclasses.fields(task)]
-    own = {
-        "action_mode": "one of " + ", ".join(f"`{n}`" for n in ACTION_MODES),
-        "preset": "controller: " + ", ".join(f"`{n}`" for n in PRESETS),
-        "controller": "a `ControllerConfig` of one's own in place of a preset",
+def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
+    """Arguments of `gym.make`: the task's fields, then the environment's own, then what all environments share."""
+    docs = field_docs(own.task)
+    rows: list[tuple[str, object, str]] = [(f.name, f.default, docs[f.name]) for f in dataclasses.fields(own.task)]
+    meanings = {
+        "action_mode": "one of " + ", ".join(f"`{n}`" for n in own.modes),
+        "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
+        "controller": f"a `{own.controller}` of one's own in place of a preset",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
@@ -185,9 +259,8 @@ def _arguments(task: type) -> list[tuple[str, object, str]]:
         "width": "of pictures [px]",
         "height": "of pictures [px]",
     }
-    parameters = inspect.signature(SpidarEnv).parameters
-    rows += [(n, parameters[n].default, doc) for n, doc in own.items()]
-    return rows
+    parameters = {**inspect.signature(SpidarEnv).parameters, **inspect.signature(own.env).parameters}
+    return rows + [(n, parameters[n].default, doc) for n, doc in meanings.items()]
 
 
 def pages() -> dict[str, str]:

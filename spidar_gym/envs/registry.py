@@ -11,8 +11,8 @@ from spidar_gym.errors import UnknownNameError
 class Entry:
     """One registered environment."""
 
-    task: str
-    """Name of its task in `spidar_gym.envs.tasks.TASKS`."""
+    entry_point: str
+    """Its class, `module:name`."""
     horizon: int
     """Ticks an episode: the task's `horizon_s` at 40 a second."""
     doc: str
@@ -20,7 +20,10 @@ class Entry:
 
 
 ENVIRONMENTS: dict[str, Entry] = {
-    "spidar_gym/Hover-v0": Entry("hover", 800, "hold the CoG while the joints go through a sequence of forms"),
+    "spidar_gym/Hover-v0": Entry(
+        "spidar_gym.envs.hover:HoverEnv", 800, "hold the CoG while the joints go through a sequence of forms"
+    ),
+    "spidar_gym/Crawl-v0": Entry("spidar_gym.envs.crawl:CrawlEnv", 3000, "crawl to a pose on the floor"),
 }
 """Every environment of this package."""
 
@@ -31,8 +34,7 @@ def register() -> None:
         if name not in gymnasium.registry:
             gymnasium.register(
                 id=name,
-                entry_point="spidar_gym.envs.env:SpidarEnv",
-                kwargs={"task": entry.task},
+                entry_point=entry.entry_point,
                 max_episode_steps=entry.horizon,
             )
 

@@ -106,8 +106,7 @@ class Plant:
         self.configure(config)
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot; takes effect with the next reset (`InvalidValueError` for tiles where there were none).
-        """
+        """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
         if config.ground.uneven != self.config.ground.uneven:
             raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
         self.config = config

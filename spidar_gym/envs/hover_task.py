@@ -1,4 +1,4 @@
-"""The tasks, a page each: constants with units, initial state, reference, reward terms, failure, success."""
+"""The hover task on a page: constants with units, initial state, reference, reward terms, failure, success."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -259,7 +259,3 @@ class Progress:
             return False
         position, attitude = math.sqrt(self.position_sum / self.ticks), math.sqrt(self.attitude_sum / self.ticks)
         return position < SUCCESS_POSITION and attitude < SUCCESS_ATTITUDE and not self.overdue()
-
-
-TASKS = {"hover": HoverTask}
-"""Tasks by name."""

@@ -1,0 +1,205 @@
+"""The crawl environment: the paper's gait and allocation on the ground, to which the action adds; a pose to reach."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.allocator import Allocation, AllocatorConfig
+from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.control.crawl_observation import crawl_layout, observe_crawl
+from spidar_gym.control.crawler import Crawler, CrawlerConfig
+from spidar_gym.control.footsteps import Move, lying_pose
+from spidar_gym.control.gait import nominal_time
+from spidar_gym.control.planar import planar_pose
+from spidar_gym.control.presets import crawler_config
+from spidar_gym.envs.actions import CRAWL_MODES, direct_command, find_action_mode
+from spidar_gym.envs.crawl_task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
+from spidar_gym.envs.env import SpidarEnv, split_options
+from spidar_gym.errors import SpidarError
+from spidar_gym.model.rotor import vectoring_to_force
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.sim.plant import PlantConfig
+from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
+from spidar_gym.state import Command
+
+SETTLE_TICKS = 40
+"""Ticks in which the robot comes to lie on a floor that is no plane."""
+
+
+class CrawlEnv(SpidarEnv):
+    """SPIDAR on the ground; `spidar list spidar_gym/Crawl-v0` prints its page."""
+
+    task: CrawlTask
+    reward_weights = {name: weight for name, (weight, _) in CRAWL_REWARD_TERMS.items()}  # noqa: RUF012 - a constant
+
+    def __init__(
+        self,
+        *,
+        action_mode: str = "residual_gait",
+        preset: str = "published",
+        controller: CrawlerConfig | None = None,
+        max_iter: int = AllocatorConfig.max_iter,
+        **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
+    ) -> None:
+        """Build the task and its controller.
+
+        Args:
+            action_mode: What the action means.
+            preset: Which crawler: gait, allocation, margins.
+            controller: A crawler of one's own in place of a preset; the task's joint speed goes before its own.
+            max_iter: Iteration cap of the QP solver.
+            **options: Arguments of the task and of `SpidarEnv`.
+
+        Raises:
+            UnknownNameError: For a mode, preset, schedule, camera or option that does not exist.
+            InvalidValueError: For a value out of range.
+        """
+        own, shared = split_options(CrawlTask, options)
+        self.task = task = CrawlTask(**own)
+        mode = find_action_mode(action_mode, CRAWL_MODES)
+        config = crawler_config(preset, task.schedule) if controller is None else controller
+        config = replace(config, allocator=AllocatorConfig(max_iter=max_iter))
+        if task.joint_speed is not None:
+            config = replace(config, joint_speed=task.joint_speed)
+        self.controller = Crawler(config)
+        robot = shared.pop("plant", None)
+        robot = robot or PlantConfig()
+        if task.friction is not None:
+            robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
+        # A floor of tiles has to be one from the beginning; the heights are drawn at every reset.
+        robot = replace(robot, ground=task.ground(np.random.Generator(np.random.PCG64(0)), robot.ground))
+        super().__init__(
+            mode, crawl_layout(mode.size), joint_speed=config.joint_speed, plant=robot,
+            **shared,
+        )  # fmt: skip
+        self._progress: CrawlProgress | None = None
+
+    @property
+    def progress(self) -> CrawlProgress:
+        """How far the episode has come (`SpidarError` before the first reset)."""
+        if self._progress is None:
+            raise SpidarError("there is no episode before reset(); valid: call reset() first")
+        return self._progress
+
+    def _begin(self, rng: np.random.Generator) -> None:
+        config, task = self.controller.config, self.task
+        way = task.way(rng)
+        if task.steps:
+            self._nominal = replace(self._nominal, ground=task.ground(rng, self._nominal.ground))
+            self.plant.configure(replace(self.plant.config, ground=self._nominal.ground))
+        self._draw_robot(rng)
+        ground = self.plant.config.ground
+        q = lying_pose(config.gait)
+        self._state = self.plant.reset(
+            ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth + float(ground.tiles.max())]),
+            matrix_to_quat(ground.R_wf),
+            q,
+            disturbances=self._disturbances,
+            rng=rng.spawn(1)[0],
+        )
+        if ground.uneven:
+            still = Command(
+                np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), q, np.full(N_JOINTS, config.joint_torque_limit)
+            )
+            for _ in range(SETTLE_TICKS):
+                self._state = self.plant.step(still)
+        self._sense()
+        move = Move(way)
+        self.controller.reset(self._seen, [move])
+        seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
+        # The goal is where the controller was told to go from where it believed itself; the error is the true one.
+        start = planar_pose(self.state.position_w, quat_to_matrix(self.state.quat_wb))
+        self._progress = CrawlProgress(start @ way, seconds, np.zeros(3))
+        self._look()
+        self._progress.whole = max(self._progress.rest, 1e-6)
+
+    def _act(self, action: np.ndarray) -> Command:
+        if self._mode.residual is not None:
+            return self.controller.step(self._seen, self._mode.residual(action))
+        memory, reach = self.controller.memory, self.controller.config.joint_speed / CONTROL_RATE
+        command = direct_command(action, memory.vectoring)
+        step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
+        self.controller.memory = replace(
+            memory,
+            vectoring=command.vectoring,
+            forces_l=vectoring_to_force(command.thrust, command.vectoring),
+            joint_position=memory.joint_position + step,
+        )
+        return command
+
+    def _look(self) -> None:
+        """What touches the floor, and how far the goal is."""
+        state = self.state
+        R_wb = quat_to_matrix(state.quat_wb)
+        self._touch = self.plant.touch()
+        upright = float(R_wb[:, 2] @ self.plant.config.ground.R_wf[:, 2])
+        self._tilt = math.acos(max(-1.0, min(1.0, upright)))
+        self.progress.look(state.position_w, R_wb)
+
+    def _advance(self) -> str:
+        self._look()
+        progress, gait = self.progress, self.controller.gait
+        assert self._command is not None
+        limit = min(self.controller.config.joint_torque_limit, self.plant.config.actuators.max_joint_torque)
+        progress.advance(
+            self._touch,
+            gait.memory.phase,
+            float(self._command.thrust.sum()),
+            self.state.joint_torque,
+            limit,
+            self._tilt,
+        )
+        progress.timeouts = gait.memory.timeouts
+        if gait.done and not progress.finished and self.controller.memory.gap == 0.0:
+            progress.finished = progress.time
+        return self.task.failed(progress, self._tilt, self._touch)
+
+    def _observation(self) -> np.ndarray:
+        thrust = self._seen.thrust if self._command is None else self._command.thrust
+        return observe_crawl(
+            self._seen,
+            self.progress.goal,
+            self.controller.gait.memory,
+            self.controller.memory,
+            thrust,
+            self._action,
+            bound=self._bound,
+        )
+
+    @property
+    def _allocation(self) -> Allocation | None:
+        return None if self.controller.tick is None else self.controller.tick.allocation
+
+    def _task_info(self, failure: str) -> dict[str, Any]:
+        progress, touch, memory = self.progress, self._touch, self.plant.memory
+        slip = max(float(touch.foot_slip.max()), float(touch.peg_slip.max()))
+        diverged = failure == "diverged"
+        terms = self.task.reward_terms(progress, self._tilt, slip, memory.power, self._action)
+        if diverged:
+            terms = dict.fromkeys(terms, 0.0)
+        thrust = np.zeros(N_ROTORS) if self._command is None else self._command.thrust
+        way = max(progress.whole - progress.rest, 1e-3)
+        return {
+            "goal_error": progress.error.copy(),
+            "phase": self.controller.gait.memory.phase,
+            "finished": progress.finished > 0.0,
+            "time_s": progress.finished or progress.time,
+            "nominal_time_s": progress.nominal_time,
+            "airborne_share": progress.airborne,
+            "foot_contact": touch.feet.copy(),
+            "foot_slip_m": float(progress.foot_slip.max()),
+            "peg_slip_m": float(progress.peg_slip.max()),
+            "duct_clearance_m": min(touch.duct_clearance, progress.duct_clearance),
+            "saturation_share": progress.saturation / progress.counted,
+            "thrust_fraction": float(thrust.sum()) / ROBOT.weight,
+            "thrust_fraction_mean": progress.thrust / progress.counted,
+            "thrust_fraction_peak": progress.thrust_peak,
+            "tilt_rad": self._tilt,
+            "timeouts": progress.timeouts,
+            "cost_of_transport": 3600.0 * memory.energy_wh / (ROBOT.total_mass * GRAVITY * way),
+            **{f"reward_{name}": value for name, value in terms.items()},
+            "shortfalls": progress.shortfalls(),
+            "is_success": failure == "" and not progress.shortfalls(),
+        }
