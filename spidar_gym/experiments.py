@@ -15,8 +15,8 @@ from spidar_gym.envs.hover import HoverEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.robot import N_ROTORS, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.energy import endurance_min
-from spidar_gym.sim.plant import PlantConfig
 
 FLIGHT_SECONDS = 40.0
 """Length of the flight experiment [s]."""

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.controller import CONTROL_RATE, Controller
+from spidar_gym.crawl_experiment import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.experiments import FLIGHT_SECONDS, UNRESTRICTED, FlightLog
 from spidar_gym.files import replace_file
 from spidar_gym.robot import FORMS
+from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.renderer import OffscreenRenderer
 
@@ -156,10 +158,16 @@ class FlightVideo:
     """Films the robot, every `stride`-th tick."""
 
     def __init__(
-        self, path: Path, *, camera: str = "chase", stride: int = 4, size: tuple[int, int] = (720, 544)
+        self,
+        path: Path,
+        *,
+        camera: str = "chase",
+        stride: int = 4,
+        size: tuple[int, int] = (720, 544),
+        ground: GroundConfig | None = None,
     ) -> None:
         """Open renderer and encoder (`MissingDependencyError` says what to install)."""
-        self._renderer = OffscreenRenderer(camera, *size)
+        self._renderer = OffscreenRenderer(camera, *size, ground)
         try:
             self._writer = VideoWriter(path, fps=round(CONTROL_RATE / stride))
         except BaseException:
@@ -167,10 +175,21 @@ class FlightVideo:
             raise
         self._stride = stride
 
-    def film(self, tick: int, qpos: np.ndarray, caption: str = "", thrust: np.ndarray | None = None) -> None:
-        """Add a frame of a configuration with its thrusts [N] and wakes, if this tick has one."""
+    def film(
+        self,
+        tick: int,
+        qpos: np.ndarray,
+        caption: str = "",
+        thrust: np.ndarray | None = None,
+        contacts: np.ndarray | None = None,
+    ) -> None:
+        """Add a frame of a configuration with its thrusts [N], wakes and contact forces, if this tick has one."""
         if tick % self._stride == 0:
-            self._writer.add(self._renderer.render(qpos, thrust=thrust), caption)
+            self._writer.add(self._renderer.render(qpos, thrust=thrust, contacts=contacts), caption)
+
+    def lay(self, ground: GroundConfig) -> None:
+        """Draw another floor of the same kind from now on."""
+        self._renderer.lay(ground)
 
     def close(self, *, keep: bool = True) -> None:
         """Finish the video, or throw it away."""
@@ -199,3 +218,82 @@ def flight_caption(tick: int) -> str:
     if any(start <= t < end for start, end in UNRESTRICTED):
         form += ", constraint dropped"
     return f"{t:5.1f} s of {FLIGHT_SECONDS:.0f} s   {form}"
+
+
+def crawl_figure(log: CrawlLog, path: Path) -> None:
+    """The six panels of the paper's crawl figure: torso pose, joints, torques, vectoring and thrusts of leg 1."""
+    plt = _pyplot()
+    panels: list[tuple[str, str, np.ndarray, list[str]]] = [
+        ("A  torso position", "[m]", log.position_w, ["x", "y", "z"]),
+        ("B  torso attitude", "[rad]", log.euler, ["roll", "pitch", "yaw"]),
+        ("C  joint angles, leg 1", "[rad]", log.joint_position[:, :4], ["q₁", "q₂", "q₃", "q₄"]),
+        ("D  servo torques, leg 1", "[Nm]", log.joint_torque[:, :4], ["τ₁", "τ₂", "τ₃", "τ₄"]),
+        ("E  vectoring angles, leg 1", "[rad]", log.vectoring[:, :2].reshape(-1, 4), ["φ₁", "θ₁", "φ₂", "θ₂"]),
+        ("F  thrust, leg 1, and Σλ / 8", "[N]", np.column_stack((log.thrust[:, :2], log.thrust.mean(axis=1))),
+         ["λ₁", "λ₂", "Σλ / 8"]),
+    ]  # fmt: skip
+    figure, axes = plt.subplots(3, 2, figsize=(12, 9), sharex=True, constrained_layout=True)
+    for axis, (title, unit, values, labels) in zip(axes.flat, panels, strict=True):
+        for label, column in zip(labels, values.T, strict=True):
+            axis.plot(log.time, column, label=label, linewidth=1.2)
+        for phases, color in ((LEGS_UP, "tab:blue"), (TORSO_PHASES, "tab:orange")):
+            edges = np.flatnonzero(np.diff(np.concatenate(([0], np.isin(log.phase, phases), [0])).astype(int)))
+            for start, end in edges.reshape(-1, 2).tolist():
+                axis.axvspan(
+                    log.time[start], log.time[min(end, len(log.time) - 1)], color=color, alpha=0.08, linewidth=0
+                )
+        axis.set_title(title, loc="left", fontsize=10)
+        axis.set_ylabel(unit)
+        axis.grid(alpha=0.3)
+        axis.legend(loc="center left", fontsize=8)
+        axis.margins(x=0)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    figure.suptitle(
+        f"Crawl, preset {log.preset}, {log.joint_speed:g} rad/s{', with noise' if log.noise else ''}\n"
+        "blue: all legs lifted; orange: the legs carry the torso",
+        fontsize=11,
+    )
+    _save(figure, path)
+
+
+def film_crawl(
+    log: CrawlLog, path: Path, *, camera: str = "chase", ticks: Callable[[Iterable[int]], Iterable[int]] = iter
+) -> None:
+    """Draw a crawl's video with thrusts and contact forces; an interrupted one leaves no file."""
+    film = FlightVideo(path, camera=camera)
+    finished = False
+    try:
+        for tick in ticks(range(len(log.qpos))):
+            caption = f"{log.time[tick]:5.1f} s   {log.phase[tick]}"
+            film.film(tick, log.qpos[tick], caption, log.thrust[tick], log.contacts[tick])
+        finished = True
+    finally:
+        film.close(keep=finished)
+
+
+def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (480, 330)) -> None:
+    """One gait cycle as a strip of frames, the second cycle if there is one: the middle of each of its phases."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    changes = np.flatnonzero(log.phase[1:] != log.phase[:-1]) + 1
+    runs = [(str(log.phase[a]), int(a), int(b)) for a, b in zip(changes, [*changes[1:], len(log.phase)], strict=True)]
+    starts = [k for k, run in enumerate(runs) if run[0] == "raise"]
+    first = starts[min(1, len(starts) - 1)]
+    cycle = [run for run in runs[first : first + 8] if run[0] in LEGS_UP + TORSO_PHASES][:6]
+    renderer = OffscreenRenderer("chase", *size)
+    pictures = []
+    try:
+        for name, start, end in cycle:
+            tick = end - 1 if name in ("raise", "up") else (start + end) // 2
+            frame = renderer.render(log.qpos[tick], thrust=log.thrust[tick], contacts=log.contacts[tick])
+            image = Image.fromarray(frame)
+            draw = ImageDraw.Draw(image)
+            draw.text((10, 8), f"{name}, {log.time[tick]:.1f} s", fill=(20, 24, 32), font=ImageFont.load_default(18))
+            pictures.append(np.asarray(image))
+    finally:
+        renderer.close()
+    rows = [np.hstack(pictures[k : k + 3]) for k in range(0, len(pictures), 3)]
+    temporary = path.with_name(f".{path.name}.part.png")
+    Image.fromarray(np.vstack(rows)).save(temporary, optimize=True)
+    replace_file(path, temporary)

@@ -10,7 +10,8 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import JOINT_NAMES, ROBOT
 from spidar_gym.sim.aero import AeroConfig
 from spidar_gym.sim.body import BodyConfig
-from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.scene import scene
 from spidar_gym.so3 import exp, matrix_to_quat
 from spidar_gym.state import Command

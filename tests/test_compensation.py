@@ -26,7 +26,8 @@ from spidar_gym.description import mjcf_path
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import FORMS, GIMBAL_NAMES, GRAVITY, JOINT_NAMES, ROBOT
 from spidar_gym.sim.aero import AeroConfig
-from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.plant import Plant
 from spidar_gym.so3 import exp, log
 from spidar_gym.state import Command
 

@@ -13,7 +13,7 @@ from states import resting
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.estimator import Estimator, EstimatorConfig
 from spidar_gym.robot import FORMS, ROBOT
-from spidar_gym.sim.plant import PlantConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.sensors import SensorConfig, Sensors
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState

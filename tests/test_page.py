@@ -13,8 +13,8 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.page import CHAPTERS, page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import UnknownNameError
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.plant import PlantConfig
 from spidar_gym.sim.randomize import TABLE
 
 NAMES = list(ENVIRONMENTS)

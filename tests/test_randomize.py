@@ -13,7 +13,8 @@ from spidar_gym.robot import ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.aero import AeroConfig
 from spidar_gym.sim.body import BodyConfig
-from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.randomize import TABLE, Row, check_strength, randomize
 
 NOMINAL = PlantConfig()

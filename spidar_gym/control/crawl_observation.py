@@ -6,8 +6,8 @@ import numpy as np
 
 from spidar_gym.arrays import RotorVector
 from spidar_gym.control.crawler import CrawlerMemory
-from spidar_gym.control.gait import PHASES, GaitMemory
 from spidar_gym.control.observation import Field
+from spidar_gym.control.phases import PHASES, GaitMemory
 from spidar_gym.control.planar import Planar
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import quat_to_matrix

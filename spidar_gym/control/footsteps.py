@@ -43,8 +43,10 @@ class GaitConfig:
     """The torso moves on at this share of its lift."""
     down_at: float = 1.0
     """It goes down at this share of its way."""
+    start_time: float = 0.5
+    """Time in which thrust takes over from rest before anything moves [s]."""
     spool_time: float = 0.5
-    """Time in which thrust takes over before legs or torso move [s]."""
+    """… and from the mode before [s]."""
     settle_time: float = 0.5
     """Time in which thrust fades after the torso has come down [s]; 0 goes on to the next cycle without a rest."""
     leg_touch_time: float = 0.3

@@ -6,27 +6,19 @@ because neither feet nor torso have a touch sensor.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from spidar_gym.arrays import FootForces, JointVector, Matrix3, Vector3
+from spidar_gym.arrays import JointVector, Matrix3, Vector3
 from spidar_gym.control.footsteps import GaitCommand, GaitConfig, Lift, Move, lying_pose, plan_cycles, stride_fits
 from spidar_gym.control.leg import INNER, OUTER, YAW, feet_at, leg_angles
+from spidar_gym.control.phases import CYCLE, LIFT, STAND, GaitMemory, Step
 from spidar_gym.control.planar import Planar, planar_pose
 from spidar_gym.errors import InvalidValueError, require_not_negative
-from spidar_gym.robot import N_JOINTS, N_LEGS, ROBOT
+from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.so3 import rotation_z
 from spidar_gym.state import NO_RESIDUAL, Residual
 
-CYCLE = ("spool", "raise", "swing", "lower", "brace", "up", "forward", "down", "settle")
-"""Phases of a gait cycle: legs, then torso."""
-LIFT = ("spool", "raise", "hold", "lower", "settle")
-"""Phases of lifting legs where they stand."""
-STAND = ("brace", "up", "hold", "down", "settle")
-"""Phases of standing up."""
-PHASES = ("done", *CYCLE, "hold")
-"""All phases."""
 FILTER_TIME = 0.1
 """Time constant of the filters on pose and joint angles [s]."""
 SLOW_TIME = 0.25
@@ -43,82 +35,6 @@ RESPONSE_TIME = 0.17
 """… and of the model of how the filtered pose follows its plan: that filter, servos, delay [s]."""
 _LEGS_UP = frozenset(("spool", "raise", "swing", "lower"))
 _ON_FEET = frozenset(("brace", "up", "forward", "down"))
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One run through some phases."""
-
-    phases: tuple[str, ...]
-    """In order."""
-    target: Planar | None = None
-    """Where the torso lies at its end, world; None where it stays."""
-    legs: tuple[int, ...] = (0, 1, 2, 3)
-    """Which legs are lifted."""
-    angle: float | None = None
-    """How far they are raised, if not by the configuration [rad]."""
-    height: float | None = None
-    """How far the torso is lifted, if not by the configuration [m]."""
-    seconds: float = 0.0
-    """How long `hold` lasts [s]."""
-
-
-@dataclass
-class GaitMemory:
-    """All that the gait remembers from one tick to the next."""
-
-    steps: list[Step]
-    """What is still to do, the present step first."""
-    plan: JointVector
-    """Planned joint setpoints [rad]."""
-    position_w: Vector3
-    """Filtered position of the torso [m]."""
-    slow_w: Vector3
-    """… more slowly [m]."""
-    R_wb: Matrix3
-    """Attitude of the torso."""
-    joints: JointVector
-    """Filtered joint angles [rad]."""
-    phase: str = "done"
-    """One of `PHASES`."""
-    index: int = 0
-    """Which phase of the step."""
-    time: float = 0.0
-    """Time in the phase [s]."""
-    still: float = 0.0
-    """For how long everything has been still and where it should be [s]."""
-    target: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """Joint angles that the legs go to in this phase [rad]."""
-    landing: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """Joint angles at the end of the step [rad]."""
-    highest: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """Inner pitches of the raised legs [rad]."""
-    start: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """Joint angles at the start of the step [rad]."""
-    floor_R: Matrix3 = field(default_factory=lambda: np.eye(3))
-    """Axes of the floor, world: the torso's when it lay on it."""
-    floor_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where the torso lay [m]."""
-    feet_f: FootForces = field(default_factory=lambda: np.zeros((N_LEGS, 3)))
-    """Where the feet stand, floor axes, from where the torso lay [m]."""
-    way: Planar = field(default_factory=Planar)
-    """Way of the torso from there, floor axes."""
-    share: float = 0.0
-    """How much of the way is done."""
-    height: float = 0.0
-    """Planned height over where it lay [m]."""
-    lift: float = 0.0
-    """Height at which it moves [m]."""
-    expected: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where the filtered pose should be by now, seen from where the torso lay: x, y [m], yaw [rad]."""
-    yaw: float = 0.0
-    """Filtered yaw from there [rad]."""
-    trim: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """x, y [m] and yaw [rad] added to where the legs push the torso."""
-    timeouts: int = 0
-    """Phases that ended by time-out."""
-    planned: Planar = field(default_factory=Planar)
-    """Where the last command in the list ends, world."""
 
 
 class Gait:
@@ -226,7 +142,8 @@ class Gait:
     def _ended(self, joint_rate: float) -> bool:
         """Whether the present phase has reached what it is for; `joint_rate` is the fastest joint's, filtered."""
         memory, config = self.memory, self.config
-        waits = {"spool": config.spool_time, "brace": config.spool_time, "settle": config.settle_time}
+        spool = config.start_time if memory.rested else config.spool_time
+        waits = {"spool": spool, "brace": spool, "settle": config.settle_time}
         if memory.phase in waits:
             return memory.time >= waits[memory.phase] - 1e-9
         if memory.phase == "hold":
@@ -300,6 +217,7 @@ class Gait:
         if phase == "settle" and config.settle_time == 0.0 and len(memory.steps) > 1:
             self._enter(index + 1, residual)
             return
+        memory.rested = memory.phase in ("done", "settle")
         memory.phase, memory.index, memory.time, memory.still = phase, index, 0.0, 0.0
         self._aim(step, residual)
 

@@ -45,7 +45,8 @@ SCHEDULES: dict[str, dict[str, Any]] = {
     "sequential": {},
     # No waiting: legs swing while they rise, the torso moves on while it is lifted, a low lift, no rest between cycles.
     "overlapped": {
-        "swing_at": 0.5, "lower_at": 0.12, "forward_at": 0.2, "down_at": 0.97, "spool_time": 0.0, "settle_time": 0.0,
+        "swing_at": 0.5, "lower_at": 0.12, "forward_at": 0.2, "down_at": 0.97, "start_time": 0.3, "spool_time": 0.0,
+        "settle_time": 0.0,
         "lift_height": 0.04, "leg_touch_time": 0.15, "torso_touch_time": 0.1, "trim_gain": 4.0,
     },
 }  # fmt: skip
@@ -57,7 +58,7 @@ CRAWL_PRESETS: dict[str, CrawlerConfig] = {
     # More margin for the servos, and thrust that answers the legs' errors: the paper's future work.
     "robust": CrawlerConfig(
         gait=GaitConfig(rolling=True),
-        torque_limit=4.5, foot_friction=0.4, leg_stiffness=40.0, leg_damping=2.0,
+        torque_limit=4.5, foot_friction=0.3, leg_stiffness=40.0, leg_damping=2.0,
     ),
 }  # fmt: skip
 """Crawlers by name."""

@@ -20,7 +20,7 @@ from spidar_gym.envs.env import SpidarEnv, split_options
 from spidar_gym.errors import SpidarError
 from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.plant import PlantConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
 
@@ -200,6 +200,6 @@ class CrawlEnv(SpidarEnv):
             "timeouts": progress.timeouts,
             "cost_of_transport": 3600.0 * memory.energy_wh / (ROBOT.total_mass * GRAVITY * way),
             **{f"reward_{name}": value for name, value in terms.items()},
-            "shortfalls": progress.shortfalls(),
+            "shortfalls": ", ".join(progress.shortfalls()),
             "is_success": failure == "" and not progress.shortfalls(),
         }

@@ -19,9 +19,10 @@ from spidar_gym.description import CAMERAS
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.robot import N_JOINTS
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.energy import endurance_min
-from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.randomize import check_strength, randomize
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
 from spidar_gym.state import Command, RobotState
@@ -142,6 +143,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
         self._action = np.zeros(self._mode.size)
         self._command: Command | None = None
         self._begin(self.np_random)
+        if self._renderer is not None:
+            self._renderer.lay(self.plant.config.ground)
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info("")
@@ -188,10 +191,11 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
         if self.render_mode is None:
             gymnasium.logger.warn("render() without a render_mode; valid: " + ", ".join(self.metadata["render_modes"]))
             return None
+        ground = self.plant.config.ground
         if self.render_mode == "human":
-            self._renderer = self._renderer or renderer.Window(self.plant.period)
+            self._renderer = self._renderer or renderer.Window(self.plant.period, ground)
             return self._renderer.render(self.plant.data.qpos)
-        self._renderer = self._renderer or renderer.OffscreenRenderer(self._camera, *self._size)
+        self._renderer = self._renderer or renderer.OffscreenRenderer(self._camera, *self._size, ground)
         return self._renderer.render(self.plant.data.qpos, depth=self.render_mode == "depth_array")
 
     def close(self) -> None:

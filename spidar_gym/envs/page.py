@@ -109,7 +109,7 @@ CHAPTERS: dict[str, Chapter] = {
             "tilt_rad": ("float", "rad", "tilt of the torso against the floor"),
             "timeouts": ("int", "", "phases that ended by time-out"),
             "cost_of_transport": ("float", "", "energy over weight times the way towards the goal"),
-            "shortfalls": ("list", "", "what is missing for `is_success`, in words"),
+            "shortfalls": ("str", "", "what is missing for `is_success`, in words"),
         },
         "Torso on its pegs, feet at home on the floor, rotors off; with `steps` the robot lies where it has settled.",
         f"`is_success`: the gait finished within {crawl_task.SUCCESS_TIME:g} times its nominal time, the torso within\n"

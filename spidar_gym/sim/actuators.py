@@ -48,6 +48,8 @@ class ActuatorConfig:
     """More delay of the vectoring servos [s]; rounded to physics steps."""
     joint_kp: float = ROBOT.joint_kp
     """Stiffness of the joint servos [Nm/rad]."""
+    joint_kd: float = ROBOT.joint_kd
+    """Damping of the joint servos [Nm s/rad]."""
     servo_stiffness: np.ndarray = field(default_factory=lambda: constant(1.0, N_JOINTS))
     """Factor on it, each servo."""
     joint_speed_factor: float = 1.0
@@ -71,7 +73,7 @@ class ActuatorConfig:
         """Refuse what no actuator does."""
         check_arrays(self)
         least = dict.fromkeys(
-            ("thrust_noise", "delay", "vectoring_delay", "joint_friction", "joint_damping", "backlash"), 0.0
+            ("thrust_noise", "delay", "vectoring_delay", "joint_kd", "joint_friction", "joint_damping", "backlash"), 0.0
         )
         positive = (
             "thrust_gain", "module_gain", "servo_stiffness", "max_thrust", "thrust_lag", "spin_down", "joint_kp",
@@ -107,6 +109,7 @@ class ActuatorConfig:
         model.actuator_dynprm[joints, 1] = joint_speed * self.joint_speed_factor
         model.actuator_biasprm[joints, 0] = 0.0
         model.actuator_biasprm[joints, 1] = -self.joint_kp * self.servo_stiffness
+        model.actuator_biasprm[joints, 2] = -self.joint_kd
         model.actuator_biasprm[gimbals, 1] = -self.vectoring_kp
         dofs = [model.joint(name).dofadr[0] for name in JOINT_NAMES]
         model.dof_frictionloss[dofs] = self.joint_friction

@@ -157,3 +157,14 @@ class GroundWatch:
         return Touch(
             touching[:N_LEGS], touching[N_LEGS:n], bool(touching[n]), slip[:N_LEGS], slip[N_LEGS:], float(low.min())
         )
+
+    def forces(self) -> np.ndarray:
+        """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
+        data, wrench = self._data, np.zeros(6)
+        rows = np.zeros((data.ncon, 6))
+        for k in range(data.ncon):
+            mujoco.mj_contactForce(self._model, data, k, wrench)
+            force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
+            # MuJoCo gives the force on the second geom; the floor only pushes.
+            rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if force[2] >= 0.0 else -force
+        return rows

@@ -4,8 +4,6 @@
 # The compiled modules below come without stubs.
 
 import copy
-import math
-from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -13,16 +11,16 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
-from spidar_gym.sim.actuators import ActuatorConfig, thrust_noise
-from spidar_gym.sim.aero import Aero, AeroConfig
-from spidar_gym.sim.body import BodyConfig
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROTOR_SITES
+from spidar_gym.sim.actuators import thrust_noise
+from spidar_gym.sim.aero import Aero
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances, Weather
 from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
-from spidar_gym.sim.ground import GroundConfig, GroundWatch, Touch
+from spidar_gym.sim.ground import GroundWatch, Touch
 from spidar_gym.sim.memory import PlantMemory, Saved
 from spidar_gym.sim.scene import TIMESTEP, scene
-from spidar_gym.sim.sensors import SensorConfig, Sensors
+from spidar_gym.sim.sensors import Sensors
 from spidar_gym.state import Command, Measurement, RobotState
 
 AIR_STEPS = 10
@@ -36,39 +34,6 @@ FASTEST = 12.0
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _ROTORS, _JOINTS = slice(N_ROTORS), slice(N_ROTORS, N_ROTORS + N_JOINTS)
 _GIMBALS = slice(N_ROTORS + N_JOINTS, N_ROTORS + 2 * N_JOINTS)
-
-
-@dataclass(frozen=True)
-class PlantConfig:
-    """What can be chosen about the simulated robot."""
-
-    substeps: int = 10
-    """Physics steps a control period: 10 × 2.5 ms = 25 ms, 40 Hz."""
-    joint_speed: float = ROBOT.joint_speed
-    """The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is."""
-    idle_thrust: float = 0.0
-    """Least thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
-    sense: bool = False
-    """Whether `Plant.measure` gives what the real sensors say."""
-    body: BodyConfig = field(default_factory=BodyConfig)
-    """Masses and friction."""
-    actuators: ActuatorConfig = field(default_factory=ActuatorConfig)
-    """Rotors and servos."""
-    aero: AeroConfig = field(default_factory=AeroConfig)
-    """The air."""
-    sensors: SensorConfig = field(default_factory=SensorConfig)
-    """Noise of the sensors."""
-    ground: GroundConfig = field(default_factory=GroundConfig)
-    """The floor."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be simulated."""
-        if self.substeps < 1:
-            raise InvalidValueError("substeps", self.substeps, "a whole number of at least 1")
-        if not (math.isfinite(self.joint_speed) and self.joint_speed > 0.0):
-            raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
-        if not 0.0 <= self.idle_thrust <= ROBOT.max_thrust:
-            raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {ROBOT.max_thrust:g} N")
 
 
 class Plant:
@@ -267,6 +232,10 @@ class Plant:
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
         return self._watch.look(self.config.ground, self._R_wf)
+
+    def contact_forces(self) -> np.ndarray:
+        """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
+        return self._watch.forces()
 
     @property
     def thrust_factor(self) -> RotorVector:

@@ -11,7 +11,7 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS
-from spidar_gym.sim.plant import PlantConfig
+from spidar_gym.sim.config import PlantConfig
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
+import copy
 import ctypes.util
 import importlib
 import math
@@ -19,9 +20,13 @@ from mujoco.rendering.classic import gl_context
 from spidar_gym.description import CAMERAS
 from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.robot import ROBOT, ROTOR_SITES
+from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
 
 ARROW_COLOR = np.array([0.85, 0.25, 0.10, 1.0], np.float32)
+CONTACT_COLOR = np.array([0.10, 0.55, 0.25, 1.0], np.float32)
+CONTACT_LENGTH = 0.006
+"""Length of a contact force's arrow [m/N]."""
 JET_COLOR = (0.25, 0.55, 0.95)
 JET_LENGTH, JET_PIECES = 0.75, 3
 """How far a jet is drawn [m], and in how many pieces."""
@@ -52,12 +57,16 @@ def _choose_offscreen_library() -> None:
 class OffscreenRenderer:
     """Pictures of the robot from one of its cameras."""
 
-    def __init__(self, camera: str = "chase", width: int = 640, height: int = 480) -> None:
-        """Open an OpenGL context (`MissingDependencyError` says what to install where there is none)."""
+    def __init__(
+        self, camera: str = "chase", width: int = 640, height: int = 480, ground: GroundConfig | None = None
+    ) -> None:
+        """Open an OpenGL context over a floor (`MissingDependencyError` says what to install where there is none)."""
         if camera not in CAMERAS:
             raise UnknownNameError("camera", camera, CAMERAS)
         self._camera = camera
-        self._model = scene(visual=True)
+        ground = ground or GroundConfig()
+        self._model = copy.copy(scene(visual=True, uneven=ground.uneven))
+        ground.apply(self._model)
         self._data = mujoco.MjData(self._model)
         try:
             _choose_offscreen_library()
@@ -70,13 +79,21 @@ class OffscreenRenderer:
         self._options.geomgroup[3] = 0
         self._rotors = [self._model.site(name).id for name in ROTOR_SITES]
 
-    def render(self, qpos: np.ndarray, *, depth: bool = False, thrust: np.ndarray | None = None) -> np.ndarray:
+    def render(
+        self,
+        qpos: np.ndarray,
+        *,
+        depth: bool = False,
+        thrust: np.ndarray | None = None,
+        contacts: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Picture (height, width, 3) uint8 of a configuration, or distances (height, width) float32 [m].
 
         Args:
             qpos: Configuration of the simulated robot.
             depth: Distances instead of colours.
             thrust: Thrusts (8,) [N] to draw as arrows, with the jets that they blow.
+            contacts: Points and forces of the floor (k, 6) [m, N] to draw as arrows.
         """
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
@@ -88,10 +105,17 @@ class OffscreenRenderer:
         if thrust is not None:
             for site, newtons in zip(self._rotors, thrust.tolist(), strict=True):
                 self._draw_thrust(site, newtons)
+        for row in () if contacts is None else contacts:
+            arrow = mujoco.mjtGeom.mjGEOM_ARROW
+            self._add(arrow, 0.012, row[:3], row[:3] + CONTACT_LENGTH * row[3:], CONTACT_COLOR)
         image = self._renderer.render().copy()
         if depth:
             self._renderer.disable_depth_rendering()
         return image
+
+    def lay(self, ground: GroundConfig) -> None:
+        """Draw another floor of the same kind from now on."""
+        ground.apply(self._model)
 
     def _draw_thrust(self, site: int, newtons: float) -> None:
         """An arrow of 2 cm a newton, and below it the two jets, each as wide as where it blows half as fast."""
@@ -130,14 +154,20 @@ class OffscreenRenderer:
 class Window:
     """MuJoCo's interactive viewer, which shows one configuration a `period` [s] of real time."""
 
-    def __init__(self, period: float) -> None:
-        """Open the window (`SpidarError` where there is no screen)."""
+    def __init__(self, period: float, ground: GroundConfig | None = None) -> None:
+        """Open the window over a floor (`SpidarError` where there is no screen)."""
         self._period, self._due = period, 0.0
         require_display()
-        self._model = scene(visual=True)
+        ground = ground or GroundConfig()
+        self._model = copy.copy(scene(visual=True, uneven=ground.uneven))
+        ground.apply(self._model)
         self._data = mujoco.MjData(self._model)
         self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
         self._viewer.opt.geomgroup[3] = 0
+
+    def lay(self, ground: GroundConfig) -> None:
+        """Draw another floor of the same kind from now on."""
+        ground.apply(self._model)
 
     def render(self, qpos: np.ndarray) -> None:
         """Show a configuration; nothing happens any more once the user has closed the window."""

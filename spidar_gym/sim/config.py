@@ -1,0 +1,45 @@
+"""What can be chosen about the simulated robot: one configuration of five parts, all of them nominal by default."""
+
+import math
+from dataclasses import dataclass, field
+
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import ROBOT
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.aero import AeroConfig
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.sensors import SensorConfig
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """What can be chosen about the simulated robot."""
+
+    substeps: int = 10
+    """Physics steps a control period: 10 × 2.5 ms = 25 ms, 40 Hz."""
+    joint_speed: float = ROBOT.joint_speed
+    """The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is."""
+    idle_thrust: float = 0.0
+    """Least thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
+    sense: bool = False
+    """Whether `Plant.measure` gives what the real sensors say."""
+    body: BodyConfig = field(default_factory=BodyConfig)
+    """Masses and friction."""
+    actuators: ActuatorConfig = field(default_factory=ActuatorConfig)
+    """Rotors and servos."""
+    aero: AeroConfig = field(default_factory=AeroConfig)
+    """The air."""
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    """Noise of the sensors."""
+    ground: GroundConfig = field(default_factory=GroundConfig)
+    """The floor."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        if self.substeps < 1:
+            raise InvalidValueError("substeps", self.substeps, "a whole number of at least 1")
+        if not (math.isfinite(self.joint_speed) and self.joint_speed > 0.0):
+            raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
+        if not 0.0 <= self.idle_thrust <= ROBOT.max_thrust:
+            raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {ROBOT.max_thrust:g} N")
