@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 from tqdm import tqdm
 
-from spidar_gym import crawl_experiment, experiments, studies, viz
+from spidar_gym import crawl_experiment, crawl_study, experiments, studies, viz
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.description import CAMERAS
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
@@ -123,6 +123,18 @@ def _bar(ticks: Iterable[int]) -> Iterable[int]:
     return tqdm(ticks, unit="tick", desc="video", file=sys.__stderr__)
 
 
+def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int) -> None:
+    """Crawl many cases: table and JSON."""
+    name = "draws" if draws else "study"
+    cases = crawl_study.RANDOM_CASES if draws else crawl_study.CASES
+    numbers = range(1000, 1000 + draws) if draws else range(seeds)
+    with tqdm(total=len(cases) * len(numbers), unit="crawl", desc=name, file=sys.__stderr__) as bar:
+        rows = crawl_study.run_cases(cases, numbers, workers=workers, on_run=bar.update)
+    text = json_text({name: rows})
+    write_text(folder / f"{name}.json", text)
+    print(text if json else crawl_study.study_table(rows))
+
+
 @paper_app.command
 def crawl(
     preset: CrawlPresetArg = "published",
@@ -138,6 +150,10 @@ def crawl(
     direction: float = 0.0,
     turn: float = 0.0,
     power: tyro.conf.FlagCreatePairsOff[bool] = False,
+    study: tyro.conf.FlagCreatePairsOff[bool] = False,
+    draws: int = 0,
+    seeds: int = 6,
+    workers: int = os.cpu_count() or 1,
 ) -> None:
     """Crawl the paper's experiment (0.6 m in 3 cycles of 0.2 m) and print our figures beside the paper's.
 
@@ -155,15 +171,23 @@ def crawl(
         direction: Where to, 0 straight ahead, 90 to the left [degrees].
         turn: How far the heading turns on the way [degrees].
         power: Minimise electrical power instead of the sum of squared forces.
+        study: Instead, directions, speeds, floors and weak actuators, each with --seeds noisy robots.
+        draws: Instead, so many robots and goals drawn at strength 1, presets published and robust.
+        seeds: Crawls a case of --study.
+        workers: Processes for --study and --draws.
     """
-    require_least(0, seed=seed)
+    require_least(0, seed=seed, draws=draws)
+    require_least(1, seeds=seeds, workers=workers)
     require_name("preset", preset, CRAWL_PRESETS)
     require_name("camera", camera, CAMERAS)
     if not (math.isfinite(direction) and math.isfinite(turn)):
         raise InvalidValueError("direction, turn", (direction, turn), "finite numbers [degrees]")
+    folder = output_folder(out)
+    if study or draws:
+        _crawl_study(folder, json, draws, seeds, workers)
+        return
     if overlapped:
         preset = "overlapped"
-    folder = output_folder(out)
     options: dict[str, Any] = dict(
         distance=distance, direction=math.radians(direction), turn=math.radians(turn), joint_speed=speed, power=power,
         noise=noise, seed=seed,

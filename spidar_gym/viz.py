@@ -272,7 +272,7 @@ def film_crawl(
         film.close(keep=finished)
 
 
-def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (480, 330)) -> None:
+def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (800, 600)) -> None:
     """One gait cycle as a strip of frames, the second cycle if there is one: the middle of each of its phases."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -287,7 +287,9 @@ def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (480, 330)
         for name, start, end in cycle:
             tick = end - 1 if name in ("raise", "up") else (start + end) // 2
             frame = renderer.render(log.qpos[tick], thrust=log.thrust[tick], contacts=log.contacts[tick])
-            image = Image.fromarray(frame)
+            width, height = size
+            # The camera is meant for flight; a crawling robot fills the middle.
+            image = Image.fromarray(frame).crop((width // 5, height // 4, width - width // 5, height - height // 7))
             draw = ImageDraw.Draw(image)
             draw.text((10, 8), f"{name}, {log.time[tick]:.1f} s", fill=(20, 24, 32), font=ImageFont.load_default(18))
             pictures.append(np.asarray(image))

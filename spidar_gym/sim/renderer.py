@@ -25,7 +25,7 @@ from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
 
 ARROW_COLOR = np.array([0.85, 0.25, 0.10, 1.0], np.float32)
 CONTACT_COLOR = np.array([0.10, 0.55, 0.25, 1.0], np.float32)
-CONTACT_LENGTH = 0.006
+CONTACT_LENGTH = 0.012
 """Length of a contact force's arrow [m/N]."""
 JET_COLOR = (0.25, 0.55, 0.95)
 JET_LENGTH, JET_PIECES = 0.75, 3
