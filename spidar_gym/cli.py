@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from spidar_gym import experiments, studies, viz
+from spidar_gym import crawl_experiment, experiments, studies, viz
 from spidar_gym import tune as tuning
 from spidar_gym.bench import PARTS, bench_table, run_bench
 from spidar_gym.cli_paper import PresetArg, paper_app
@@ -144,6 +144,9 @@ def assets(
         folder = output_folder(root / "pictures")
         viz.forms_picture(folder / "forms.png")
         viz.flight_figure(experiments.fly_paper("as_flown"), folder / "flight.png")
+        log = crawl_experiment.crawl_paper(noise=True)
+        viz.crawl_figure(log, folder / "crawl.png")
+        viz.crawl_strip(log, folder / "cycle.png")
         print(f"pictures drawn in {folder}")
 
 

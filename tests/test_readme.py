@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from spidar_gym.control.presets import controller_config
+from spidar_gym.crawl_experiment import crawl_figures, crawl_paper, crawl_table
 from spidar_gym.experiments import flight_figures, flight_table, fly_paper
 from spidar_gym.tune import margin_table
 
@@ -37,6 +38,14 @@ def test_the_flight_tables_are_what_the_flights_give(noise):
     lines = flight_table(flight_figures(fly_paper("as_flown", noise=noise))).splitlines()
     for line in lines:
         if not line.startswith("QP time"):  # the one line that differs from machine to machine
+            assert line in README
+
+
+@pytest.mark.slow
+def test_the_crawl_table_is_what_the_crawl_gives():
+    log, fast = crawl_paper("published", noise=True), crawl_paper("overlapped", noise=True)
+    for line in crawl_table(crawl_figures(log, fast)).splitlines():
+        if not line.startswith("QP time"):
             assert line in README
 
 

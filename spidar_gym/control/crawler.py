@@ -1,5 +1,6 @@
 """The stack on the ground: (state, residual) → command. Gait, snapshot, allocation, hand-over, vectoring, joints."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
@@ -52,6 +53,8 @@ class CrawlerConfig:
     """Time in which the forces of one mode give way to those of the next [s]."""
     feed_forward: float = 1.0
     """Share of the allocated joint torque that shifts the servos' setpoints, τ_q / k_{j,p}."""
+    setpoint_filter: float = 0.0
+    """Time constant of a filter on the servos' setpoints, which takes the jolts out of starts and stops [s]; 0 is off."""
     leg_stiffness: float = 0.0
     """Thrust answers a lifted leg's error with this much joint torque [Nm/rad]: the paper's future work; 0 is off."""
     leg_damping: float = 0.0
@@ -191,6 +194,10 @@ class Crawler:
             thrust = np.minimum(thrust, ROBOT.max_thrust)
         vectoring = follow(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
         joints = plan + config.feed_forward / ROBOT.joint_kp * torque + residual.joint_offset
+        if config.setpoint_filter > 0.0:
+            joints = memory.joint_position + (1.0 - math.exp(-self.dt / config.setpoint_filter)) * (
+                joints - memory.joint_position
+            )
         joints = np.minimum(np.maximum(joints, -ROBOT.joint_limit), ROBOT.joint_limit)
         effort = memory.effort
         if config.power:
@@ -235,7 +242,7 @@ class Crawler:
         nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
         lock = update_lock(memory.lock, _NO_ROTORS, nominal, snapshot, memory.vectoring[:, 0], config=config.lock)
         gravity = snapshot.gravity_torque
-        if mode != "rest" and (config.leg_stiffness or config.leg_damping):
+        if mode in ("leg", "legs") and (config.leg_stiffness or config.leg_damping):
             wish = config.leg_stiffness * (plan - state.joint_position) - config.leg_damping * state.joint_velocity
             gravity = gravity + np.where(np.repeat(lifted, 4), wish, 0.0)
         Q, T = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot)
