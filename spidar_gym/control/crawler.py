@@ -54,7 +54,7 @@ class CrawlerConfig:
     feed_forward: float = 1.0
     """Share of the allocated joint torque that shifts the servos' setpoints, τ_q / k_{j,p}."""
     setpoint_filter: float = 0.0
-    """Time constant of a filter on the servos' setpoints, which takes the jolts out of starts and stops [s]; 0 is off."""
+    """Time constant of a filter on the servos' setpoints, which takes jolts out of starts and stops [s]; 0 is off."""
     leg_stiffness: float = 0.0
     """Thrust answers a lifted leg's error with this much joint torque [Nm/rad]: the paper's future work; 0 is off."""
     leg_damping: float = 0.0
@@ -244,7 +244,9 @@ class Crawler:
         gravity = snapshot.gravity_torque
         if mode in ("leg", "legs") and (config.leg_stiffness or config.leg_damping):
             wish = config.leg_stiffness * (plan - state.joint_position) - config.leg_damping * state.joint_velocity
-            gravity = gravity + np.where(np.repeat(lifted, 4), wish, 0.0)
+            # It comes in as the mode does.
+            share = 1.0 - memory.gap if mode == memory.mode else 0.0
+            gravity = gravity + np.where(np.repeat(lifted, 4), share * wish, 0.0)
         Q, T = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot)
         R_bf = R_wb.T @ self.gait.memory.floor_R
         if self.allocator.mode(mode).feet_carry:
