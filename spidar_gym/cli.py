@@ -19,9 +19,9 @@ from spidar_gym import tune as tuning
 from spidar_gym.bench import PARTS, bench_table, run_bench
 from spidar_gym.cli_paper import PresetArg, paper_app
 from spidar_gym.cli_run import run
-from spidar_gym.control.presets import PRESETS
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.description import CAMERAS, assets_dir, generated_files
-from spidar_gym.envs.actions import ACTION_MODES
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.hover_task import SEQUENCES, hover_height
 from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
@@ -183,7 +183,9 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
     for name, entry in ENVIRONMENTS.items():
         print(f"{name}: {entry.doc}")
     for title, names in (
-        ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES), ("cameras", CAMERAS)
+        ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES),
+        ("crawl presets", CRAWL_PRESETS), ("schedules", SCHEDULES), ("crawl action modes", CRAWL_MODES),
+        ("cameras", CAMERAS),
     ):  # fmt: skip
         print(f"{title}: {', '.join(names)}")
 

@@ -13,6 +13,7 @@ from tqdm import tqdm
 from spidar_gym import crawl_experiment, crawl_study, experiments, studies, viz
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.description import CAMERAS
+from spidar_gym.envs.crawl_task import CrawlTask
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.scenario import CONDITIONS
@@ -182,6 +183,8 @@ def crawl(
     require_name("camera", camera, CAMERAS)
     if not (math.isfinite(direction) and math.isfinite(turn)):
         raise InvalidValueError("direction, turn", (direction, turn), "finite numbers [degrees]")
+    # What cannot be crawled is refused before anything is written.
+    CrawlTask(distance=distance, direction=math.radians(direction), turn=math.radians(turn), joint_speed=speed)
     folder = output_folder(out)
     if study or draws:
         _crawl_study(folder, json, draws, seeds, workers)

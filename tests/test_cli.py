@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spidar_gym import cli, description, experiments, studies, tune, viz
+from spidar_gym import cli, crawl_experiment, description, experiments, studies, tune, viz
 from spidar_gym.cli import main
 from spidar_gym.description import CAMERAS, generated_files
 from spidar_gym.envs.hover_task import SEQUENCES, HoverTask
@@ -24,7 +24,7 @@ from spidar_gym.robot import FORMS
 from spidar_gym.scenario import Outcome
 
 NAMES = ("paper", "run", "lost", "tune", "view", "assets", "bench", "list")
-COMMANDS = [["paper"], ["paper", "flight"], *([name] for name in NAMES[1:])]
+COMMANDS = [["paper"], ["paper", "flight"], ["paper", "crawl"], *([name] for name in NAMES[1:])]
 drawing = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
 )
@@ -39,6 +39,17 @@ def here(tmp_path, monkeypatch) -> Path:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     return folder
+
+
+@pytest.fixture
+def short_crawl(monkeypatch):
+    """A crawl experiment of one quick cycle."""
+    crawl = crawl_experiment.crawl_paper
+
+    def short(preset, on_tick=None, **options):
+        return crawl(preset, **options | {"distance": 0.1, "joint_speed": 0.6})
+
+    monkeypatch.setattr(crawl_experiment, "crawl_paper", short)
 
 
 @pytest.fixture
@@ -95,9 +106,10 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 5, "bench": 1}.get(" ".join(command), 0)
-    # A strength has no unit, but a range.
-    assert all(re.search(r"\[(s|rad/s|m/s|N)\]|0 … 1\b", option) for option in quantities)
+    assert len(quantities) == {"run": 11, "paper crawl": 4, "bench": 1}.get(" ".join(command), 0)
+    # A strength has no unit, but a range; friction has neither.
+    unit = r"\[(s|rad/s|m/s|N|m|degrees)\]|0 … 1\b|Sliding friction|like the next two"
+    assert all(re.search(unit, option) for option in quantities)
 
 
 def test_the_help_names_every_command(capfd):
@@ -121,7 +133,18 @@ def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
     [
         ([], ", ".join(NAMES)),
         (["fly"], ", ".join(NAMES)),
-        (["paper", "crawl"], "flight"),
+        (["paper", "walk"], "crawl"),
+        (["paper", "crawl", "--preset", "paper"], "published, overlapped, robust"),
+        *((["paper", "crawl", "--distance", v], "within 0 … 10 [m]") for v in ("-1", "nan", "50")),
+        *((["paper", "crawl", "--speed", v], "[rad/s]") for v in ("0", "nan", "9")),
+        (["paper", "crawl", "--distance", "0"], "a way or a turn above 0"),
+        (["paper", "crawl", "--direction", "inf"], "finite numbers [degrees]"),
+        (["paper", "crawl", "--study", "--seeds", "0"], "at least 1"),
+        (["paper", "crawl", "--draws", "-1"], "at least 0"),
+        (["run", "spidar_gym/Crawl-v0", "--schedule", "trot"], "sequential, overlapped"),
+        (["run", "spidar_gym/Crawl-v0", "--friction", "-1"], "within 0.001"),
+        (["run", "spidar_gym/Crawl-v0", "--forms", "paper"], "distance, direction, turn"),
+        (["run", "--slope", "3"], "forms, joint_speed"),
         (["paper", "flight", "--preset", "mine"], "paper, as_flown, tuned"),
         *((["paper", "flight", what, "--scenarios", "0"], "at least 1") for what in ("--speeds", "--ablation")),
         (["paper", "flight", "--speeds", "--workers", "0"], "at least 1"),
@@ -191,7 +214,7 @@ def test_assets_are_written_whole_and_only_where_they_are_stale(assets, capfd):
     (assets / "mjcf" / "spidar.xml").write_text("<mujoco/>", encoding="utf-8")
     shutil.rmtree(assets / "environments")
     main(["assets"])
-    assert capfd.readouterr().out.startswith("2 of ")
+    assert capfd.readouterr().out.startswith(f"{1 + len(ENVIRONMENTS)} of ")
     assert files(assets) == fresh
     main(["assets"])
     assert capfd.readouterr().out.startswith("0 of ")
@@ -220,18 +243,42 @@ def test_the_flight_prints_exactly_one_json_object_on_stdout_and_writes_it_with_
     assert (here / "a/b/flight.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_flight_is_the_default_of_paper_and_prints_the_table(still, here, capfd, monkeypatch):
+def test_paper_alone_flies_and_crawls_and_prints_both_tables(still, short_crawl, here, capfd, monkeypatch):
     def missing(*_, **__):
         raise MissingDependencyError("a library", "apt-get install libsomething")
 
     monkeypatch.setattr(viz, "flight_figure", missing)
     monkeypatch.setattr(viz, "FlightVideo", missing)
+    monkeypatch.setattr(viz, "OffscreenRenderer", missing)
     main(["paper"])
     out = capfd.readouterr().out
-    assert "simulated" in out
     assert "RMSE position" in out
-    assert "out/flight" in out
-    assert sorted(files(here)) == ["out/flight/flight.json"]
+    assert "final position error" in out
+    assert sorted(files(here)) == ["out/crawl/crawl.json", "out/crawl/crawl.png", "out/flight/flight.json"]
+
+
+def test_the_crawl_prints_exactly_one_json_object_with_every_figure_that_is_asked_for(short_crawl, here, capfd):
+    main(["paper", "crawl", "--json", "--no-video", "--out", "a"])
+    result = json.loads(capfd.readouterr().out)
+    assert set(result) == {"crawl", "paper"}
+    wanted = {
+        "preset", "final_position_error_m", "yaw_final_rad", "yaw_peak_to_peak_rad", "roll_pitch_legs_up_rad",
+        "roll_pitch_torso_rad", "duration_s", "duration_overlapped_s", "thrust_fraction_mean", "thrust_fraction_peak",
+        "foot_slip_m", "airborne_share", "duct_clearance_m", "saturation_share", "qp",
+    }  # fmt: skip
+    assert wanted <= set(result["crawl"])
+    assert len(result["crawl"]["final_position_error_m"]) == 3
+    assert result["crawl"]["is_success"]
+    assert set(result["paper"]) == {"crawl"}
+    assert json.loads((here / "a/crawl.json").read_text(encoding="utf-8")) == result
+
+
+def test_a_crawl_is_run_until_it_is_finished(here, capfd):
+    main(["run", "spidar_gym/Crawl-v0", "--distance", "0.1", "--direction", "90", "--turn", "0",
+          "--schedule", "overlapped", "--joint-speed", "0.4"])  # fmt: skip
+    out = capfd.readouterr().out
+    assert "success: True" in out
+    assert "goal off by" in out
 
 
 @pytest.mark.parametrize("what", ["FlightVideo", "flight_figure"])
