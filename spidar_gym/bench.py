@@ -33,6 +33,8 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "mixed_without_wake": {"forms": "mixed", "wake": False},
     "mixed_tuned": {"forms": "mixed", "preset": "tuned"},
     "mixed_randomised": {"forms": "mixed", "randomization": 1.0, "sensors": True},
+    "crawl": {"id": "spidar_gym/Crawl-v0", "distance": 0.6, "direction": 0.0, "turn": 0.0},
+    "crawl_randomised": {"id": "spidar_gym/Crawl-v0", "preset": "robust", "randomization": 1.0, "sensors": True},
 }
 """Environments that are timed, by name."""
 PARTS = 8 + len(ENVIRONMENTS)
@@ -108,7 +110,7 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
     result["hard_states"] = _hard()
     for name, arguments in ENVIRONMENTS.items():
         on_step(f"environment, {name}")
-        env = gymnasium.make("spidar_gym/Hover-v0", **arguments)
+        env = gymnasium.make(**{"id": "spidar_gym/Hover-v0", **arguments})
         result[f"env_steps_per_s_{name}"] = benchmark_step(_ZeroAction(env), target_duration=max(2, round(6 * seconds)))
         env.close()
     return result

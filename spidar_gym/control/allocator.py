@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -29,7 +29,8 @@ from spidar_gym.robot import N_LEGS, N_ROTORS, ROBOT
 SIDE_TOLERANCE = 1e-5
 """A row this close to its bound may be active, in scaled units."""
 _NO_FEET = np.zeros((N_LEGS, 3))
-_NO_FEET.flags.writeable = False
+_NO_GUESS = np.zeros(0)
+_NO_FEET.flags.writeable = _NO_GUESS.flags.writeable = False
 
 
 class AllocationStatus(StrEnum):
@@ -81,6 +82,8 @@ class Allocation:
     """How the tick was answered."""
     iterations: int
     """Iterations of the solver, all attempts together; 0 for the closed form."""
+    active: np.ndarray
+    """+1 where a row is at its upper bound, −1 at its lower, 0 elsewhere; empty where nobody asked for it."""
     slack: float
     """Largest violation of a softened row, in units of the weight or of the joint torque limit."""
     solve_time: float
@@ -104,21 +107,39 @@ class Allocator:
         self.modes = modes
         self._workspaces: dict[tuple[str, str], Workspace] = {}
 
-    def allocate(self, demand: Demand, mode: str, previous_l: RotorForces) -> Allocation:
+    def allocate(
+        self, demand: Demand, mode: str, previous_l: RotorForces, guess: np.ndarray | None = None
+    ) -> Allocation:
         """The optimal forces of one tick, or a bounded fallback with its name.
 
         Args:
             demand: What is asked for.
             mode: Name of the mode.
             previous_l: Forces of the last tick, held if everything else fails [N].
+            guess: `Allocation.active` of a similar demand: where those rows are active once more, that is the optimum,
+                and no solver is asked. The optimum is the same to rounding, whatever the guess.
 
         Returns:
             The allocation. Never raises on numbers: an input that is not finite is answered with the previous forces.
         """
         start = time.perf_counter()
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is answered, not warned about
-            x, status, iterations, slack = self._solve(demand, self.mode(mode), previous_l)
-            return self._answer(demand, x, status, iterations, slack, start)
+            rows = self.mode(mode)
+            try:
+                program = assemble(rows, demand)
+            except ValueError:  # the sine of infinity
+                return self._answer(demand, *self._held(demand, previous_l, 0), start)
+            x = None
+            if guess is not None and len(guess) == len(program.l):
+                x = closed_form(program, guess)
+            if x is None:
+                x, status, iterations, slack = self._solve(demand, rows, program, previous_l)
+            else:
+                x, status, iterations, slack = FORCE_SCALE * x, AllocationStatus.CLOSED_FORM, 0, 0.0
+            allocation = self._answer(demand, x, status, iterations, slack, start)
+            if guess is None or status is AllocationStatus.HELD:
+                return allocation
+            return replace(allocation, active=_sides(program, x / FORCE_SCALE))
 
     def mode(self, name: str) -> Mode:
         """Mode by name (`UnknownNameError` lists the valid ones)."""
@@ -155,6 +176,7 @@ class Allocator:
             wrench=wrench,
             unallocated_wrench=demand.wrench - wrench,
             saturated=saturated,
+            active=_NO_GUESS,
             status=status,
             iterations=iterations,
             slack=slack,
@@ -162,13 +184,9 @@ class Allocator:
         )
 
     def _solve(
-        self, demand: Demand, mode: Mode, previous_l: RotorForces
+        self, demand: Demand, mode: Mode, program: QuadraticProgram, previous_l: RotorForces
     ) -> tuple[np.ndarray, AllocationStatus, int, float]:
         """All unknowns [N], how they were found, iterations and slack."""
-        try:
-            program = assemble(mode, demand)
-        except ValueError:  # the sine of infinity
-            return self._held(demand, previous_l, 0)
         x = closed_form(program)
         if x is not None:
             return FORCE_SCALE * x, AllocationStatus.CLOSED_FORM, 0, 0.0

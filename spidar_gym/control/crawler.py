@@ -99,6 +99,8 @@ class CrawlerMemory:
     """How much of both is left, 1 … 0."""
     effort: RotorVector
     """Weights of the power cost."""
+    active: np.ndarray
+    """Rows of the allocation that were active in the last tick, the first guess of the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,7 @@ class Crawler:
         lock = Lock(_NO_ROTORS, _NO_ROTORS, state.vectoring[:, 0])
         self.memory = CrawlerMemory(
             lock, state.vectoring.copy(), zero, np.zeros(N_JOINTS), q.copy(), "rest", zero, np.zeros(N_JOINTS), 0.0,
-            np.ones(N_ROTORS),
+            np.ones(N_ROTORS), np.zeros(0),
         )  # fmt: skip
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
@@ -176,7 +178,8 @@ class Crawler:
         mode, lifted = self.gait.mode, self.gait.lifted
         snapshot, feet = self.model.stance(state.joint_position, R_wb, state.vectoring)
         demand, lock = self._demand(state, plan, R_wb, snapshot, feet, mode, lifted, residual)
-        allocation = self.allocator.allocate(demand, mode, memory.forces_l)
+        allocation = self.allocator.allocate(demand, mode, memory.forces_l, memory.active)
+        active = allocation.active
         if residual.forces_l is not None or residual.leg_forces_b is not None:
             allocation = self._more(demand, snapshot, allocation, residual)
         torque = np.where(np.repeat(lifted, 4), allocation.joint_torques, 0.0)
@@ -203,7 +206,9 @@ class Crawler:
         if config.power:
             effort = effort_weights(allocation.thrust, effort, 0.1)
         self.tick = CrawlTick(snapshot, feet, R_wb, demand, allocation, forces, mode, self.gait.memory.phase)
-        self.memory = CrawlerMemory(lock, vectoring, forces, torque, joints, mode, force_gap, torque_gap, gap, effort)
+        self.memory = CrawlerMemory(
+            lock, vectoring, forces, torque, joints, mode, force_gap, torque_gap, gap, effort, active
+        )
         return Command(thrust, vectoring, joints, self._torque_limit)
 
     def _more(self, demand: Demand, snapshot: Snapshot, allocation: Allocation, residual: Residual) -> Allocation:
