@@ -11,7 +11,7 @@ import spidar_gym
 
 ROOT = Path(__file__).resolve().parent.parent
 EQUATIONS = range(1, 38)
-ROW = re.compile(r"^\| (\d+) \| ([^|]+) \| `([\w.]+)` \| `(\w+\.py)::(\w+)` \|$", re.M)
+ROW = re.compile(r"^\| (\d+|Gait) \| ([^|]+) \| `([\w.]+)` \| `(\w+\.py)::(\w+)` \|$", re.M)
 TAG = re.compile(r"\[Zhao2025, Eq\. ([\d,\s-]+)\]")
 ROWS = ROW.findall((ROOT / "README.md").read_text(encoding="utf-8"))
 
@@ -43,12 +43,17 @@ def resolve(name: str):
 
 
 def test_every_equation_of_the_paper_has_a_row():
-    assert {int(number) for number, *_ in ROWS} == set(EQUATIONS)
+    assert {int(number) for number, *_ in ROWS if number != "Gait"} == set(EQUATIONS)
+    assert sum(number == "Gait" for number, *_ in ROWS) >= 3
 
 
-@pytest.mark.parametrize(("number", "name"), [(int(row[0]), row[2]) for row in ROWS])
+@pytest.mark.parametrize(("number", "name"), [(row[0], row[2]) for row in ROWS])
 def test_the_function_of_a_row_cites_its_equation(number, name):
-    assert number in cited(resolve(name).__doc__ or "")
+    docstring = resolve(name).__doc__ or ""
+    if number == "Gait":
+        assert "[Zhao2025, Sec. Crawling Gait]" in docstring
+    else:
+        assert int(number) in cited(docstring)
 
 
 @pytest.mark.parametrize(("file", "name"), [row[3:] for row in ROWS])
@@ -58,7 +63,7 @@ def test_the_test_of_a_row_exists(file, name):
 
 
 def test_every_equation_that_the_code_cites_has_a_row():
-    known = {int(number) for number, *_ in ROWS}
+    known = {int(number) for number, *_ in ROWS if number != "Gait"}
     for path in Path(spidar_gym.__file__).parent.rglob("*.py"):
         assert cited(path.read_text(encoding="utf-8")) <= known, path
 

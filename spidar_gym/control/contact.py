@@ -45,7 +45,7 @@ class FootEffort:
 
 
 def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, Wrench]:
-    """w̲ and w̄ in {B}: a box of wrenches that four pegs can give whatever else they carry [Zhao2025, Eq. 36].
+    """w̲ and w̄ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36].
 
     The pegs stand at (± a, ± a, −d). Let their normal forces add up to N ≥ N_min.
 
@@ -55,6 +55,8 @@ def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, W
     - The centre of pressure may be anywhere in the square: about its centre on the floor |τ_x|, |τ_y| ≤ a N. Only half
       is used, so that no peg comes near to lifting off. About the torso's origin, d higher, the friction force adds
       up to d f̄_xy: τ̄_xy = ½ a N_min − d f̄_xy.
+    - Any two of force, tilt and twist reach their bounds at once; all three need more friction than μ, since a tilt
+      takes weight off some pegs: plan half of what the pegs have.
     - f_z ≥ N_min, where the paper has 0: a peg that does not press has no friction. Upwards there is no bound.
 
     Args:

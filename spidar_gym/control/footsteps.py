@@ -144,7 +144,10 @@ def largest_stride(config: GaitConfig, way: Planar) -> float:
 
 
 def plan_cycles(config: GaitConfig, move: Move) -> int:
-    """How many cycles a move takes; `InvalidValueError` names the largest stride where too few are given."""
+    """How many cycles a move takes; feet step as far as the torso moves in each [Zhao2025, Sec. Crawling Gait].
+
+    `InvalidValueError` names the largest stride where too few cycles are given.
+    """
     way = move.way
     if not all(math.isfinite(v) for v in (way.x, way.y, way.yaw)):
         raise InvalidValueError("way", way, "finite numbers")

@@ -38,7 +38,7 @@ _ON_FEET = frozenset(("brace", "up", "forward", "down"))
 
 
 class Gait:
-    """The crawl's phase machine: (pose, joint angles) → joint setpoints and mode, tick after tick."""
+    """The crawl's phase machine: (pose, joint angles) → setpoints and mode [Zhao2025, Sec. Crawling Gait]."""
 
     def __init__(self, config: GaitConfig, *, joint_speed: float, dt: float) -> None:
         """Take the configuration, the joint speed [rad/s] and the length of a tick [s]."""

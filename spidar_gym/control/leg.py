@@ -28,7 +28,7 @@ def foot_positions(inner: float, outer: float) -> FootForces:
 
 
 def leg_angles(feet_b: FootForces) -> JointVector | None:
-    """Joint angles that put the feet there, knees up, outer yaw 0; None where one is out of reach.
+    """Joint angles that put the feet there, knees up, outer yaw 0; None out of reach [Zhao2025, Sec. Crawling Gait].
 
     Args:
         feet_b: Centres of the foot spheres seen from the torso [m].

@@ -58,7 +58,7 @@ CRAWL_PRESETS: dict[str, CrawlerConfig] = {
     # More margin for the servos, and thrust that answers the legs' errors: the paper's future work.
     "robust": CrawlerConfig(
         gait=GaitConfig(rolling=True, start_time=0.8, spool_time=0.8),
-        torque_limit=4.5, blend_time=0.8, foot_friction=0.3, leg_stiffness=40.0, leg_damping=2.0,
+        torque_limit=4.5, blend_time=0.8, foot_friction=0.25, leg_stiffness=40.0, leg_damping=2.0,
     ),
 }  # fmt: skip
 """Crawlers by name."""
