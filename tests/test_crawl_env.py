@@ -273,11 +273,26 @@ def test_gait_residuals_shape_the_gait():
         ({"joint_speed": 0.0}, InvalidValueError, "rad/s"),
         ({"horizon_s": 0.0}, InvalidValueError, r"\[s\]"),
         ({"distance": 0.0, "turn": 0.0}, InvalidValueError, "a way or a turn"),
+        ({"obstacles": ((1.0, 0.0, -0.2),)}, InvalidValueError, "radius within 0"),
+        ({"obstacles": ((1.0, math.nan, 0.2),)}, InvalidValueError, "radius within 0"),
     ],
 )
 def test_an_argument_that_is_not_valid_is_refused_with_what_would_be(options, kind, valid):
     with pytest.raises(kind, match=valid):
         gymnasium.make(CRAWL, **options)
+
+
+def test_a_goal_in_an_obstacle_is_refused_and_a_drawn_one_is_drawn_again():
+    block = ((0.6, 0.0, 0.2),)
+    with pytest.raises(InvalidValueError, match=r"goal = .*0\.3 m from obstacle"):
+        make(distance=0.6, direction=0.0, obstacles=block).reset(seed=0)
+    env = make(obstacles=block)
+    for seed in range(12):
+        env.reset(seed=seed)
+        assert math.hypot(env.progress.goal.x - 0.6, env.progress.goal.y) > 0.45
+    tiles = env.plant.config.ground.tiles
+    assert tiles[10, 8] == 0.15
+    assert tiles[4, 4] == 0.0
 
 
 def test_an_unknown_reset_option_is_refused():

@@ -86,14 +86,16 @@ class CrawlEnv(SpidarEnv):
     def _begin(self, rng: np.random.Generator) -> None:
         config, task = self.controller.config, self.task
         way = task.way(rng)
-        if task.steps:
+        if task.steps or task.obstacles:
             self._nominal = replace(self._nominal, ground=task.ground(rng, self._nominal.ground))
             self.plant.configure(replace(self.plant.config, ground=self._nominal.ground))
         self._draw_robot(rng)
         ground = self.plant.config.ground
         q = lying_pose(config.gait)
+        # Over the highest tile under torso or feet; from there it settles.
+        below = ground.height(np.vstack((config.gait.home_b, np.eye(3) * 0.12, np.eye(3) * -0.12)))
         self._state = self.plant.reset(
-            ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth + float(ground.tiles.max())]),
+            ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth + float(below.max())]),
             matrix_to_quat(ground.R_wf),
             q,
             disturbances=self._disturbances,

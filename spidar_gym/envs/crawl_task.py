@@ -12,7 +12,7 @@ from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.rewards import tolerance
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.robot import N_LEGS, ROBOT
-from spidar_gym.sim.ground import MAX_SLOPE, GroundConfig, Touch, uneven
+from spidar_gym.sim.ground import MAX_SLOPE, GroundConfig, Touch, uneven, with_blocks
 
 PAPER_WAY = Planar(0.6, 0.0, 0.0)
 """The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
@@ -22,6 +22,10 @@ DISTANCES, TURN = (0.2, 0.6), 0.5
 """Otherwise it goes so far [m] in any direction and turns by at most so much [rad]."""
 TURN_LENGTH = 0.5
 """A radian of heading counts as this many metres where both are one number."""
+OBSTACLE_HEIGHT = 0.15
+"""Of an obstacle [m]."""
+GOAL_CLEARANCE = 0.3
+"""A goal is at least this far from an obstacle [m]."""
 MAX_TILT = 0.5
 """More tilt of the torso against the floor than this ends the episode [rad]."""
 MAX_ASTRAY = 0.5
@@ -60,6 +64,8 @@ class CrawlTask:
     """Direction in which it rises [rad]."""
     steps: float = 0.0
     """The floor is of 25 cm tiles whose heights are drawn up to this [m]; 0 is a plane."""
+    obstacles: tuple[tuple[float, float, float], ...] = ()
+    """Blocks on the floor: (x, y, radius) [m] from the start; the tiles within are 15 cm high."""
     horizon_s: float = 75.0
     """Length of an episode [s]; give `gym.make` the matching `max_episode_steps` too (40 a second)."""
 
@@ -79,6 +85,9 @@ class CrawlTask:
                 raise InvalidValueError(name, value, f"a number within {low:g} … {high:.4g} [{unit}]")
         if self.schedule is not None:
             require_name("schedule", self.schedule, SCHEDULES)
+        for block in self.obstacles:
+            if len(block) != 3 or not all(math.isfinite(v) for v in block) or not 0.0 < block[2] <= 2.0:
+                raise InvalidValueError("obstacles", block, "(x, y, radius) in metres, radius within 0 … 2")
         if self.distance == 0.0 and self.turn == 0.0:
             raise InvalidValueError("distance", 0.0, "a way or a turn above 0")
 
@@ -88,7 +97,28 @@ class CrawlTask:
         return [f.name for f in fields(cls)]
 
     def way(self, rng: np.random.Generator) -> Planar:
-        """Where the goal is, seen from the start; the paper's 0.6 m ahead in a quarter of the draws."""
+        """Where the goal is, seen from the start; the paper's 0.6 m ahead in a quarter of the draws.
+
+        A goal in an obstacle is drawn again; `InvalidValueError` where it is given, or none of 100 draws is free.
+        """
+        way = self._draw(rng)
+        given = None not in (self.distance, self.direction)
+        for _ in range(0 if given else 100):
+            if self._blocked(way) is None:
+                break
+            way = self._draw(rng)
+        if self._blocked(way) is None:
+            return way
+        raise InvalidValueError("goal", (way.x, way.y), f"a pose farther than 0.3 m from obstacle {self._blocked(way)}")
+
+    def _blocked(self, way: Planar) -> tuple[float, float, float] | None:
+        """The obstacle in which the torso would come to lie."""
+        for x, y, r in self.obstacles:
+            if math.hypot(way.x - x, way.y - y) < r + GOAL_CLEARANCE:
+                return x, y, r
+        return None
+
+    def _draw(self, rng: np.random.Generator) -> Planar:
         paper = rng.random() < PAPER_SHARE
         distance, direction, turn = rng.uniform((DISTANCES[0], -math.pi, -TURN), (DISTANCES[1], math.pi, TURN)).tolist()
         drawn = (PAPER_WAY.x, 0.0, 0.0) if paper else (distance, direction, turn)
@@ -104,7 +134,9 @@ class CrawlTask:
         ground = base
         if self.slope:
             ground = GroundConfig(self.slope, self.slope_direction, base.tiles)
-        return uneven(ground, rng, self.steps) if self.steps else ground
+        if self.steps:
+            ground = uneven(ground, rng, self.steps)
+        return with_blocks(ground, self.obstacles, OBSTACLE_HEIGHT) if self.obstacles else ground
 
     def reward_terms(
         self, progress: "CrawlProgress", tilt: float, slip: float, power: float, action: np.ndarray

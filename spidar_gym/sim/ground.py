@@ -87,8 +87,17 @@ class GroundConfig:
         return np.where(inside, self.tiles[cell[:, 0], cell[:, 1]], -TILE_DEPTH)
 
 
+def with_blocks(ground: GroundConfig, blocks: tuple[tuple[float, float, float], ...], height: float) -> GroundConfig:
+    """The same floor with the tiles raised to `height` [m] whose centres lie within r of (x, y), each (x, y, r) [m]."""
+    centres = (np.arange(TILES) + 0.5 - TILES / 2) * TILE
+    tiles = ground.tiles.copy()
+    for x, y, r in blocks:
+        tiles[np.hypot(centres[:, None] - x, centres[None, :] - y) <= r] = height
+    return replace(ground, tiles=tiles)
+
+
 def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float) -> GroundConfig:
-    """The same slope with tiles of random heights, even between 0 and `steps` [m]; those under the start are alike."""
+    """The same slope with tiles of random heights, even between 0 and `steps` [m]."""
     tiles = rng.uniform(0.0, steps, (TILES, TILES))
     return replace(ground, tiles=tiles)
 
