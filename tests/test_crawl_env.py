@@ -10,13 +10,15 @@ import pytest
 from spidar_gym.control.allocator import AllocatorConfig
 from spidar_gym.control.crawl_observation import crawl_layout
 from spidar_gym.control.crawler import Crawler
-from spidar_gym.control.footsteps import Move, lying_pose
+from spidar_gym.control.footsteps import GaitConfig, Move, lying_pose
+from spidar_gym.control.leg import feet_at, leg_angles
 from spidar_gym.control.phases import PHASES
 from spidar_gym.control.planar import Planar
 from spidar_gym.control.presets import CRAWL_PRESETS
 from spidar_gym.envs.actions import CRAWL_MODES
 from spidar_gym.envs.crawl_task import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.plant import Plant
@@ -162,6 +164,23 @@ def test_resting_at_the_goal_earns_more_than_anything_before():
     steps = crawl(env)
     rewards = [env.step(np.zeros(env.action_space.shape[0]))[1] for _ in range(20)]
     assert min(rewards) > max(reward for _, reward, *_ in steps[1:-40])
+
+
+def test_inverse_kinematics_of_the_legs_inverts_the_models_forward_kinematics():
+    rng, model, reached = np.random.Generator(np.random.PCG64(4)), Model(), 0
+    home = GaitConfig().home_b
+    for _ in range(300):
+        feet = home + rng.uniform((-0.25, -0.25, -0.15), (0.25, 0.25, 0.1), (4, 3))
+        q = leg_angles(feet)
+        if q is None:
+            continue
+        reached += 1
+        np.testing.assert_allclose(model.contacts(q)[0][:4], feet, atol=1e-12)
+        np.testing.assert_allclose(feet_at(q), feet, atol=1e-12)
+        assert np.abs(q).max() <= math.pi / 2
+        assert (q[3::4] >= 0.0).all()
+    assert reached > 50
+    assert leg_angles(1.6 * home) is None
 
 
 @pytest.mark.parametrize(
