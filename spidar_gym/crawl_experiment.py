@@ -34,7 +34,7 @@ PAPER_CRAWL: dict[str, Any] = {
     "endurance_min": 25.0,
     "qp": {"max_us": 5000.0},
 }
-"""[Zhao2025, Sec. Crawling Motion, Tab. 1]: the real robot's figures."""
+"""[Zhao2025, Sec. Crawling Motion] [Zhao2025, Tab. 1]: the real robot's figures."""
 
 
 @dataclass(frozen=True)

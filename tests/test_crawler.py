@@ -1,5 +1,6 @@
 """Pins the stack on the ground: feet's maps against MuJoCo, allocation against an exact solver, crawls on the plant."""
 
+import copy
 from dataclasses import fields, replace
 from functools import cache
 from itertools import product
@@ -14,7 +15,7 @@ from spidar_gym.control.blocks import torque_map
 from spidar_gym.control.crawler import Crawler, CrawlerConfig, with_feet
 from spidar_gym.control.footsteps import GaitConfig, Lift, Move, Stand, lying_pose
 from spidar_gym.control.leg import leg_angles
-from spidar_gym.control.modes import PROJECTION, ground_modes
+from spidar_gym.control.modes import ground_modes
 from spidar_gym.control.planar import Planar
 from spidar_gym.control.qp import FORCE_SCALE, assemble
 from spidar_gym.errors import InvalidValueError
@@ -90,7 +91,12 @@ def random_stances(seed, n):
     for _ in range(n):
         q = leg_angles(config.home_b - (0.0, 0.0, rng.choice([0.0, rng.uniform(0.0, 0.1)])))
         R_wf = exp(rng.uniform(-0.1, 0.1, 3))
-        yield q + rng.normal(scale=0.08, size=16), exp(rng.uniform(-0.08, 0.08, 3)), R_wf, rng.uniform(-0.6, 0.6, (8, 2))
+        yield (
+            q + rng.normal(scale=0.08, size=16),
+            exp(rng.uniform(-0.08, 0.08, 3)),
+            R_wf,
+            rng.uniform(-0.6, 0.6, (8, 2)),
+        )
 
 
 def feet_maps(q, R_wb, R_wf, vectoring):
@@ -192,11 +198,11 @@ def ground_demand(rng, pose, mode):
 
 
 @cache
-def answers(name, powered=False, n=200):
+def answers(name, powered=False):
     """Poses, what is asked there, the exact optimum [N] or None, and the allocator's answer."""
     rng, mode, allocator = np.random.default_rng(5), MODES[powered][name], Allocator(MODES[powered])
     found = []
-    for pose in random_stances(6, n):
+    for pose in random_stances(6, 80 if powered else 200):
         demand = ground_demand(rng, pose, mode)
         # The exact solver wants independent equalities: a rotor that gives nothing needs no plane.
         optimum = exact(assemble(mode, replace(demand, locked=demand.locked & ~demand.lost)))
@@ -208,14 +214,403 @@ def answers(name, powered=False, n=200):
 @pytest.mark.parametrize("powered", [False, True], ids=["paper", "power"])
 @pytest.mark.parametrize("name", ["rest", "leg", "legs", "stance"])
 def test_every_ground_mode_agrees_with_an_exact_solver(name, powered):
-    feasible = 0
     for _, _, optimum, allocation in answers(name, powered):
-        if optimum is None:
-            assert allocation.status not in OPTIMAL
-            assert allocation.slack > 0.0
-            continue
-        feasible += 1
+        assert optimum is not None, "nothing here asks for the impossible"
         assert allocation.status in OPTIMAL
         np.testing.assert_allclose(allocation.forces_l.reshape(-1), optimum[:24], rtol=0, atol=1e-6)
         np.testing.assert_allclose(allocation.foot_forces_f.reshape(-1)[: len(optimum) - 24], optimum[24:], atol=1e-6)
-    assert feasible > 150
+
+
+def by_mujoco(pose, demand, forces_l, foot_forces_f):
+    """Wrench of rotors, feet and weight about the CoG, world axes, and joint torque that holds the links."""
+    q, R_wb, R_wf, vectoring = pose
+    engine().move(q, R_wb, vectoring)
+    centres, links = engine().rotors()
+    points, outer = engine().touching(R_wf)
+    forces_w = [engine().attitude(link) @ f for link, f in zip(links, forces_l, strict=True)]
+    forces_w += [R_wf @ f for f in foot_forces_f]
+    torque, wrench = engine().gravity_torque, np.array([0.0, 0.0, -ROBOT.weight, 0.0, 0.0, 0.0])
+    for point, link, force in zip([*centres, *points], links + outer, forces_w, strict=True):
+        torque -= engine().jacobian(point, link).T @ force
+        wrench += np.concatenate([force, np.cross(point - engine().com, force)])
+    return wrench, torque
+
+
+def test_robot_on_its_feet_is_in_equilibrium_and_no_joint_bears_more_than_its_limit():
+    pressed = 0
+    for pose, demand, _, allocation in answers("stance")[::3]:
+        wrench, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
+        np.testing.assert_allclose(wrench, 0.0, atol=1e-5)
+        np.testing.assert_allclose(allocation.joint_torques, torque, atol=1e-6)
+        assert np.abs(torque).max() <= 5.0 + 1e-5
+        pressed += np.abs(torque).max() > 5.0 - 1e-5
+        feet = allocation.foot_forces_f
+        assert feet[:, 2].min() >= 0.5 - 1e-4
+        assert (np.abs(feet[:, :2]) <= 0.6 * feet[:, 2:] + 1e-4).all()
+    assert pressed > 30, "the limit matters"
+
+
+def test_robot_on_its_pegs_asks_of_them_a_wrench_within_bounds_and_no_joint_bears_more_than_its_limit():
+    pressed = 0
+    for pose, demand, _, allocation in answers("legs")[::3]:
+        wrench, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
+        assert np.abs(torque).max() <= 5.0 + 1e-5
+        pressed += np.abs(torque).max() > 5.0 - 1e-5
+        assert not allocation.foot_forces_f.any()
+        pegs = -(pose[1].T @ wrench[:3])
+        sideways = 0.3 * 10.0 / (2.0 * np.sqrt(2.0))
+        assert pegs[2] >= 10.0 - 1e-4
+        assert np.abs(pegs[:2]).max() <= sideways + 1e-4
+    assert pressed > 30, "the limit matters"
+
+
+def test_only_the_rotors_of_lifted_legs_lift_and_their_joints_bear_no_more_than_the_limit():
+    for pose, demand, _, allocation in answers("leg")[::3]:
+        _, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
+        up = np.repeat(demand.lifted, 4)
+        assert np.abs(torque[up]).max() <= 5.0 + 1e-5
+        assert not allocation.forces_l[~demand.lifted[ROTOR_LEG]].any()
+        assert not allocation.thrust[~demand.lifted[ROTOR_LEG]].any()
+
+
+def test_a_robot_at_rest_is_given_no_thrust():
+    for _, _, _, allocation in answers("rest")[::10]:
+        assert not allocation.forces_l.any()
+        assert allocation.status == AllocationStatus.CLOSED_FORM
+
+
+def test_what_no_floor_can_give_is_softened_within_the_sphere_and_the_held_planes():
+    rng, allocator = np.random.default_rng(7), Allocator(MODES[False])
+    for pose in random_stances(7, 15):
+        demand = ground_demand(rng, pose, MODES[False]["stance"])
+        demand = replace(demand, wrench=demand.wrench - np.array([0.0, 0.0, 900.0, 0.0, 0.0, 0.0]))
+        assert exact(assemble(MODES[False]["stance"], demand)) is None
+        allocation = allocator.allocate(demand, "stance", np.zeros((8, 3)))
+        assert allocation.status == AllocationStatus.SOFTENED
+        assert allocation.slack > 0.1
+        assert allocation.thrust.max() <= ROBOT.max_thrust + 1e-9
+        off = np.cos(demand.phi) * allocation.forces_l[:, 1] + np.sin(demand.phi) * allocation.forces_l[:, 2]
+        np.testing.assert_allclose(off[demand.locked], 0.0, atol=1e-4)
+        np.testing.assert_allclose(
+            allocation.unallocated_wrench,
+            demand.wrench
+            - demand.thrust_map
+            @ np.concatenate([allocation.forces_l.reshape(-1), allocation.foot_forces_f.reshape(-1)]),
+            atol=1e-9,
+        )
+
+
+class Ride:
+    """A crawl of the nominal robot: states before, commands, ticks, what the floor felt after."""
+
+    def __init__(self, commands, config=None):
+        self.crawler, plant = Crawler(config), Plant()
+        state = plant.reset(ON_THE_FLOOR, joint_position=lying_pose(self.crawler.config.gait))
+        self.crawler.reset(state, commands)
+        self.states, self.commands, self.ticks, self.touches, self.contacts, self.heights = [state], [], [], [], [], []
+        while len(self.ticks) < 1000 and (not self.ticks or not self.over):
+            self.commands.append(self.crawler.step(state))
+            state = plant.step(self.commands[-1])
+            self.states.append(state)
+            self.ticks.append(self.crawler.tick)
+            self.touches.append(plant.touch())
+            self.contacts.append(plant.contact_forces())
+            sites = [*(f"foot{leg}" for leg in range(1, 5)), *(f"peg{i}" for i in (1, 3, 5, 7))]
+            radii = np.repeat([ROBOT.foot_radius, 0.0], 4)
+            self.heights.append([plant.data.site(name).xpos[2] for name in sites] - radii)
+
+    @property
+    def over(self):
+        return self.crawler.gait.done and self.crawler.memory.gap == 0.0
+
+    def during(self, phase):
+        """Ticks of a phase."""
+        return [k for k, tick in enumerate(self.ticks) if tick.phase == phase]
+
+
+@cache
+def ride(*commands, **config):
+    return Ride(commands, CrawlerConfig(**config))
+
+
+STEP, STAND, ALL = Move(Planar(0.1)), Stand(), Lift((0, 1, 2, 3))
+JOURNEYS = pytest.mark.parametrize("command", [STEP, STAND, ALL, Lift((0,))], ids=["move", "stand", "lift", "lift one"])
+
+
+def test_one_cycle_moves_the_torso_where_it_was_sent():
+    states = ride(STEP).states
+    np.testing.assert_allclose(states[-1].position_w - states[0].position_w, [0.1, 0.0, 0.0], atol=0.005)
+    assert abs(states[-1].quat_wb[0]) > 1.0 - 1e-4
+
+
+@JOURNEYS
+def test_thrust_comes_and_goes_without_a_jolt_and_is_off_at_the_end(command):
+    crawl = ride(command)
+    assert crawl.over
+    thrust = np.array([np.zeros(8), *(command.thrust for command in crawl.commands)])
+    assert np.abs(np.diff(thrust.sum(axis=1))).max() <= 5.0
+    assert thrust.max() <= ROBOT.max_thrust
+    assert thrust.sum(axis=1).max() > 15.0
+    assert not thrust[-1].any()
+    forces = np.array([np.zeros((8, 3)), *(tick.forces_l for tick in crawl.ticks)])
+    np.testing.assert_allclose(np.linalg.norm(forces, axis=2), thrust, atol=1e-9)
+    assert np.linalg.norm(np.diff(forces, axis=0), axis=2).max() <= 1.0
+
+
+@JOURNEYS
+def test_every_tick_of_a_crawl_is_answered_with_an_optimum(command):
+    assert {tick.allocation.status for tick in ride(command).ticks} <= set(OPTIMAL)
+
+
+def test_without_blending_forces_would_jump_when_the_mode_changes():
+    forces = np.array([tick.forces_l for tick in ride(STAND, blend_time=0.0).ticks])
+    assert np.linalg.norm(np.diff(forces, axis=0), axis=2).max() > 5.0
+
+
+@pytest.mark.parametrize("leg", range(4))
+def test_lifting_a_leg_raises_its_foot_alone_by_its_own_rotors_within_the_joint_torque(leg):
+    crawl = ride(Lift((leg,)))
+    others = np.arange(4) != leg
+    assert np.array(crawl.heights)[crawl.during("hold"), leg].min() > 0.1
+    assert not any(crawl.touches[k].feet[leg] for k in crawl.during("hold"))
+    assert crawl.touches[-1].feet.all()
+    for command, tick, touch, heights in zip(crawl.commands, crawl.ticks, crawl.touches, crawl.heights, strict=True):
+        assert touch.feet[others].all()
+        assert not touch.ducts
+        assert np.abs(heights[4:]).max() < 1e-4, "pegs"
+        assert not command.thrust[others[ROTOR_LEG]].any()
+        if tick.mode == "leg":
+            assert np.abs(tick.allocation.joint_torques[4 * leg : 4 * leg + 4]).max() <= 5.0 + 1e-4
+    assert np.abs([s.joint_torque for s in crawl.states]).max() < ROBOT.max_joint_torque
+
+
+@pytest.mark.parametrize("command", [STAND, ALL, Lift((0,))], ids=["stand", "lift", "lift one"])
+def test_floor_carries_what_the_commanded_forces_leave_of_the_weight(command):
+    crawl = ride(command)
+    last = crawl.during("hold")[-1]
+    tick, force_w = crawl.ticks[last], np.array([0.0, 0.0, -ROBOT.weight])
+    engine().move(crawl.states[last].joint_position, tick.R_wb, crawl.states[last].vectoring)
+    for link, force in zip(engine().rotors()[1], tick.forces_l, strict=True):
+        force_w += engine().attitude(link) @ force
+    np.testing.assert_allclose(crawl.contacts[last][:, 3:].sum(axis=0), -force_w, atol=0.1)
+    assert crawl.commands[last].thrust.sum() > 15.0
+
+
+@pytest.mark.parametrize("command", [ALL, Lift((1,))], ids=["all", "one"])
+def test_servos_of_a_leg_held_in_the_air_bear_what_was_allocated_to_them(command):
+    crawl = ride(command)
+    last = crawl.during("hold")[-1]
+    up = np.repeat(crawl.ticks[last].demand.lifted, 4)
+    allocated = crawl.ticks[last].allocation.joint_torques
+    np.testing.assert_allclose(crawl.states[last + 1].joint_torque[up], allocated[up], atol=0.05)
+    assert np.abs(allocated[up]).max() > 4.9
+
+
+def test_feet_of_a_standing_robot_press_as_they_were_allocated():
+    crawl = ride(STAND)
+    last = crawl.during("hold")[-1]
+    points, forces = crawl.contacts[last][:, :3], crawl.contacts[last][:, 3:]
+    assert len(points) == 4
+    turn = np.arctan2(*(points - crawl.states[last].position_w)[:, 1::-1].T) % (2.0 * np.pi)
+    by_leg = forces[np.argsort(turn)]
+    allocated = crawl.ticks[last].allocation.foot_forces_f
+    np.testing.assert_allclose(by_leg[:, 2], allocated[:, 2], atol=0.2)
+    assert crawl.touches[last].feet.all()
+    assert not crawl.touches[last].pegs.any()
+
+
+def test_setpoints_lead_the_plan_by_the_torque_fed_forward_or_not_at_all():
+    lying = ride(STAND).states[0]
+    for share in (0.0, 0.5, 1.0):
+        crawler = Crawler(CrawlerConfig(feed_forward=share, blend_time=0.0))
+        crawler.reset(lying, [STAND])
+        for state in ride(STAND).states[:60]:
+            command = crawler.step(state)
+            lead = ROBOT.joint_kp * (command.joint_position - crawler.gait.memory.plan)
+            np.testing.assert_allclose(lead, share * crawler.tick.allocation.joint_torques, atol=1e-9)
+    assert np.abs(crawler.tick.allocation.joint_torques).max() > 4.9
+
+
+def follow(crawl, residuals=None, config=None, first=0, crawler=None):
+    """Commands of a crawler that sees the states of another's crawl."""
+    if crawler is None:
+        crawler = Crawler(config)
+        crawler.reset(crawl.states[0], [STEP])
+    states = crawl.states[first : len(crawl.ticks)]
+    residuals = [NO_RESIDUAL] * len(states) if residuals is None else residuals
+    return crawler, [crawler.step(state, residual) for state, residual in zip(states, residuals, strict=True)]
+
+
+def same(a: Command, b: Command) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+
+
+def test_a_crawl_depends_on_the_states_alone_bit_for_bit():
+    crawl = ride(STEP)
+    crawler, commands = follow(crawl)
+    assert all(map(same, commands, crawl.commands))
+    crawler.reset(crawl.states[0], [STEP])
+    assert all(map(same, follow(crawl, crawler=crawler)[1], crawl.commands))
+
+
+@pytest.mark.parametrize("tick", [90, 230])
+def test_both_memories_are_all_that_a_crawler_remembers(tick):
+    crawl, crawler = ride(STEP), Crawler()
+    crawler.reset(crawl.states[0], [STEP])
+    for state in crawl.states[:tick]:
+        crawler.step(state)
+    other = Crawler()
+    other.memory, other.gait.memory = copy.deepcopy((crawler.memory, crawler.gait.memory))
+    assert all(map(same, follow(crawl, first=tick, crawler=other)[1], crawl.commands[tick:]))
+
+
+def test_a_residual_of_zeros_or_one_that_is_not_finite_changes_no_bit():
+    crawl = ride(STEP)
+    nothing = Residual(np.zeros(6), np.zeros(16), 1.0, np.zeros((8, 3)), np.zeros((4, 3)))
+    lost = [Residual(leg_forces_b=np.full((4, 3), np.nan)), Residual(forces_l=np.full((8, 3), np.inf))]
+    lost += [Residual(wrench=np.full(6, np.nan)), Residual(stride_scale=np.nan), Residual(lift_scale=np.inf)]
+    for residuals in ([nothing], lost):
+        n = len(crawl.ticks)
+        _, commands = follow(crawl, [residuals[k % len(residuals)] for k in range(n)])
+        assert all(map(same, commands, crawl.commands))
+
+
+def test_a_residual_joint_offset_is_added_to_the_setpoints_within_the_joints_range():
+    crawl, rng = ride(STEP), np.random.default_rng(8)
+    offsets = rng.uniform(-0.5, 0.5, (len(crawl.ticks), 16))
+    _, commands = follow(crawl, [Residual(joint_offset=offset) for offset in offsets])
+    for command, plain, offset in zip(commands, crawl.commands, offsets, strict=True):
+        moved = np.clip(plain.joint_position + offset, -np.pi / 2, np.pi / 2)
+        np.testing.assert_allclose(command.joint_position, moved, atol=1e-12)
+        np.testing.assert_array_equal(command.thrust, plain.thrust)
+    assert np.abs([command.joint_position for command in commands]).max() == np.pi / 2
+
+
+@pytest.mark.parametrize(("by", "size"), [("forces_l", 60.0), ("leg_forces_b", 3.0)])
+def test_residual_forces_stay_within_the_sphere_and_the_joint_torque_of_the_servos(by, size):
+    crawl, rng, shape = ride(STEP), np.random.default_rng(9), {"forces_l": (8, 3), "leg_forces_b": (4, 3)}
+    crawler, changed, short = Crawler(), 0.0, 0
+    crawler.reset(crawl.states[0], [STEP])
+    for k, (state, plain) in enumerate(zip(crawl.states[:-1], crawl.commands, strict=True)):
+        command = crawler.step(state, Residual(**{by: rng.uniform(-size, size, shape[by])}))
+        tick, allocation = crawler.tick, crawler.tick.allocation
+        assert max(command.thrust.max(), allocation.thrust.max()) <= ROBOT.max_thrust + 1e-9
+        changed = max(changed, np.abs(command.thrust - plain.thrust).max())
+        assert allocation.status in OPTIMAL
+        if k % 4:
+            continue
+        pose = state.joint_position, tick.R_wb, crawler.gait.memory.floor_R, state.vectoring
+        _, torque = by_mujoco(pose, tick.demand, allocation.forces_l, allocation.foot_forces_f)
+        up = np.repeat(tick.demand.lifted, 4)
+        assert not up.any() or np.abs(torque[up]).max() <= ROBOT.max_joint_torque + 1e-3
+        short += bool(up.any() and np.abs(torque[up]).max() > 5.1)
+    assert changed > 0.5
+    assert short > 0, "the policy may use what the allocation keeps in reserve"
+
+
+def test_residual_forces_do_not_start_the_rotors_of_legs_that_stand():
+    crawl, crawler = ride(Lift((0,))), Crawler()
+    crawler.reset(crawl.states[0], [Lift((0,))])
+    for state in crawl.states[: crawl.during("hold")[0]]:
+        command = crawler.step(state, Residual(leg_forces_b=np.full((4, 3), 5.0)))
+        assert crawler.tick.mode == "leg"
+        assert not command.thrust[2:].any()
+    assert command.thrust[:2].min() > 0.0
+
+
+def test_valid_residual_forces_by_leg_are_shared_by_its_two_rotors():
+    crawl, found = ride(STAND), 0
+    crawler = Crawler(CrawlerConfig(blend_time=0.0))
+    crawler.reset(crawl.states[0], [STAND])
+    wish = np.random.default_rng(10).uniform(-0.2, 0.2, (4, 3))
+    for state in crawl.states[:100]:
+        saved = copy.deepcopy((crawler.memory, crawler.gait.memory))
+        plain = crawler.step(state)
+        before = crawler.tick
+        crawler.memory, crawler.gait.memory = saved
+        crawler.step(state, Residual(leg_forces_b=wish))
+        if before.demand.locked.any() or np.abs(plain.thrust).max() > 40.0:
+            continue
+        found += 1
+        engine().move(state.joint_position, before.R_wb, state.vectoring)
+        more = crawler.tick.forces_l - before.forces_l
+        for i, link in enumerate(engine().links):
+            given_b = before.R_wb.T @ engine().attitude(link.id) @ more[i]
+            np.testing.assert_allclose(given_b, 0.5 * wish[i // 2], atol=1e-6)
+    assert found > 50
+
+
+NUMBERS = (
+    "position_w", "quat_wb", "velocity_w", "omega_b", "joint_position", "joint_velocity", "vectoring",
+)  # fmt: skip
+
+
+def test_a_state_that_is_not_finite_is_answered_with_the_last_command_and_forgotten():
+    crawl, crawler = ride(STEP), Crawler()
+    crawler.reset(crawl.states[0], [STEP])
+    for k, state in enumerate(crawl.states[:-1]):
+        for name in NUMBERS if k % 40 == 30 else ():
+            for value in (np.nan, np.inf, -np.inf):
+                bad = getattr(state, name).copy()
+                bad.flat[1] = value
+                held = crawler.step(replace(state, **{name: bad}))
+                assert crawler.tick.allocation.status == AllocationStatus.HELD
+                np.testing.assert_allclose(held.thrust, crawl.commands[k - 1].thrust, rtol=1e-12)
+                for part in ("vectoring", "joint_position", "joint_torque_limit"):
+                    np.testing.assert_array_equal(getattr(held, part), getattr(crawl.commands[k - 1], part))
+        assert same(crawler.step(state), crawl.commands[k])
+        assert crawler.tick.allocation.status in OPTIMAL
+
+
+def test_a_lost_pose_on_the_first_tick_is_answered_with_a_robot_that_lies_still():
+    lying = resting(lying_pose(GaitConfig()))
+    crawler = Crawler()
+    crawler.reset(lying, [STEP])
+    command = crawler.step(replace(lying, quat_wb=np.zeros(4)))
+    assert not command.thrust.any()
+    np.testing.assert_array_equal(command.joint_position, lying.joint_position)
+    np.testing.assert_array_equal(command.vectoring, lying.vectoring)
+
+
+def test_a_crawler_with_nothing_to_do_lies_still_with_its_rotors_off():
+    crawler, state = Crawler(), resting(lying_pose(GaitConfig()))
+    crawler.reset(state)
+    for _ in range(20):
+        command = crawler.step(state)
+        assert not command.thrust.any()
+        np.testing.assert_allclose(command.joint_position, state.joint_position, atol=1e-12)
+        np.testing.assert_array_equal(command.joint_torque_limit, ROBOT.max_joint_torque)
+    assert crawler.gait.done
+
+
+@pytest.mark.parametrize(
+    ("gain", "disturbed"), [("leg_stiffness", "joint_position"), ("leg_damping", "joint_velocity")]
+)
+def test_thrust_of_a_lifted_leg_pushes_against_its_error_or_its_rate(gain, disturbed):
+    crawl, rng, crawler = ride(ALL), np.random.default_rng(11), Crawler()
+    crawler.reset(crawl.states[0], [ALL])
+    last = crawl.during("hold")[-1]
+    for state in crawl.states[:last]:
+        crawler.step(state)
+    crawlers = Crawler(), Crawler(CrawlerConfig(**{gain: 20.0}))
+    for _ in range(10):
+        error, state, torques = rng.uniform(-0.05, 0.05, 16), crawl.states[last], []
+        for other in crawlers:
+            other.memory, other.gait.memory = copy.deepcopy((crawler.memory, crawler.gait.memory))
+            other.step(replace(state, **{disturbed: getattr(state, disturbed) + error}))
+            torques.append(other.tick.demand.torque_map @ other.tick.allocation.forces_l.reshape(-1))
+        assert error @ (torques[1] - torques[0]) < 0.0
+
+
+@pytest.mark.parametrize("name", ["joint_speed", "rate_hz", "torque_limit", "foot_friction", "peg_friction"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_a_crawler_without_a_positive_limit_is_refused(name, value):
+    with pytest.raises(InvalidValueError, match=f"{name}.*expected"):
+        CrawlerConfig(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["blend_time", "min_normal", "torque_weight", "feed_forward", "leg_stiffness"])
+def test_a_crawler_with_a_negative_gain_or_time_is_refused_but_zero_is_a_choice(name):
+    with pytest.raises(InvalidValueError, match=f"{name}.*expected"):
+        CrawlerConfig(**{name: -0.1})
+    assert getattr(CrawlerConfig(**{name: 0.0}), name) == 0.0

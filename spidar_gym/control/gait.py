@@ -256,7 +256,7 @@ class Gait:
         return Planar(x, y, math.remainder(target.yaw - here.yaw, 2.0 * math.pi))
 
     def _footsteps(self, step: Step, residual: Residual) -> None:
-        """Where the lifted legs go [Zhao2025, Sec. Crawling Gait, Step 1]."""
+        """Where the lifted legs go [Zhao2025, Sec. Crawling Gait]."""
         memory, config = self.memory, self.config
         way = self._way(step.target).arc(max(0.0, residual.stride_scale))
         legs = list(step.legs)
@@ -278,7 +278,7 @@ class Gait:
             memory.landing[rows] = landing[rows]
 
     def _stance(self, step: Step, residual: Residual) -> None:
-        """Where the feet stand and where the torso goes [Zhao2025, Sec. Crawling Gait, Step 2]."""
+        """Where the feet stand and where the torso goes [Zhao2025, Sec. Crawling Gait]."""
         memory, config = self.memory, self.config
         memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
         memory.feet_f = feet_at(memory.joints)
