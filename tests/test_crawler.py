@@ -198,11 +198,11 @@ def ground_demand(rng, pose, mode):
 
 
 @cache
-def answers(name, powered=False):
+def answers(name, powered):
     """Poses, what is asked there, the exact optimum [N] or None, and the allocator's answer."""
     rng, mode, allocator = np.random.default_rng(5), MODES[powered][name], Allocator(MODES[powered])
     found = []
-    for pose in random_stances(6, 80 if powered else 200):
+    for pose in random_stances(6, 40 if powered else 120):
         demand = ground_demand(rng, pose, mode)
         # The exact solver wants independent equalities: a rotor that gives nothing needs no plane.
         optimum = exact(assemble(mode, replace(demand, locked=demand.locked & ~demand.lost)))
@@ -238,7 +238,7 @@ def by_mujoco(pose, demand, forces_l, foot_forces_f):
 
 def test_robot_on_its_feet_is_in_equilibrium_and_no_joint_bears_more_than_its_limit():
     pressed = 0
-    for pose, demand, _, allocation in answers("stance")[::3]:
+    for pose, demand, _, allocation in answers("stance", False)[::2]:
         wrench, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
         np.testing.assert_allclose(wrench, 0.0, atol=1e-5)
         np.testing.assert_allclose(allocation.joint_torques, torque, atol=1e-6)
@@ -247,12 +247,12 @@ def test_robot_on_its_feet_is_in_equilibrium_and_no_joint_bears_more_than_its_li
         feet = allocation.foot_forces_f
         assert feet[:, 2].min() >= 0.5 - 1e-4
         assert (np.abs(feet[:, :2]) <= 0.6 * feet[:, 2:] + 1e-4).all()
-    assert pressed > 30, "the limit matters"
+    assert pressed > 20, "the limit matters"
 
 
 def test_robot_on_its_pegs_asks_of_them_a_wrench_within_bounds_and_no_joint_bears_more_than_its_limit():
     pressed = 0
-    for pose, demand, _, allocation in answers("legs")[::3]:
+    for pose, demand, _, allocation in answers("legs", False)[::2]:
         wrench, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
         assert np.abs(torque).max() <= 5.0 + 1e-5
         pressed += np.abs(torque).max() > 5.0 - 1e-5
@@ -261,11 +261,11 @@ def test_robot_on_its_pegs_asks_of_them_a_wrench_within_bounds_and_no_joint_bear
         sideways = 0.3 * 10.0 / (2.0 * np.sqrt(2.0))
         assert pegs[2] >= 10.0 - 1e-4
         assert np.abs(pegs[:2]).max() <= sideways + 1e-4
-    assert pressed > 30, "the limit matters"
+    assert pressed > 20, "the limit matters"
 
 
 def test_only_the_rotors_of_lifted_legs_lift_and_their_joints_bear_no_more_than_the_limit():
-    for pose, demand, _, allocation in answers("leg")[::3]:
+    for pose, demand, _, allocation in answers("leg", False)[::2]:
         _, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
         up = np.repeat(demand.lifted, 4)
         assert np.abs(torque[up]).max() <= 5.0 + 1e-5
@@ -274,7 +274,7 @@ def test_only_the_rotors_of_lifted_legs_lift_and_their_joints_bear_no_more_than_
 
 
 def test_a_robot_at_rest_is_given_no_thrust():
-    for _, _, _, allocation in answers("rest")[::10]:
+    for _, _, _, allocation in answers("rest", False)[::10]:
         assert not allocation.forces_l.any()
         assert allocation.status == AllocationStatus.CLOSED_FORM
 
@@ -363,13 +363,13 @@ def test_every_tick_of_a_crawl_is_answered_with_an_optimum(command):
 
 
 def test_without_blending_forces_would_jump_when_the_mode_changes():
-    forces = np.array([tick.forces_l for tick in ride(STAND, blend_time=0.0).ticks])
+    forces = np.array([tick.forces_l for tick in ride(Stand(0.05, seconds=0.0), blend_time=0.0).ticks])
     assert np.linalg.norm(np.diff(forces, axis=0), axis=2).max() > 5.0
 
 
 @pytest.mark.parametrize("leg", range(4))
 def test_lifting_a_leg_raises_its_foot_alone_by_its_own_rotors_within_the_joint_torque(leg):
-    crawl = ride(Lift((leg,)))
+    crawl = ride(Lift((leg,), seconds=0.2))
     others = np.arange(4) != leg
     assert np.array(crawl.heights)[crawl.during("hold"), leg].min() > 0.1
     assert not any(crawl.touches[k].feet[leg] for k in crawl.during("hold"))
@@ -396,7 +396,7 @@ def test_floor_carries_what_the_commanded_forces_leave_of_the_weight(command):
     assert crawl.commands[last].thrust.sum() > 15.0
 
 
-@pytest.mark.parametrize("command", [ALL, Lift((1,))], ids=["all", "one"])
+@pytest.mark.parametrize("command", [ALL, Lift((0,))], ids=["all", "one"])
 def test_servos_of_a_leg_held_in_the_air_bear_what_was_allocated_to_them(command):
     crawl = ride(command)
     last = crawl.during("hold")[-1]
@@ -424,21 +424,21 @@ def test_setpoints_lead_the_plan_by_the_torque_fed_forward_or_not_at_all():
     for share in (0.0, 0.5, 1.0):
         crawler = Crawler(CrawlerConfig(feed_forward=share, blend_time=0.0))
         crawler.reset(lying, [STAND])
-        for state in ride(STAND).states[:60]:
+        for state in ride(STAND).states[:50]:
             command = crawler.step(state)
             lead = ROBOT.joint_kp * (command.joint_position - crawler.gait.memory.plan)
             np.testing.assert_allclose(lead, share * crawler.tick.allocation.joint_torques, atol=1e-9)
     assert np.abs(crawler.tick.allocation.joint_torques).max() > 4.9
 
 
-def follow(crawl, residuals=None, config=None, first=0, crawler=None):
-    """Commands of a crawler that sees the states of another's crawl."""
+def follow(crawl, residuals=None, crawler=None):
+    """Commands of a crawler, a fresh one unless given, that sees the states of another's crawl."""
     if crawler is None:
-        crawler = Crawler(config)
+        crawler = Crawler()
         crawler.reset(crawl.states[0], [STEP])
-    states = crawl.states[first : len(crawl.ticks)]
+    states = crawl.states[: len(crawl.ticks)]
     residuals = [NO_RESIDUAL] * len(states) if residuals is None else residuals
-    return crawler, [crawler.step(state, residual) for state, residual in zip(states, residuals, strict=True)]
+    return [crawler.step(state, residual) for state, residual in zip(states, residuals, strict=True)]
 
 
 def same(a: Command, b: Command) -> bool:
@@ -447,13 +447,15 @@ def same(a: Command, b: Command) -> bool:
 
 def test_a_crawl_depends_on_the_states_alone_bit_for_bit():
     crawl = ride(STEP)
-    crawler, commands = follow(crawl)
-    assert all(map(same, commands, crawl.commands))
+    crawler = Crawler()
+    crawler.reset(crawl.states[0], [STAND])
+    for state in crawl.states[:40]:
+        crawler.step(state)
     crawler.reset(crawl.states[0], [STEP])
-    assert all(map(same, follow(crawl, crawler=crawler)[1], crawl.commands))
+    assert all(map(same, follow(crawl, crawler=crawler), crawl.commands))
 
 
-@pytest.mark.parametrize("tick", [90, 230])
+@pytest.mark.parametrize("tick", [60, 240])
 def test_both_memories_are_all_that_a_crawler_remembers(tick):
     crawl, crawler = ride(STEP), Crawler()
     crawler.reset(crawl.states[0], [STEP])
@@ -461,7 +463,8 @@ def test_both_memories_are_all_that_a_crawler_remembers(tick):
         crawler.step(state)
     other = Crawler()
     other.memory, other.gait.memory = copy.deepcopy((crawler.memory, crawler.gait.memory))
-    assert all(map(same, follow(crawl, first=tick, crawler=other)[1], crawl.commands[tick:]))
+    for state, command in zip(crawl.states[tick : tick + 50], crawl.commands[tick : tick + 50], strict=True):
+        assert same(other.step(state), command)
 
 
 def test_a_residual_of_zeros_or_one_that_is_not_finite_changes_no_bit():
@@ -469,16 +472,15 @@ def test_a_residual_of_zeros_or_one_that_is_not_finite_changes_no_bit():
     nothing = Residual(np.zeros(6), np.zeros(16), 1.0, np.zeros((8, 3)), np.zeros((4, 3)))
     lost = [Residual(leg_forces_b=np.full((4, 3), np.nan)), Residual(forces_l=np.full((8, 3), np.inf))]
     lost += [Residual(wrench=np.full(6, np.nan)), Residual(stride_scale=np.nan), Residual(lift_scale=np.inf)]
-    for residuals in ([nothing], lost):
-        n = len(crawl.ticks)
-        _, commands = follow(crawl, [residuals[k % len(residuals)] for k in range(n)])
-        assert all(map(same, commands, crawl.commands))
+    kinds = [nothing, *lost]
+    commands = follow(crawl, [kinds[k % len(kinds)] for k in range(len(crawl.ticks))])
+    assert all(map(same, commands, crawl.commands))
 
 
 def test_a_residual_joint_offset_is_added_to_the_setpoints_within_the_joints_range():
     crawl, rng = ride(STEP), np.random.default_rng(8)
     offsets = rng.uniform(-0.5, 0.5, (len(crawl.ticks), 16))
-    _, commands = follow(crawl, [Residual(joint_offset=offset) for offset in offsets])
+    commands = follow(crawl, [Residual(joint_offset=offset) for offset in offsets])
     for command, plain, offset in zip(commands, crawl.commands, offsets, strict=True):
         moved = np.clip(plain.joint_position + offset, -np.pi / 2, np.pi / 2)
         np.testing.assert_allclose(command.joint_position, moved, atol=1e-12)
@@ -491,7 +493,7 @@ def test_residual_forces_stay_within_the_sphere_and_the_joint_torque_of_the_serv
     crawl, rng, shape = ride(STEP), np.random.default_rng(9), {"forces_l": (8, 3), "leg_forces_b": (4, 3)}
     crawler, changed, short = Crawler(), 0.0, 0
     crawler.reset(crawl.states[0], [STEP])
-    for k, (state, plain) in enumerate(zip(crawl.states[:-1], crawl.commands, strict=True)):
+    for k, (state, plain) in enumerate(zip(crawl.states[:180], crawl.commands, strict=False)):
         command = crawler.step(state, Residual(**{by: rng.uniform(-size, size, shape[by])}))
         tick, allocation = crawler.tick, crawler.tick.allocation
         assert max(command.thrust.max(), allocation.thrust.max()) <= ROBOT.max_thrust + 1e-9
