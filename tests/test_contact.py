@@ -82,10 +82,9 @@ def corners_of_the_box(friction, force=1.0, tilt=1.0, twist=1.0):
         yield np.array([lateral[0], lateral[1], (1.0 + 1e-9) * N_MIN, *lateral[2:]])
 
 
-@pytest.mark.parametrize("friction", [0.1, 0.3, 0.6])
-@pytest.mark.parametrize("without", ["force", "tilt", "twist"])
-def test_pegs_can_give_any_two_of_force_tilt_and_twist_at_the_bounds_at_once(friction, without):
-    for wrench in corners_of_the_box(friction, **{without: 0.0}):
+@pytest.mark.parametrize("friction", [0.1, 0.2, 0.3, 0.6])
+def test_pegs_can_give_every_wrench_in_the_box(friction):
+    for wrench in corners_of_the_box(friction):
         assert pegs_can_give(wrench, friction), wrench
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from spidar_gym.control.allocator import AllocatorConfig
 from spidar_gym.control.crawl_observation import crawl_layout
-from spidar_gym.control.crawler import Crawler
+from spidar_gym.control.crawler import Crawler, CrawlerConfig
 from spidar_gym.control.footsteps import GaitConfig, Move, lying_pose
 from spidar_gym.control.leg import feet_at, leg_angles
 from spidar_gym.control.phases import PHASES
@@ -299,6 +299,11 @@ def test_gait_residuals_shape_the_gait():
 def test_an_argument_that_is_not_valid_is_refused_with_what_would_be(options, kind, valid):
     with pytest.raises(kind, match=valid):
         gymnasium.make(CRAWL, **options)
+
+
+def test_a_planned_friction_of_the_pegs_that_would_tip_the_torso_is_refused():
+    with pytest.raises(InvalidValueError, match=r"peg_friction = 1.2 .*below 1.17"):
+        CrawlerConfig(peg_friction=1.2)
 
 
 def test_a_goal_in_an_obstacle_is_refused_and_a_drawn_one_is_drawn_again():

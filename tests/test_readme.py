@@ -44,9 +44,11 @@ def test_the_flight_tables_are_what_the_flights_give(noise):
 @pytest.mark.slow
 def test_the_crawl_table_is_what_the_crawl_gives():
     log, fast = crawl_paper("published", noise=True), crawl_paper("overlapped", noise=True)
+    # The width of the columns follows the times, which differ from machine to machine.
+    readme = {" ".join(line.split()) for line in README.splitlines()}
     for line in crawl_table(crawl_figures(log, fast)).splitlines():
-        if not line.startswith("QP time"):
-            assert line in README
+        if not line.startswith(("QP time", "─")):
+            assert " ".join(line.split()) in readme
 
 
 def test_the_margins_are_those_of_the_preset():

@@ -49,14 +49,13 @@ def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, W
 
     The pegs stand at (± a, ± a, −d). Let their normal forces add up to N ≥ N_min.
 
-    - Friction holds force and twist at once: a peg that carries the share n of N holds μ n, of which half may go into a
-      force along the floor and half into a twist. So ‖f_xy‖ ≤ ½ μ N, as a box f̄_xy = μ N_min / (2 √2), and the lever of
-      all pegs being a √2, τ̄_z = ½ μ N_min a √2.
+    - Friction holds force and twist at once. Half of what a peg that carries the share n of N holds, μ n, may go into a
+      force along the floor: ‖f_xy‖ ≤ ½ μ N, as a box f̄_xy = μ N_min / (2 √2). The lever of all pegs is a √2, but
+      where the centre of pressure is off the middle, the friction of a twist no longer adds up to zero: with a
+      quarter for it, τ̄_z = ¼ μ N_min a √2, what is left over stays within the other quarter (for μ ≥ 0.1).
     - The centre of pressure may be anywhere in the square: about its centre on the floor |τ_x|, |τ_y| ≤ a N. Only half
       is used, so that no peg comes near to lifting off. About the torso's origin, d higher, the friction force adds
       up to d f̄_xy: τ̄_xy = ½ a N_min − d f̄_xy.
-    - Any two of force, tilt and twist reach their bounds at once; all three need more friction than μ, since a tilt
-      takes weight off some pegs: plan half of what the pegs have.
     - f_z ≥ N_min, where the paper has 0: a peg that does not press has no friction. Upwards there is no bound.
 
     Args:
@@ -66,9 +65,13 @@ def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, W
     a, d = ROBOT.yaw_axis_xy, ROBOT.peg_depth
     f_xy = friction * min_normal / (2.0 * math.sqrt(2.0))
     tau_xy = 0.5 * a * min_normal - d * f_xy
-    tau_z = 0.5 * friction * min_normal * a * math.sqrt(2.0)
+    tau_z = 0.25 * friction * min_normal * a * math.sqrt(2.0)
     low = np.array([-f_xy, -f_xy, min_normal, -tau_xy, -tau_xy, -tau_z])
     return low, np.array([f_xy, f_xy, math.inf, tau_xy, tau_xy, tau_z])
+
+
+MAX_PEG_FRICTION = math.sqrt(2.0) * ROBOT.yaw_axis_xy / ROBOT.peg_depth
+"""Planned friction of pegs at which a force along the floor would tip the torso and τ̄_xy be 0."""
 
 
 @dataclass(frozen=True)

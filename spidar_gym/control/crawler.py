@@ -9,7 +9,7 @@ import numpy as np
 from spidar_gym.arrays import JointVector, Matrix3, RotorForces, RotorVector, Vectoring
 from spidar_gym.control.allocator import Allocation, AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.blocks import torque_map
-from spidar_gym.control.contact import effort_weights
+from spidar_gym.control.contact import MAX_PEG_FRICTION, effort_weights
 from spidar_gym.control.footsteps import GaitCommand, GaitConfig
 from spidar_gym.control.gait import Gait
 from spidar_gym.control.modes import ground_modes
@@ -73,6 +73,8 @@ class CrawlerConfig:
         for name in ("joint_speed", "rate_hz", "torque_limit", "joint_torque_limit", "foot_friction", "peg_friction"):
             if numbers[name] == 0.0:
                 raise InvalidValueError(name, 0.0, "a number above 0")
+        if self.peg_friction >= MAX_PEG_FRICTION:
+            raise InvalidValueError("peg_friction", self.peg_friction, f"a number below {MAX_PEG_FRICTION:.2f}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +230,10 @@ class Crawler:
             gravity_torque=demand.gravity_torque - demand.torque_map[:, N_FORCES:] @ feet,
         )
         more = self.allocator.project(fixed, allocation.forces_l + wish, self.memory.forces_l)
-        return replace(more, foot_forces_f=allocation.foot_forces_f)
+        if allocation.status in (AllocationStatus.SOFTENED, AllocationStatus.HELD):
+            more = replace(more, status=allocation.status, slack=allocation.slack)
+        wrench = more.wrench + demand.wrench - fixed.wrench
+        return replace(more, foot_forces_f=allocation.foot_forces_f, wrench=wrench)
 
     def _hold(self) -> Command:
         """The last command once more, its status `held`."""
