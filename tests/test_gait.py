@@ -276,6 +276,31 @@ def test_commands_are_carried_out_one_after_the_other_also_if_they_come_later():
     assert np.all(world.missed(Planar(0.1, 0.0, 0.3), Planar(-0.05, 0.1)) < 1e-3)
 
 
+def test_a_command_that_comes_while_the_robot_is_under_way_waits_for_its_turn():
+    world = World()
+    world.gait.command([Move(Planar(0.1))])
+    for _ in range(200):
+        world.tick()
+    assert world.gait.memory.phase != "done"
+    world.run(Move(Planar(0.0, 0.1)))
+    assert world.phases == [*CYCLE, *CYCLE, "done"]
+    assert np.all(world.missed(Planar(0.1), Planar(0.0, 0.1)) < 1e-3)
+
+
+def test_thrust_has_longer_to_come_from_rest_than_from_another_mode_and_time_to_fade():
+    config = replace(EXACT, start_time=0.8, spool_time=0.3, settle_time=0.6)
+    moves, stand = World(config).run(Move(Planar(0.1), cycles=2)), World(config).run(Stand(seconds=0.1))
+    for world, phase, seconds in (
+        (moves, "spool", 2 * 0.8),
+        (moves, "brace", 2 * 0.3),
+        (moves, "settle", 2 * 0.6),
+        (stand, "brace", 0.8),
+    ):
+        assert len(world.during(phase)) * DT == pytest.approx(seconds, abs=2 * DT)
+    restless = World(replace(config, settle_time=0.0)).run(Move(Planar(0.1), cycles=2))
+    assert len(restless.during("spool")) * DT == pytest.approx(0.8 + 0.3, abs=2 * DT)
+
+
 def test_allocation_modes_and_lifted_legs_follow_the_phases():
     world = World().run(Move(Planar(0.05)), Lift((1,), seconds=0.1), Stand(seconds=0.1))
     phases, modes = [row[0] for row in world.rows], [row[5] for row in world.rows]
@@ -460,6 +485,8 @@ def test_a_command_says_in_how_many_steps_it_is_carried_out():
 def test_residuals_scale_stride_height_raise_and_speed():
     half = World().run(FORWARD, residual=Residual(stride_scale=0.5))
     np.testing.assert_allclose((half.planar.x, half.planar.y), (0.1, 0.0), rtol=0, atol=1e-3)
+    behind = EXACT.home_b[:, :2] - (0.05, 0.0)
+    np.testing.assert_allclose(feet_of(half.q)[:, :2], behind, rtol=0, atol=1e-3)
     low = World().run(FORWARD, residual=Residual(lift_scale=0.5))
     assert max(row[3] for row in low.rows) == pytest.approx(0.5 * EXACT.lift_height, abs=1e-3)
     slow = World().run(FORWARD, residual=Residual(joint_speed_scale=0.5))

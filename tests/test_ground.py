@@ -290,6 +290,26 @@ def test_a_robot_that_falls_onto_high_ground_meets_it(with_tiles):
     assert lowest > 0.5 * ROBOT.peg_depth + top
 
 
+@pytest.mark.parametrize("floor", [{"slope": 0.3}, {"tiles": 0.2}, {"tiles": 0.2, "slope": -0.2}], ids=str)
+def test_not_looking_for_contacts_far_from_high_ground_changes_nothing(floor):
+    top, states = floor.get("tiles", 0.0), {}
+    for looking in (False, True):
+        plant = plant_on(**floor | {"tiles": np.full((TILES, TILES), top)})
+        R_wf = plant.config.ground.R_wf
+        for height in np.arange(0.16, 0.6, 0.04):
+            moved(plant, R_wf @ (0.5, 0.2, top + height), R_wf, FORMS["form1"])
+            plant.data.qvel[:3] = -11.0 * R_wf[:, 2]
+            if looking:
+                plant._watch_floor = lambda watch: None
+            plant.step(off(FORMS["form1"]))
+            states.setdefault(looking, []).append(np.concatenate([plant.data.qpos, plant.data.qvel]))
+            plant.__dict__.pop("_watch_floor", None)
+    np.testing.assert_array_equal(states[True], states[False])
+    speeds = np.array(states[True])[:, 39:42] @ R_wf[:, 2]
+    assert speeds.max() > -5.0, "some meet the floor"
+    assert speeds.min() < -11.0, "and some do not yet"
+
+
 def test_height_follows_the_tiles_and_is_deep_beside_them():
     heights = np.zeros((TILES, TILES))
     heights[3, 12], heights[0, 0], heights[15, 15] = 0.1, 0.05, 0.2
