@@ -17,6 +17,7 @@ from tqdm import tqdm
 from spidar_gym import crawl_experiment, experiments, studies, viz
 from spidar_gym import tune as tuning
 from spidar_gym.bench import PARTS, bench_table, run_bench
+from spidar_gym.cli_eval import board_app, eval_, scenarios
 from spidar_gym.cli_paper import PresetArg, paper_app
 from spidar_gym.cli_run import run
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
@@ -40,6 +41,9 @@ from spidar_gym.sim.scene import scene
 app = tyro.extras.SubcommandApp()
 app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
 app.command(run)
+app.command(name="eval")(eval_)
+app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
+app.command(scenarios)
 
 
 @app.command

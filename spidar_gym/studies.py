@@ -1,7 +1,7 @@
 """Beyond the paper, measured: error against joint speed, what each compensation brings, and losing a rotor."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import product
 from typing import Any
 
@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 
 import spidar_gym.envs.registry
+from spidar_gym.benchmark.statistics import compare
 from spidar_gym.control.compensation import CompensationConfig
 from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig
 from spidar_gym.control.presets import controller_config
@@ -31,41 +32,6 @@ OFF: dict[str, Any] = {
     "no ramp of the joints": {"joint_ramp": 0.0},
 }
 """Options of `tuned`, each switched off."""
-
-
-def iqm(values: np.ndarray) -> float:
-    """Interquartile mean: the mean of the middle half, quarters of values counted in part."""
-    x = np.sort(np.asarray(values, float))
-    n = len(x)
-    edges = np.clip(np.array([np.arange(n), np.arange(1, n + 1)]) / n, 0.25, 0.75)
-    weights = edges[1] - edges[0]
-    return float(weights @ x / weights.sum())
-
-
-@dataclass(frozen=True)
-class Change:
-    """A controller against another on the same scenarios."""
-
-    before: float
-    """IQM of the other one's errors."""
-    after: float
-    """IQM of its own."""
-    relative: float
-    """IQM of the paired differences over `before`; −0.5 is half the error."""
-    low: float
-    """Lower end of its 95 % bootstrap interval over scenarios."""
-    high: float
-    """Upper end."""
-
-
-def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator, *, draws: int = 2000) -> Change:
-    """Paired comparison of errors on the same scenarios."""
-    before, after = np.asarray(before, float), np.asarray(after, float)
-    base = iqm(before)
-    picks = rng.integers(0, len(before), (draws, len(before)))
-    relative = [iqm(after[pick] - before[pick]) / iqm(before[pick]) for pick in picks]
-    low, high = np.percentile(relative, [2.5, 97.5]).tolist()
-    return Change(base, iqm(after), iqm(after - before) / base, low, high)
 
 
 def controllers(ablation: bool) -> dict[str, ControllerConfig]:

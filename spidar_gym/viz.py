@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.leaderboard import GROUPS, Board
 from spidar_gym.control.controller import CONTROL_RATE, Controller
 from spidar_gym.crawl_experiment import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.errors import MissingDependencyError
@@ -299,3 +300,40 @@ def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (800, 600)
     temporary = path.with_name(f".{path.name}.part.png")
     Image.fromarray(np.vstack(rows)).save(temporary, optimize=True)
     replace_file(path, temporary)
+
+
+def leaderboard_picture(board: Board, path: Path) -> None:
+    """Scores with their intervals, a panel a group of tracks, written as a picture."""
+    plt = _pyplot()
+    groups = {group: [t for t in tracks if t in board.tracks] for group, tracks in GROUPS.items()}
+    groups = {group: tracks for group, tracks in groups.items() if tracks}
+    heights = [len(tracks) for tracks in groups.values()]
+    figure, axes = plt.subplots(
+        len(groups), 1, figsize=(9.0, 1.2 + 0.75 * sum(heights)), squeeze=False, gridspec_kw={"height_ratios": heights}
+    )
+    colors = {name: f"C{k % 10}" for k, name in enumerate(board.names)}
+    for ax, tracks in zip(axes[:, 0], groups.values(), strict=True):
+        for y, track in enumerate(tracks):
+            own = [name for name in board.names if (name, track) in board.cells]
+            for k, name in enumerate(own):
+                score = board.cells[name, track].score
+                place = y + 0.7 * ((k + 0.5) / len(own) - 0.5)
+                ax.plot([score.low, score.high], [place, place], color=colors[name], linewidth=2)
+                ax.plot([score.value], [place], "o", color=colors[name], markersize=5)
+            if y:
+                ax.axhline(y - 0.5, color="0.85", linewidth=0.8)
+        ax.axvline(1.0, color="0.4", linewidth=1, linestyle="--")
+        ax.set_xscale("log")
+        ax.set_yticks(range(len(tracks)), tracks)
+        ax.set_ylim(len(tracks) - 0.5, -0.5)
+        low, high = ax.get_xlim()
+        ticks = [t for t in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= t <= high]
+        ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
+        ax.minorticks_off()
+        ax.grid(axis="x", color="0.92")
+        ax.set_axisbelow(True)
+    axes[-1, 0].set_xlabel("score: mean error of qp over one's own, 95 % interval (log scale)")
+    handles = [plt.Line2D([], [], color=colors[name], marker="o", label=name) for name in board.names]
+    figure.legend(handles=handles, loc="upper center", ncols=4, frameon=False)
+    figure.tight_layout(rect=(0, 0, 1, 1 - 0.7 / figure.get_figheight()))
+    _save(figure, path)

@@ -148,11 +148,16 @@ class Tick:
 class Controller:
     """The paper's controller for one robot; owns the model, the solver's work space and the memory."""
 
-    def __init__(self, config: ControllerConfig | None = None, model: Model | None = None) -> None:
-        """Build the allocation (`UnknownNameError` lists the valid ones)."""
+    def __init__(
+        self,
+        config: ControllerConfig | None = None,
+        model: Model | None = None,
+        allocator: type[Allocator] = Allocator,
+    ) -> None:
+        """Build the allocation (`UnknownNameError` lists the valid ones), solved by a class of one's own if given."""
         self.config = config or ControllerConfig()
         self.model = model or Model()
-        self.allocator = Allocator(find_allocation(self.config.allocation), self.config.allocator)
+        self.allocator = allocator(find_allocation(self.config.allocation), self.config.allocator)
         self.dt = 1.0 / self.config.rate_hz
         self._torque_limit = np.full(N_JOINTS, self.config.joint_torque_limit)
         self.memory: Memory

@@ -115,6 +115,11 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
         self._state: RobotState | None = None
 
     @property
+    def draws(self) -> dict[str, np.ndarray]:
+        """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
+        return self._draws
+
+    @property
     def state(self) -> RobotState:
         """The true state of the robot (`SpidarError` before the first reset)."""
         if self._state is None:

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.allocator import Allocation, AllocatorConfig
-from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig
+from spidar_gym.control.allocator import Allocation, Allocator, AllocatorConfig
+from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig, Percept
 from spidar_gym.control.observation import LegMomentum, Preview, layout, observe
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.actions import direct_command, find_action_mode
 from spidar_gym.envs.env import SpidarEnv, split_options
-from spidar_gym.envs.hover_task import NO_NEXT_FORM, REWARD_TERMS, HoverTask, Progress
+from spidar_gym.envs.hover_task import NO_NEXT_FORM, REWARD_TERMS, FlightStart, HoverTask, Progress
 from spidar_gym.errors import SpidarError, UnknownNameError
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
@@ -36,6 +36,7 @@ class HoverEnv(SpidarEnv):
         action_mode: str = "residual_wrench",
         preset: str = "paper",
         controller: ControllerConfig | None = None,
+        allocator: type[Allocator] = Allocator,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -45,6 +46,7 @@ class HoverEnv(SpidarEnv):
             action_mode: What the action means.
             preset: Which controller: allocation, gains, compensations.
             controller: A controller of one's own in place of a preset; its joint speed is the task's.
+            allocator: An allocator of one's own: a subclass of `Allocator`.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -57,21 +59,26 @@ class HoverEnv(SpidarEnv):
         joint_speed = self.task.joint_speed
         mode = find_action_mode(action_mode)
         base = controller_config(preset) if controller is None else controller
-        allocator = AllocatorConfig(max_iter=max_iter)
-        self.controller = Controller(replace(base, joint_speed=joint_speed, allocator=allocator))
+        config = replace(base, joint_speed=joint_speed, allocator=AllocatorConfig(max_iter=max_iter))
+        self.controller = Controller(config, allocator=allocator)
         super().__init__(mode, layout(mode.size), joint_speed=joint_speed, **shared)
+        self._start: FlightStart | None = None
         self._progress: Progress | None = None
         self._reference: Reference | None = None
 
     def _choose(self, name: str, value: object) -> None:
-        if name != "forms":
-            raise UnknownNameError("reset option", name, ["forms", "disturbances"])
-        self.task = replace(self.task, forms=str(value))
+        if name == "start":
+            self._start = None if value is None else FlightStart.parse(value)  # type: ignore[arg-type]
+        elif name == "forms":
+            self.task = replace(self.task, forms=str(value))
+        else:
+            raise UnknownNameError("reset option", name, ["forms", "start", "disturbances"])
 
     def _begin(self, rng: np.random.Generator) -> None:
         self._reference = None
-        self._progress = Progress(self.task.schedule(rng))
-        position, rotation = self.task.offset(rng)
+        start = self._start or FlightStart(tuple(self.task.schedule(rng)), *self.task.offset(rng))
+        self._progress = Progress(list(start.goals))
+        position, rotation = start.position, start.rotation
         self._draw_robot(rng)
         q = self.progress.goal.joint_target
         R_wb = exp(rotation)
@@ -89,7 +96,9 @@ class HoverEnv(SpidarEnv):
         )
         self._sense()
         # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
-        trim = None if self._described else self._trim(q)
+        trim = start.trim
+        if trim is None and not self._described:
+            trim = self.trim(q)
         self.controller.reset(self._seen, q, trim)
         self._legs = LegMomentum(_STILL, _STILL)
         self._joint_velocity = _NO_JOINTS
@@ -101,6 +110,11 @@ class HoverEnv(SpidarEnv):
         if self._progress is None:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         return self._progress
+
+    @property
+    def truth(self) -> Percept:
+        """What a controller with the true state would make of it."""
+        return self._truth
 
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
@@ -140,7 +154,7 @@ class HoverEnv(SpidarEnv):
         )
         return command
 
-    def _trim(self, q: np.ndarray) -> np.ndarray:
+    def trim(self, q: np.ndarray) -> np.ndarray:
         """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
         state = self.state
         percept = self.controller.perceive(state, self.reference())

@@ -1,17 +1,20 @@
 """The hover task on a page: constants with units, initial state, reference, reward terms, failure, success."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Vector3
+from spidar_gym.arrays import JointVector, Vector3, Wrench
 from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.envs.rewards import norm, tolerance
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.model.dynamics import Model
-from spidar_gym.robot import FORMS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 
 CLEARANCE = 0.5
 """Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
@@ -50,6 +53,56 @@ class FormGoal:
     """q [rad]."""
 
 
+@dataclass(frozen=True)
+class FlightStart:
+    """All that an episode begins with and goes through, given instead of drawn."""
+
+    goals: tuple[FormGoal, ...]
+    """Forms in order; the first is the initial one, reached at time 0."""
+    position: Vector3
+    """Offset of the torso from its place over the reference [m]."""
+    rotation: Vector3
+    """… and of its attitude, a rotation vector [rad]."""
+    trim: Wrench | None = None
+    """What a hover takes beyond the description, with which the integrals begin [N, Nm]; computed if None."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no episode."""
+        if not self.goals or self.goals[0].deadline > 0.0:
+            raise InvalidValueError("goals", len(self.goals), "at least one goal, the first with deadline 0")
+        numbers = [self.position, self.rotation, *(goal.joint_target for goal in self.goals)]
+        numbers += [] if self.trim is None else [self.trim]
+        if not all(np.isfinite(values).all() for values in numbers):
+            raise InvalidValueError("start", "NaN or infinite", "finite offsets, targets and trim")
+        times = [goal.start for goal in self.goals]
+        if any(b < a for a, b in pairwise(times)) or any(g.deadline < g.start for g in self.goals):
+            raise InvalidValueError("goals", times, "goals in order of time, no deadline before its start")
+
+    @classmethod
+    def parse(cls, values: "Mapping[str, Any] | FlightStart") -> "FlightStart":
+        """From a dictionary of lists, as scenario files have it."""
+        if isinstance(values, FlightStart):
+            return values
+        try:
+            goals = tuple(
+                FormGoal(float(start), float(deadline), np.array(q, float)) for start, deadline, q in values["goals"]
+            )
+            trim = values.get("trim")
+            position, rotation = (np.array(values[name], float) for name in ("position", "rotation"))
+            start = cls(goals, position, rotation, None if trim is None else np.array(trim, float))
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InvalidValueError):
+                raise
+            raise InvalidValueError("start", values, _START) from None
+        shapes = [goal.joint_target.shape for goal in goals]
+        if shapes != [(N_JOINTS,)] * len(goals) or start.position.shape != (3,) or start.rotation.shape != (3,):
+            raise InvalidValueError("start", values, _START)
+        return start
+
+
+_START = "{'goals': [[start s, deadline s, 16 angles], …], 'position': 3 m, 'rotation': 3 rad, 'trim': 6 or None}"
+
+
 def _equal_legs(rng: np.random.Generator) -> JointVector:
     """All legs alike, with a common twist of the yaw joints [rad]."""
     leg = rng.uniform((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4))
@@ -61,7 +114,12 @@ def _independent_legs(rng: np.random.Generator) -> JointVector:
     return rng.uniform(np.tile((-0.5, -0.2, -0.5, 0.0), N_LEGS), np.tile((0.5, 0.8, 0.5, 1.4), N_LEGS))
 
 
-SAMPLERS = {"equal": _equal_legs, "independent": _independent_legs}
+def _narrow_legs(rng: np.random.Generator) -> JointVector:
+    """Every leg for itself near form ③, outer rotor under the inner one: every inner rotor blows on another."""
+    return rng.uniform(np.tile((-0.25, 0.65, -0.15, 1.35), N_LEGS), np.tile((0.25, 0.9, 0.15, 1.57), N_LEGS))
+
+
+SAMPLERS = {"equal": _equal_legs, "independent": _independent_legs, "narrow": _narrow_legs}
 SEQUENCES = ("paper", *FORMS, *SAMPLERS, "mixed")
 """Valid form sequences."""
 
@@ -72,7 +130,7 @@ class HoverTask:
 
     forms: str = "mixed"
     """`paper` (① at once, ② from 4 s on, ③ without a stop), one of the forms held, `equal` legs with a common twist,
-    `independent` legs with yaw, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
+    `independent` legs with yaw, `narrow` ones near ③, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
     joint_speed: float = ROBOT.joint_speed
     """Speed of the joint motion [rad/s]."""
     horizon_s: float = 20.0

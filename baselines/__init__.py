@@ -1,0 +1,1 @@
+"""Baselines of the leaderboard, a file each; learned ones are artifacts in `artifacts/`."""

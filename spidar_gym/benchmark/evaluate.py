@@ -1,0 +1,235 @@
+"""Evaluation: shards of one scenario each, done in processes or on a Ray cluster, kept in files so that it resumes."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.episode import ACT_LIMIT_S, METRICS, play
+from spidar_gym.benchmark.policy import Policy, load_policy, policy_digest, policy_name
+from spidar_gym.benchmark.scenario import Scenario, load_scenarios
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
+from spidar_gym.files import write_text
+
+BEHAVIOUR = (
+    "so3.py", "robot.py", "state.py", "description.py", "model", "control", "sim", "envs",
+    "benchmark/episode.py", "benchmark/scenario.py", "benchmark/track.py",
+)  # fmt: skip
+"""Files and folders of the package on which the numbers of an episode rest."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A policy on a track."""
+
+    track: str
+    """Track."""
+    split: str
+    """Which scenarios."""
+    scenarios_sha256: str
+    """Hash of their file."""
+    indices: tuple[int, ...]
+    """Which of them."""
+    metrics: dict[str, list[Any]]
+    """`METRICS` by name, a number a scenario."""
+    timing: list[dict[str, Any]]
+    """How long it took, scenario by scenario."""
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Error of each scenario."""
+        return np.array(self.metrics["error"], float)
+
+    @property
+    def success(self) -> float:
+        """Share of successes."""
+        return float(np.mean(self.metrics["success"]))
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One scenario to be played by one policy: the smallest piece of work, the same wherever it is done."""
+
+    policy: str
+    """Its specification, `module:Class` or the path of an artifact."""
+    track: str
+    """Track."""
+    split: str
+    """Split."""
+    scenario: Scenario
+    """Which episode."""
+    act_limit_s: float = ACT_LIMIT_S
+    """How long the policy may think about one action [s]."""
+
+    def key(self, digest: str) -> str:
+        """Name under which its result is kept: it changes with the policy's file, the scenario and the code."""
+        words = json.dumps([self.policy, digest, self.track, self.split, asdict(self.scenario), behaviour()])
+        return hashlib.sha256(words.encode()).hexdigest()[:24]
+
+
+@cache
+def behaviour() -> str:
+    """Digest of the code on which the numbers of an episode rest."""
+    root = Path(__file__).resolve().parent.parent
+    digest = hashlib.sha256()
+    for name in BEHAVIOUR:
+        path = root / name
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def play_shard(shard: Shard) -> dict[str, Any]:
+    """Do one piece of work, with a policy that has seen nothing before."""
+    return play(load_policy(shard.policy), shard.track, shard.scenario, act_limit_s=shard.act_limit_s)
+
+
+def evaluate(
+    policy: str | Policy,
+    track: str,
+    scenarios: int | Sequence[int] | None = None,
+    *,
+    split: str = "test",
+    workers: int = 1,
+    folder: Path | None = None,
+    ray: str | None = None,
+    act_limit_s: float = ACT_LIMIT_S,
+    on_scenario: Callable[[], object] = lambda: None,
+) -> Score:
+    """Let a policy play a track's scenarios.
+
+    Args:
+        policy: `module:Class`, the path of an artifact, or an object with `reset` and `act`, which is played in this
+            process.
+        track: Track.
+        scenarios: How many from the first on, which ones, or None for all.
+        split: `test` or `validation`.
+        workers: Processes.
+        folder: Where finished scenarios are kept, so that an interrupted evaluation goes on where it was.
+        ray: Address of a Ray cluster to send the scenarios to, `local` for one of `workers` workers here.
+        act_limit_s: How long the policy may think about one action [s].
+        on_scenario: Called after every scenario, for progress.
+
+    Raises:
+        PolicyError: When the policy raises, answers with what is no action, or takes too long.
+        UnknownNameError: For a track or split that does not exist.
+        InvalidValueError: For scenarios that the track does not have.
+    """
+    every, digest = load_scenarios(track, split)
+    if isinstance(scenarios, int) and not 1 <= scenarios <= len(every):
+        raise InvalidValueError("scenarios", scenarios, f"a number within 1 … {len(every)}")
+    indices = range(scenarios or len(every)) if scenarios is None or isinstance(scenarios, int) else scenarios
+    for index in indices:
+        if not 0 <= index < len(every):
+            raise InvalidValueError("scenarios", index, f"an index within 0 … {len(every) - 1}")
+    chosen = [every[index] for index in indices]
+    if isinstance(policy, str):
+        shards = [Shard(policy, track, split, scenario, act_limit_s) for scenario in chosen]
+        results = run_shards(shards, workers=workers, folder=folder, ray=ray, on_scenario=on_scenario)
+    else:
+        if workers > 1 or folder is not None or ray is not None:
+            raise InvalidValueError("policy", policy, "module:Class for more than one process, a folder, or Ray")
+        results = []
+        for scenario in chosen:
+            results.append(play(policy, track, scenario, act_limit_s=act_limit_s))
+            on_scenario()
+    columns = {name: [result["metrics"][name] for result in results] for name in METRICS}
+    return Score(track, split, digest, tuple(indices), columns, [result["timing"] for result in results])
+
+
+def run_shards(
+    shards: Sequence[Shard],
+    *,
+    workers: int = 1,
+    folder: Path | None = None,
+    ray: str | None = None,
+    on_scenario: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:
+    """Do pieces of work, in whatever order; the results come in theirs."""
+    results: dict[int, dict[str, Any]] = {}
+    files: list[Path | None] = [None] * len(shards)
+    if folder is not None:
+        policies = {spec: load_policy(spec) for spec in {shard.policy for shard in shards}}
+        for k, shard in enumerate(shards):
+            policy = policies[shard.policy]
+            file = folder / policy_name(policy) / shard.track / f"{shard.key(policy_digest(policy))}.json"
+            files[k], kept = file, _kept(file)
+            if kept is not None:
+                results[k] = kept
+                on_scenario()
+    rest = [k for k in range(len(shards)) if k not in results]
+    work = _on_ray if ray else _here if workers == 1 else _in_processes
+    for k, result in work([(k, shards[k]) for k in rest], workers, ray):
+        # Through JSON, so that a result is the same whether it was kept or has just been made.
+        text = json.dumps(result, allow_nan=False)
+        if (file := files[k]) is not None:
+            write_text(file, text)
+        results[k] = json.loads(text)
+        on_scenario()
+    return [results[k] for k in range(len(shards))]
+
+
+def _kept(file: Path) -> dict[str, Any] | None:
+    """A finished piece of work; None where there is none, or none that can be read."""
+    try:
+        result = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return result if isinstance(result, dict) and set(result) == {"metrics", "timing"} else None
+
+
+_Done = Iterator[tuple[int, dict[str, Any]]]
+
+
+def _here(jobs: Iterable[tuple[int, Shard]], workers: int, ray: str | None) -> _Done:
+    for k, shard in jobs:
+        yield k, play_shard(shard)
+
+
+def _in_processes(jobs: Iterable[tuple[int, Shard]], workers: int, ray: str | None) -> _Done:
+    with ProcessPoolExecutor(workers) as pool:
+        futures = {pool.submit(play_shard, shard): k for k, shard in jobs}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _on_ray(jobs: Iterable[tuple[int, Shard]], workers: int, address: str | None) -> _Done:
+    try:
+        import ray
+        from ray.exceptions import RayTaskError
+    except ImportError as error:
+        raise MissingDependencyError("Ray", "pip install 'spidar-gym[ray]'") from error
+    started = not ray.is_initialized()
+    if started:
+        here = {"runtime_env": {"env_vars": {"PYTHONPATH": str(Path.cwd())}}, "include_dashboard": False}
+        try:
+            if address == "local":
+                ray.init(num_cpus=workers, log_to_driver=False, **here)
+            else:
+                ray.init(address=address, log_to_driver=False, runtime_env=here["runtime_env"])
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise SpidarError(
+                f"no Ray cluster at {address!r}: {error}; valid: local, auto, or what `ray start` prints"
+            ) from error
+    try:
+        remote = ray.remote(play_shard)
+        waiting = {remote.remote(shard): k for k, shard in jobs}
+        while waiting:
+            done, _ = ray.wait(list(waiting), num_returns=1)
+            for reference in done:
+                try:
+                    yield waiting.pop(reference), ray.get(reference)
+                except RayTaskError as error:
+                    raise (error.cause if isinstance(error.cause, SpidarError) else error) from None
+    finally:
+        if started:
+            ray.shutdown()

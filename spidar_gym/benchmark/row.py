@@ -1,0 +1,245 @@
+"""A row of the leaderboard: one JSON file with everything that its numbers rest on, and a hash that guards it."""
+
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.episode import METRICS
+from spidar_gym.benchmark.evaluate import Score
+from spidar_gym.benchmark.policy import Policy, policy_digest, policy_doc, policy_kind, policy_name
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.description import assets_dir, mjcf_path
+from spidar_gym.errors import SpidarError
+from spidar_gym.files import write_text
+
+FORMAT = 1
+"""Version of the rows' format."""
+PACKAGES = ("spidar-gym", "mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
+"""Packages whose versions stand in a row."""
+REFERENCE = "qp"
+"""The row that scores refer to."""
+ROWS = "baselines/scores"
+"""Folder of the committed rows in a checkout."""
+
+
+class RowError(SpidarError):
+    """A row's file that cannot be read, was edited by hand, or belongs to other scenarios."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the leaderboard."""
+
+    name: str
+    """Of the policy."""
+    kind: str
+    """`classical`, `learned` or `residual`."""
+    doc: str
+    """What it is, in one line."""
+    policies: tuple[str, ...]
+    """Specification of each run: one for a deterministic controller, one a training seed for a learned one."""
+    content: Mapping[str, Any]
+    """The file, whole."""
+
+    @property
+    def tracks(self) -> list[str]:
+        """Tracks on which it was evaluated, in the table's order."""
+        return [name for name in TRACKS if name in self.content["tracks"]]
+
+    def errors(self, track: str) -> np.ndarray:
+        """Error of every run on every scenario, shape (runs, scenarios)."""
+        return np.array([run["error"] for run in self.content["tracks"][track]["runs"]], float)
+
+    def column(self, track: str, metric: str) -> np.ndarray:
+        """A metric of every run on every scenario, NaN where it has no meaning."""
+        return np.array([run[metric] for run in self.content["tracks"][track]["runs"]], float)
+
+    def scenarios(self, track: str) -> list[int]:
+        """Indices of the scenarios that were played."""
+        return self.content["tracks"][track]["scenarios"]
+
+
+def model_hash() -> str:
+    """SHA-256 of the robot's model file."""
+    return hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers rest on."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = ""
+    return found
+
+
+def processor() -> str:
+    """Family of the processor: what decides which machine code numpy and its libraries choose."""
+    words = {}
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            words.setdefault(key.strip(), value.strip())
+    except OSError:
+        pass
+    family = " ".join(words.get(key, "") for key in ("vendor_id", "cpu family", "model")).strip()
+    wide = [flag for flag in ("avx2", "avx512f") if flag in words.get("flags", "").split()]
+    return " ".join([platform.machine(), family or platform.processor(), *wide]).strip()
+
+
+def make_row(
+    policies: Sequence[Policy],
+    specs: Sequence[str],
+    scores: Mapping[str, Sequence[Score]],
+    *,
+    command: str,
+) -> Row:
+    """The row of a policy.
+
+    Args:
+        policies: One for each run.
+        specs: Their specifications.
+        scores: For each track the score of each run.
+        command: What was called.
+    """
+    first = policies[0]
+    training = [getattr(policy, "training", None) for policy in policies]
+    tracks, times = {}, {}
+    for track, runs in scores.items():
+        steps = np.array([t["step_s"] for run in runs for t in run.timing])
+        acts = np.array([t["act_s"] for run in runs for t in run.timing])
+        tracks[track] = {
+            "split": runs[0].split,
+            "scenarios_sha256": runs[0].scenarios_sha256,
+            "scenarios": list(runs[0].indices),
+            "runs": [run.metrics for run in runs],
+        }
+        times[track] = {
+            "step_ms_p50_p99": (1e3 * np.median(steps, axis=0)).round(3).tolist(),
+            "policy_ms_p50_p99": (1e3 * np.median(acts, axis=0)).round(3).tolist(),
+            "wall_s": round(float(sum(t["wall_s"] for run in runs for t in run.timing)), 1),
+        }
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "name": policy_name(first),
+        "kind": policy_kind(first),
+        "doc": policy_doc(first),
+        "policies": list(specs),
+        "policies_sha256": [policy_digest(policy) for policy in policies],
+        "training": training if any(training) else None,
+        "command": command,
+        "versions": versions(),
+        "model_sha256": model_hash(),
+        "tracks": tracks,
+        "timing": {"processor": processor(), "tracks": times},
+    }
+    content["sha256"] = row_hash(content)
+    return _row(content)
+
+
+def _row(content: Mapping[str, Any]) -> Row:
+    return Row(content["name"], content["kind"], content["doc"], tuple(content["policies"]), content)
+
+
+def row_hash(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a row but for itself and the `timing` block."""
+    kept = {key: value for key, value in content.items() if key not in ("sha256", "timing")}
+    return hashlib.sha256(json.dumps(kept, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
+
+
+def row_text(row: Row) -> str:
+    """The row's file: one line a metric."""
+    content = dict(row.content)
+    tracks, timing, digest = content.pop("tracks"), content.pop("timing"), content.pop("sha256")
+    lines = ["{"]
+    lines += [f" {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in content.items()]
+    lines.append(' "tracks": {')
+    for k, (name, track) in enumerate(tracks.items()):
+        lines.append(f"  {json.dumps(name)}: {{")
+        lines += [f"   {json.dumps(key)}: {json.dumps(value)}," for key, value in track.items() if key != "runs"]
+        runs = []
+        for run in track["runs"]:
+            metrics = [f"     {json.dumps(key)}: {json.dumps(values)}" for key, values in run.items()]
+            runs.append("    {\n" + ",\n".join(metrics) + "\n    }")
+        lines.append('   "runs": [\n' + ",\n".join(runs) + "\n   ]")
+        lines.append("  }" + ("," if k < len(tracks) - 1 else ""))
+    lines += [" },", f' "timing": {json.dumps(timing)},', f' "sha256": {json.dumps(digest)}', "}"]
+    return "\n".join(lines) + "\n"
+
+
+def write_row(row: Row, folder: Path) -> Path:
+    """Write a row whole or not at all; its path."""
+    path = folder / f"{row.name}.json"
+    write_text(path, row_text(row))
+    return path
+
+
+def read_row(path: Path) -> Row:
+    """A row from its file.
+
+    Raises:
+        RowError: When it cannot be read, was edited by hand, or its scenarios or model are not the present ones.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RowError(f"{path}: {error.strerror}; valid: a row that `spidar eval` wrote") from error
+    except ValueError as error:
+        raise RowError(f"{path} is no JSON ({error}); valid: a row that `spidar eval` wrote") from error
+    if not (isinstance(content, dict) and content.get("format") == FORMAT):
+        raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote")
+    if content.get("sha256") != row_hash(content):
+        raise RowError(f"{path} was edited by hand: its hash does not match; valid: the row that `spidar eval` writes")
+    if content["model_sha256"] != model_hash():
+        raise RowError(f"{path} is of another robot model; valid: a row evaluated anew by its command")
+    for name, track in content["tracks"].items():
+        if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
+            raise RowError(f"{path}: {name} has other scenarios; valid: a row evaluated anew by its command")
+        missing = [metric for run in track["runs"] for metric in METRICS if metric not in run]
+        if missing:
+            raise RowError(f"{path}: {name} lacks {missing[0]}; valid: a row evaluated anew by its command")
+    return _row(content)
+
+
+def read_rows(folder: Path) -> dict[str, Row]:
+    """Every row of a folder by name, the reference first."""
+    if not folder.is_dir():
+        raise RowError(f"{folder} is no folder; valid: one with rows that `spidar eval` wrote")
+    rows = {row.name: row for row in map(read_row, sorted(folder.glob("*.json")))}
+    if not rows:
+        raise RowError(f"{folder} has no rows; valid: a folder with rows that `spidar eval` wrote")
+    return {name: rows[name] for name in sorted(rows, key=lambda name: (name != REFERENCE, name))}
+
+
+def reference_row() -> Row | None:
+    """The committed row that scores refer to, of a checkout or of the installed wheel; None if there is none."""
+    candidates = (Path(ROWS) / f"{REFERENCE}.json", assets_dir() / "scores" / f"{REFERENCE}.json",
+                  assets_dir().parent / ROWS / f"{REFERENCE}.json")  # fmt: skip
+    path = next((path for path in candidates if path.is_file()), None)
+    return None if path is None else read_row(path)
+
+
+def called(arguments: Sequence[str] | None = None) -> str:
+    """The command that is being run, in words."""
+    given = sys.argv[1:] if arguments is None else arguments
+    return " ".join(["spidar", *given])
+
+
+def cores() -> int:
+    """Processes by default: one a core that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1

@@ -1,0 +1,182 @@
+"""Scenarios: what an episode of a track begins with and goes through; drawn once, kept in files, pinned by hash."""
+
+import hashlib
+import json
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import spidar_gym.envs.registry
+from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS, Track, find_track
+from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.description import assets_dir
+from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover import HoverEnv
+from spidar_gym.envs.hover_task import HoverTask
+from spidar_gym.errors import SpidarError, StaleAssetError, require_name
+
+PINS = "scenarios/SHA256SUMS"
+"""File with the hash of every scenario file, relative to assets/."""
+OFFSET = 0.33
+"""Scale of a flight's initial offset: ± 1 cm and ± 0.017 rad per axis."""
+
+HOVER_TICKS = 200
+"""A robot has hovered in its wind for so long before the episode [ticks]."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One episode: initial state, preload, goals with deadlines, floor, weather, robot."""
+
+    index: int
+    """Which one of its track and split."""
+    seed: int
+    """Of the drawn robot, the sensors' noise, the weather, the tiles."""
+    options: Mapping[str, Any]
+    """Arguments of the environment beside the track's."""
+    start: Mapping[str, Any] | None
+    """A flight's offset, goals with start and deadline, and the wrench with which the integrals begin."""
+    disturbances: Mapping[str, Any]
+    """What happens to the robot."""
+    robot: str
+    """Digest of the drawn robot, so that another generator's robot is not taken for it; empty if none is drawn."""
+
+
+def scenario_rng(track: str, split: str, index: int) -> np.random.Generator:
+    """The generator that draws a scenario, from nothing but its name."""
+    entropy = [zlib.crc32(track.encode()), SPLITS.index(split), index]
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
+
+
+def draw_scenario(name: str, split: str, index: int) -> Scenario:
+    """Draw a scenario of a track."""
+    track = find_track(name)
+    require_name("split", split, SPLITS)
+    rng = scenario_rng(name, split, index)
+    seed = int(rng.integers(2**31))
+    options = {key: _draw(rng, bounds) for key, bounds in track.ranges.items()}
+    disturbances = {key: _draw(rng, bounds) for key, bounds in track.disturbances.items()}
+    start = None
+    if track.flies:
+        task = HoverTask(
+            forms=track.options["forms"], joint_speed=track.options.get("joint_speed", 0.2), horizon_s=track.seconds,
+            perturbation=OFFSET,
+        )  # fmt: skip
+        goals = [
+            [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()]
+            for goal in task.schedule(rng)
+        ]
+        position, rotation = task.offset(rng)
+        start = {"goals": goals, "position": position.round(6).tolist(), "rotation": rotation.round(6).tolist()}
+    scenario = Scenario(index, seed, options, start, disturbances, "")
+    if not (track.options.get("randomization") or disturbances):
+        return scenario
+    # Robot and wind are drawn by the environment; a flight's preload is what that robot needs at rest in that wind.
+    env = make_env(track, scenario, {})
+    env.reset(seed=seed, options=reset_options(scenario))
+    if start is not None:
+        assert isinstance(env, HoverEnv)
+        trim = env.trim(env.progress.goal.joint_target)
+        if disturbances:
+            trim[:3] -= _mean_air_force(track, scenario)
+        start["trim"] = trim.round(3).tolist()
+    return Scenario(index, seed, options, start, disturbances, robot_digest(env))
+
+
+def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
+    """Force of the wind on a robot that hovers in the initial form, world, mean over `HOVER_TICKS` [N]."""
+    assert scenario.start is not None
+    env = make_env(track, scenario, {"preset": "tuned"})
+    held = {**scenario.start, "goals": scenario.start["goals"][:1]}
+    env.reset(seed=scenario.seed, options={**reset_options(scenario), "start": held})
+    forces = [env.step(np.zeros(env.action_space.shape or ()))[4]["air_force"] for _ in range(HOVER_TICKS)]
+    return np.mean(forces, axis=0)
+
+
+def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    return round(float(rng.uniform(*bounds)), 6)
+
+
+def robot_digest(env: SpidarEnv) -> str:
+    """Digest of the numbers of the drawn robot, to four digits; empty where none is drawn."""
+    draws = env.draws
+    if not draws:
+        return ""
+    text = " ".join(f"{x:.4g}" for name in sorted(draws) for x in np.ravel(draws[name]))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def make_env(track: Track, scenario: Scenario, arguments: Mapping[str, Any]) -> SpidarEnv:
+    """The environment of a scenario with a policy's arguments, without wrappers."""
+    spidar_gym.envs.registry.register()
+    env = gymnasium.make(
+        track.env_id, **{**track.options, **scenario.options, **arguments}, horizon_s=track.seconds,
+        max_episode_steps=round(track.seconds * CONTROL_RATE), disable_env_checker=True,
+    ).unwrapped  # fmt: skip
+    assert isinstance(env, SpidarEnv)
+    return env
+
+
+def reset_options(scenario: Scenario) -> dict[str, Any]:
+    """Options of `reset`."""
+    options: dict[str, Any] = {"disturbances": dict(scenario.disturbances)}
+    return options if scenario.start is None else {"start": scenario.start, **options}
+
+
+def scenario_text(name: str, split: str, *, on_scenario: Callable[[], object] = lambda: None) -> str:
+    """The file of a track's scenarios: one line each."""
+    lines = []
+    for index in range(SCENARIOS):
+        lines.append(json.dumps(asdict(draw_scenario(name, split, index)), ensure_ascii=False))
+        on_scenario()
+    head = json.dumps({"track": name, "split": split})
+    return f'{{"of": {head}, "scenarios": [\n' + ",\n".join(lines) + "\n]}\n"
+
+
+def scenario_files(*, on_scenario: Callable[[], object] = lambda: None) -> dict[str, str]:
+    """Every scenario file and their hashes: path relative to assets/ → text."""
+    files = {
+        f"scenarios/{split}/{name}.json": scenario_text(name, split, on_scenario=on_scenario)
+        for split in SPLITS
+        for name in TRACKS
+    }
+    files[PINS] = "".join(f"{_sha256(text)}  {path.split('/', 1)[1]}\n" for path, text in files.items())
+    return files
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...], str]:
+    """A track's committed scenarios, and the hash of their file.
+
+    Raises:
+        UnknownNameError: For a track or split that does not exist.
+        StaleAssetError: When the file is missing or is not the one that was pinned.
+    """
+    find_track(name)
+    require_name("split", split, SPLITS)
+    path, pins = assets_dir() / "scenarios" / split / f"{name}.json", assets_dir() / PINS
+    try:
+        text, pinned = path.read_text(encoding="utf-8"), pins.read_text(encoding="utf-8")
+    except OSError as error:
+        raise StaleAssetError(path) from error
+    if f"{_sha256(text)}  {split}/{name}.json\n" not in pinned:
+        raise StaleAssetError(path)
+    return tuple(Scenario(**entry) for entry in json.loads(text)["scenarios"]), _sha256(text)
+
+
+def check_robot(env: SpidarEnv, scenario: Scenario, place: str) -> None:
+    """Refuse to compare on another robot than the scenario's, as another version of numpy might draw it."""
+    if robot_digest(env) != scenario.robot:
+        raise SpidarError(
+            f"{place}: the drawn robot is not the scenario's; valid: a numpy whose generators draw as they did, "
+            f"or scenarios of one's own by `spidar scenarios`"
+        )

@@ -1,0 +1,113 @@
+"""Statistics of comparisons: interquartile means, bootstrap intervals over scenarios and runs, paired differences."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+DRAWS = 2000
+"""Bootstrap draws of an interval."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number and its 95 % bootstrap interval."""
+
+    value: float
+    """Of the data themselves."""
+    low: float
+    """2.5th percentile of the draws."""
+    high: float
+    """97.5th percentile."""
+
+
+def iqm(values: np.ndarray) -> float:
+    """Interquartile mean: the mean of the middle half, quarters of values counted in part."""
+    x = np.sort(np.asarray(values, float), axis=None)
+    n = len(x)
+    edges = np.clip(np.array([np.arange(n), np.arange(1, n + 1)]) / n, 0.25, 0.75)
+    weights = edges[1] - edges[0]
+    return float(weights @ x / weights.sum())
+
+
+def ratio_score(base: np.ndarray, own: np.ndarray) -> float:
+    """Score: the base's mean error over one's own on the same scenarios; above 1 is better than the base.
+
+    Args:
+        base: Errors of the base, shape (scenarios,).
+        own: Errors, shape (runs, scenarios).
+    """
+    return float(np.mean(base) / np.mean(own))
+
+
+def paired_difference(base: np.ndarray, own: np.ndarray) -> float:
+    """IQM of the paired differences over the base's IQM: −0.5 is half the error. Shapes as in `ratio_score`."""
+    return iqm(np.mean(own, axis=0) - base) / iqm(base)
+
+
+def improvement(base: np.ndarray, own: np.ndarray) -> float:
+    """Probability that a run's error on a scenario is below the base's; ties count half. Shapes as in `ratio_score`."""
+    return float(np.mean((own < base) + 0.5 * (own == base)))
+
+
+def stratified_bootstrap(
+    strata: Sequence[tuple[np.ndarray, np.ndarray]],
+    statistic: Callable[[list[tuple[np.ndarray, np.ndarray]]], float],
+    rng: np.random.Generator,
+    *,
+    draws: int = DRAWS,
+) -> Interval:
+    """95 % interval of a statistic of paired errors, drawn within strata.
+
+    Args:
+        strata: For each track the errors of the base (scenarios,) and of a policy (runs, scenarios). In every draw each
+            track's scenarios are drawn with replacement, the same for both, and so are the policy's runs.
+        statistic: Strata → number.
+        rng: Source of the draws.
+        draws: How many.
+    """
+    values = np.empty(draws)
+    for k in range(draws):
+        drawn = []
+        for base, own in strata:
+            scenarios = rng.integers(0, len(base), len(base))
+            runs = rng.integers(0, len(own), len(own)) if len(own) > 1 else np.zeros(1, int)
+            drawn.append((base[scenarios], own[runs][:, scenarios]))
+        values[k] = statistic(drawn)
+    low, high = np.percentile(values, [2.5, 97.5]).tolist()
+    return Interval(float(statistic(list(strata))), low, high)
+
+
+def one(
+    statistic: Callable[[np.ndarray, np.ndarray], float],
+) -> Callable[[list[tuple[np.ndarray, np.ndarray]]], float]:
+    """A statistic of one track as one of strata."""
+    return lambda strata: statistic(*strata[0])
+
+
+def overall_score(strata: list[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Geometric mean of the tracks' scores, so that no track counts more for its unit."""
+    return float(np.exp(np.mean([np.log(ratio_score(base, own)) for base, own in strata])))
+
+
+@dataclass(frozen=True)
+class Change:
+    """A controller against another on the same scenarios."""
+
+    before: float
+    """IQM of the other one's errors."""
+    after: float
+    """IQM of its own."""
+    relative: float
+    """IQM of the paired differences over `before`; −0.5 is half the error."""
+    low: float
+    """Lower end of its 95 % bootstrap interval over scenarios."""
+    high: float
+    """Upper end."""
+
+
+def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator, *, draws: int = DRAWS) -> Change:
+    """Paired comparison of errors on the same scenarios."""
+    before, after = np.asarray(before, float), np.asarray(after, float)
+    change = stratified_bootstrap([(before, after[None])], one(paired_difference), rng, draws=draws)
+    return Change(iqm(before), iqm(after), change.value, change.low, change.high)

@@ -1,0 +1,137 @@
+"""Tracks: on which tasks policies are compared, one page of numbers; and each scenario's error."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from spidar_gym.errors import require_name
+
+HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
+CAP = 5.0
+"""Error of a failed scenario, and the largest one of any other."""
+SCENARIOS = 50
+"""Scenarios a track and split."""
+SPLITS = ("test", "validation")
+"""Rows are on `test`; `validation` is for choosing among one's own policies."""
+SETTLE_S = 1.0
+"""RMS errors of a flight count from here on [s]."""
+REST_S = 1.0
+"""A crawl is watched for so long after it is finished [s]."""
+POSITION_SCALE, ATTITUDE_SCALE = 0.05, 0.05
+"""A flight with these RMS errors [m], [rad] has error 1: the limits of `is_success`."""
+REST_SCALE, ENERGY_SCALE = 0.02, 20.0
+"""A crawl that ends this far from the goal [m, a radian counts 0.5 m] and takes this much energy [Wh/m] has error 1."""
+
+FLIGHT_ERROR = "½ (position RMS / 0.05 m + attitude RMS / 0.05 rad)"
+GROUND_ERROR = "½ (final error / 0.02 m + energy per metre / 20 Wh/m), a radian counts 0.5 m"
+
+
+@dataclass(frozen=True)
+class Track:
+    """One kind of task, on which every policy meets the same scenarios."""
+
+    doc: str
+    """What it asks, in one line."""
+    env_id: str
+    """Environment."""
+    seconds: float
+    """Length of an episode [s]."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Arguments of the environment, the same in all scenarios."""
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Arguments of the environment that are drawn evenly for each scenario."""
+    disturbances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Disturbances that are drawn evenly for each scenario."""
+
+    @property
+    def flies(self) -> bool:
+        """Whether it is a flight."""
+        return self.env_id == HOVER
+
+    @property
+    def formula(self) -> str:
+        """Error of a scenario, in words."""
+        return FLIGHT_ERROR if self.flies else GROUND_ERROR
+
+
+_REAL = {"sensors": True, "randomization": 0.3}
+_AHEAD = {"distance": 0.6, "direction": 0.0, "turn": 0.0}
+_ANYWHERE = {"distance": (0.2, 0.6), "direction": (-math.pi, math.pi), "turn": (-0.5, 0.5)}
+
+TRACKS: dict[str, Track] = {
+    "flight-paper": Track(
+        "the paper's forms ① → ② → ③ at 0.2 rad/s with real sensors", HOVER, 16.0, {"forms": "paper", "sensors": True}
+    ),
+    "flight-forms": Track(
+        "independent legs at the paper's 0.2 rad/s", HOVER, 20.0, {"forms": "independent", "joint_speed": 0.2}
+    ),
+    "flight-fast3": Track(
+        "independent legs three times as fast", HOVER, 12.0, {"forms": "independent", "joint_speed": 0.6}
+    ),
+    "flight-fast5": Track(
+        "independent legs five times as fast", HOVER, 12.0, {"forms": "independent", "joint_speed": 1.0}
+    ),
+    "flight-randomised": Track(
+        "independent legs three times as fast; robots drawn at strength 1, real sensors", HOVER, 12.0,
+        {"forms": "independent", "joint_speed": 0.6, "sensors": True, "randomization": 1.0},
+    ),
+    "flight-wind": Track(
+        "independent legs at 0.2 rad/s, real sensors, turbulent wind of 1 … 3 m/s, pushes of 10 … 40 N", HOVER, 20.0,
+        {"forms": "independent", "joint_speed": 0.2, "sensors": True},
+        disturbances={"wind": (1.0, 3.0), "push": (10.0, 40.0)},
+    ),
+    "flight-narrow": Track(
+        "forms near ③ that stack the rotors over each other, wake on", HOVER, 16.0,
+        {"forms": "narrow", "joint_speed": 0.2},
+    ),
+    "ground-paper": Track(
+        "the paper's 0.6 m straight ahead; robots drawn at strength 0.3, real sensors", CRAWL, 75.0, {**_REAL, **_AHEAD}
+    ),
+    "ground-directions": Track(
+        "0.2 … 0.6 m in any direction, turning by up to ± 0.5 rad; robots as before", CRAWL, 75.0, _REAL, _ANYWHERE
+    ),
+    "ground-friction": Track(
+        "0.4 m ahead with feet of friction 0.4 … 1.0 on a floor that slopes up to 10° in any direction", CRAWL, 75.0,
+        {**_REAL, "distance": 0.4, "direction": 0.0, "turn": 0.0},
+        {"friction": (0.4, 1.0), "slope": (0.0, math.radians(10.0)), "slope_direction": (-math.pi, math.pi)},
+    ),
+    "ground-uneven": Track(
+        "0.4 m ahead over tiles of random heights up to 5 … 20 mm", CRAWL, 75.0,
+        {**_REAL, "distance": 0.4, "direction": 0.0, "turn": 0.0}, {"steps": (0.005, 0.020)},
+    ),
+    "ground-randomised": Track(
+        "0.2 … 0.6 m in any direction; robots drawn at strength 1, real sensors", CRAWL, 75.0,
+        {"sensors": True, "randomization": 1.0}, _ANYWHERE,
+    ),
+}  # fmt: skip
+"""Every track by id."""
+
+
+def find_track(name: str) -> Track:
+    """Track by id (`UnknownNameError` lists the valid ones)."""
+    require_name("track", name, TRACKS)
+    return TRACKS[name]
+
+
+def flight_error(position_rms: float, attitude_rms: float, *, failed: bool) -> float:
+    """Error of a flight: ½ (position RMS / 0.05 m + attitude RMS / 0.05 rad), `CAP` at most and for a failed one.
+
+    Args:
+        position_rms: RMS of ‖position error‖ [m].
+        attitude_rms: RMS of ‖attitude error‖ [rad].
+        failed: Whether it ended early, or a form was not reached within 0.5 s after its deadline.
+    """
+    error = 0.5 * (position_rms / POSITION_SCALE + attitude_rms / ATTITUDE_SCALE)
+    return CAP if failed else min(CAP, error)
+
+
+def ground_error(rest: float, energy_per_m: float, *, failed: bool) -> float:
+    """Error of a crawl: ½ (final error / 0.02 m + energy per metre / 20 Wh/m), `CAP` at most and for a failed one.
+
+    Args:
+        rest: Distance from the goal in the end, a radian counting 0.5 m [m].
+        energy_per_m: Energy over the way from start to goal, a radian counting 0.5 m [Wh/m].
+        failed: Whether it ended early or was not finished in time.
+    """
+    return CAP if failed else min(CAP, 0.5 * (rest / REST_SCALE + energy_per_m / ENERGY_SCALE))
