@@ -16,7 +16,7 @@ from spidar_gym.description import CAMERAS
 from spidar_gym.envs.crawl_task import CrawlTask
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, output_folder, write_text
-from spidar_gym.scenario import CONDITIONS
+from spidar_gym.trial import CONDITIONS
 
 paper_app = tyro.extras.SubcommandApp()
 

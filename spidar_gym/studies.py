@@ -15,9 +15,9 @@ from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerCo
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.hover import HoverEnv
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
-from spidar_gym.scenario import CONDITIONS, Outcome, Scenario, fly_all
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.state import Reference
+from spidar_gym.trial import CONDITIONS, Outcome, Trial, fly_all
 
 SPEEDS = (0.2, 0.6, 1.0)
 """Joint speeds of the comparison [rad/s]."""
@@ -68,7 +68,7 @@ def speed_study(
     configs = controllers(ablation)
     cells = list(product(CONDITIONS, speeds))
     jobs = [
-        (config, Scenario(condition, speed, FIRST_SEED + k))
+        (config, Trial(condition, speed, FIRST_SEED + k))
         for condition, speed in cells
         for config in configs.values()
         for k in range(count)

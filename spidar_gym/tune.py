@@ -15,7 +15,7 @@ from spidar_gym.control.controller import ControllerConfig
 from spidar_gym.control.margins import AXES, margins
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_least
 from spidar_gym.files import json_text, write_bytes, write_text
-from spidar_gym.scenario import CONDITIONS, Outcome, Scenario, fly_all
+from spidar_gym.trial import CONDITIONS, Outcome, Trial, fly_all
 
 FIRST_SEED = 900_000
 """Tuning flies seeds from here on; nothing else may."""
@@ -111,11 +111,11 @@ def cost(outcome: Outcome) -> float:
     return outcome.position / POSITION_UNIT + outcome.attitude / ATTITUDE_UNIT
 
 
-def scenarios(generation: int, flights: int) -> list[Scenario]:
+def trials(generation: int, flights: int) -> list[Trial]:
     """The flights of a generation: every condition and speed, other seeds each time, the same for all candidates."""
     kinds = [(condition, speed) for condition in CONDITIONS for speed in SPEEDS]
     first = FIRST_SEED + generation * flights
-    return [Scenario(*kinds[k % len(kinds)], first + k, SECONDS) for k in range(flights)]
+    return [Trial(*kinds[k % len(kinds)], first + k, SECONDS) for k in range(flights)]
 
 
 def check_search(*, generations: int, population: int, flights: int, seed: int, workers: int) -> None:
@@ -170,7 +170,7 @@ def tune(
         points = search.ask()
         # The mean of the distribution flies too: it is the answer, so its cost belongs in the log.
         configs = [configuration(decode(x)) for x in [*points, search.mean]]
-        jobs = [(config, scenario) for config in configs for scenario in scenarios(generation, flights)]
+        jobs = [(config, trial) for config in configs for trial in trials(generation, flights)]
         outcomes = fly_all(jobs, workers=workers, on_done=on_flight)
         costs = np.array([cost(outcome) for outcome in outcomes]).reshape(len(configs), flights).mean(axis=1)
         costs += [10.0 * shortfall(config) for config in configs]

@@ -21,7 +21,7 @@ from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.experiments import FlightLog
 from spidar_gym.robot import FORMS
-from spidar_gym.scenario import Outcome
+from spidar_gym.trial import Outcome
 
 NAMES = ("paper", "run", "lost", "tune", "view", "assets", "bench", "list")
 COMMANDS = [["paper"], ["paper", "flight"], ["paper", "crawl"], *([name] for name in NAMES[1:])]

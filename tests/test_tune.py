@@ -12,8 +12,8 @@ from spidar_gym.control.compensation import CompensationConfig
 from spidar_gym.control.controller import ControllerConfig
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
-from spidar_gym.scenario import CONDITIONS, Outcome, fly
-from spidar_gym.tune import PARAMETERS, configuration, cost, decode, scenarios, shortfall
+from spidar_gym.trial import CONDITIONS, Outcome, fly
+from spidar_gym.tune import PARAMETERS, configuration, cost, decode, shortfall, trials
 
 N = len(PARAMETERS)
 NAMES, START, LOW, HIGH = zip(*((p.name, p.start, p.low, p.high) for p in PARAMETERS), strict=True)
@@ -111,14 +111,14 @@ def test_a_lost_flight_costs_more_than_any_that_was_flown_well():
 
 @pytest.mark.parametrize("flights", [1, 6, 12])
 def test_no_two_generations_share_a_seed_and_none_flies_a_seed_of_anything_else(flights):
-    seeds = [{s.seed for s in scenarios(generation, flights)} for generation in range(200)]
+    seeds = [{s.seed for s in trials(generation, flights)} for generation in range(200)]
     assert all(len(own) == flights for own in seeds)
     assert len(set.union(*seeds)) == 200 * flights
     assert min(set.union(*seeds)) >= 900_000 > studies.FIRST_SEED + 100_000 > 100_000
 
 
 def test_a_generation_of_six_flies_every_condition_at_every_speed():
-    kinds = {(s.condition, s.joint_speed) for s in scenarios(3, 6)}
+    kinds = {(s.condition, s.joint_speed) for s in trials(3, 6)}
     assert kinds == {(condition, speed) for condition in CONDITIONS for speed in tune.SPEEDS}
 
 
@@ -152,7 +152,7 @@ def test_the_cost_in_the_log_is_that_of_the_mean_of_the_distribution_on_the_same
     """It starts at the first guess."""
     line = tune.tune(tmp_path, generations=1, **(BUDGET | {"flights": 2}))
     start = configuration(decode(np.zeros(N)))
-    flown = [cost(fly(start, flight)) for flight in scenarios(0, 2)]
+    flown = [cost(fly(start, flight)) for flight in trials(0, 2)]
     assert line["shortfall"] == shortfall(start)
     assert line["cost"] == pytest.approx(np.mean(flown) + 10.0 * shortfall(start), rel=1e-12)
     assert line["best"] != line["cost"]

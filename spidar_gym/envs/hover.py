@@ -36,7 +36,7 @@ class HoverEnv(SpidarEnv):
         action_mode: str = "residual_wrench",
         preset: str = "paper",
         controller: ControllerConfig | None = None,
-        allocator: type[Allocator] = Allocator,
+        allocator: type[Allocator] | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -46,7 +46,7 @@ class HoverEnv(SpidarEnv):
             action_mode: What the action means.
             preset: Which controller: allocation, gains, compensations.
             controller: A controller of one's own in place of a preset; its joint speed is the task's.
-            allocator: An allocator of one's own: a subclass of `Allocator`.
+            allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -60,7 +60,7 @@ class HoverEnv(SpidarEnv):
         mode = find_action_mode(action_mode)
         base = controller_config(preset) if controller is None else controller
         config = replace(base, joint_speed=joint_speed, allocator=AllocatorConfig(max_iter=max_iter))
-        self.controller = Controller(config, allocator=allocator)
+        self.controller = Controller(config, allocator=allocator or Allocator)
         super().__init__(mode, layout(mode.size), joint_speed=joint_speed, **shared)
         self._start: FlightStart | None = None
         self._progress: Progress | None = None

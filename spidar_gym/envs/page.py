@@ -246,7 +246,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "action_mode": "one of " + ", ".join(f"`{n}`" for n in own.modes),
         "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
         "controller": f"a `{own.controller}` of one's own in place of a preset",
-        "allocator": "in flight: a subclass of `Allocator`, an allocation of one's own",
+        "allocator": "a subclass of `Allocator` of one's own in place of the QP",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
@@ -261,12 +261,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "height": "of pictures [px]",
     }
     parameters = {**inspect.signature(SpidarEnv).parameters, **inspect.signature(own.env).parameters}
-    return rows + [(n, _word(parameters[n].default), doc) for n, doc in meanings.items() if n in parameters]
-
-
-def _word(default: object) -> object:
-    """A default as the page prints it: classes by their name."""
-    return default.__name__ if isinstance(default, type) else default
+    return rows + [(n, parameters[n].default, doc) for n, doc in meanings.items() if n in parameters]
 
 
 def pages() -> dict[str, str]:

@@ -23,7 +23,7 @@ CONDITIONS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Trial:
     """One flight."""
 
     condition: str
@@ -56,7 +56,7 @@ class Outcome:
 
 @cache
 def _environment(condition: str, joint_speed: float) -> HoverEnv:
-    """One environment a process for each kind of scenario."""
+    """One environment a process for each kind of trial."""
     spidar_gym.envs.registry.register()
     env = gymnasium.make(
         "spidar_gym/Hover-v0", forms="independent", joint_speed=joint_speed, perturbation=0.0, max_episode_steps=10**9,
@@ -66,14 +66,14 @@ def _environment(condition: str, joint_speed: float) -> HoverEnv:
     return env
 
 
-def fly(config: ControllerConfig, scenario: Scenario) -> Outcome:
-    """Fly one scenario with a controller; its joint speed becomes the scenario's."""
-    env = _environment(scenario.condition, scenario.joint_speed)
-    env.controller = Controller(replace(config, joint_speed=scenario.joint_speed), env.controller.model)
-    env.reset(seed=scenario.seed)
+def fly(config: ControllerConfig, trial: Trial) -> Outcome:
+    """Fly one trial with a controller; its joint speed becomes the trial's."""
+    env = _environment(trial.condition, trial.joint_speed)
+    env.controller = Controller(replace(config, joint_speed=trial.joint_speed), env.controller.model)
+    env.reset(seed=trial.seed)
     action = np.zeros(env.action_space.shape or ())
     squares, softened, torque, failure = [], 0, 0.0, ""
-    for _ in range(round(scenario.seconds * CONTROL_RATE)):
+    for _ in range(round(trial.seconds * CONTROL_RATE)):
         _, _, terminated, _, info = env.step(action)
         position, attitude = info["position_error"], info["attitude_error"]
         squares.append((float(position @ position), float(attitude @ attitude)))
@@ -88,17 +88,17 @@ def fly(config: ControllerConfig, scenario: Scenario) -> Outcome:
     return Outcome(position, attitude, softened, torque, late, failure)
 
 
-def _fly(job: tuple[ControllerConfig, Scenario]) -> Outcome:
+def _fly(job: tuple[ControllerConfig, Trial]) -> Outcome:
     return fly(*job)
 
 
 def fly_all(
-    jobs: Iterable[tuple[ControllerConfig, Scenario]],
+    jobs: Iterable[tuple[ControllerConfig, Trial]],
     *,
     workers: int = 1,
     on_done: Callable[[], object] = lambda: None,
 ) -> list[Outcome]:
-    """Fly many scenarios in `workers` processes; the outcomes come in the order of the jobs."""
+    """Fly many trials in `workers` processes; the outcomes come in the order of the jobs."""
     jobs = list(jobs)
     outcomes: list[Outcome] = []
 

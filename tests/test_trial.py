@@ -1,14 +1,14 @@
-"""Pins the scenarios: outcomes from nothing but controller and seed, shared draws, the settling second, losses."""
+"""Pins the trials: outcomes from nothing but controller and seed, shared draws, the settling second, losses."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from spidar_gym import scenario
+from spidar_gym import trial
 from spidar_gym.control.centroidal import CentroidalConfig
 from spidar_gym.control.presets import controller_config
-from spidar_gym.scenario import CONDITIONS, Scenario, fly, fly_all
+from spidar_gym.trial import CONDITIONS, Trial, fly, fly_all
 
 PAPER, TUNED = controller_config("paper"), controller_config("tuned")
 PUSHED_OVER = replace(PAPER, centroidal=CentroidalConfig(attitude_gains=((-60.0, 0.0, -5.0),) * 3))
@@ -19,7 +19,7 @@ TICKS = 40
 
 def environment(flight):
     """The environment that a flight leaves behind."""
-    return scenario._environment(flight.condition, flight.joint_speed)
+    return trial._environment(flight.condition, flight.joint_speed)
 
 
 def errors(config, flight):
@@ -36,14 +36,14 @@ def errors(config, flight):
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_errors_are_root_mean_squares_without_the_first_second(condition):
-    flight = Scenario(condition, 0.6, 4, 1.5)
+    flight = Trial(condition, 0.6, 4, 1.5)
     squares, outcome = errors(PAPER, flight), fly(PAPER, flight)
     np.testing.assert_allclose([outcome.position, outcome.attitude], np.sqrt(squares[TICKS:].mean(axis=0)), rtol=1e-12)
     assert np.abs(np.sqrt(squares.mean(axis=0)) / [outcome.position, outcome.attitude] - 1.0).max() > 0.01
 
 
 def test_a_flight_shorter_than_the_settling_second_counts_whole():
-    flight = Scenario("nominal", 0.6, 4, 0.5)
+    flight = Trial("nominal", 0.6, 4, 0.5)
     outcome = fly(PAPER, flight)
     expected = np.sqrt(errors(PAPER, flight).mean(axis=0))
     np.testing.assert_allclose([outcome.position, outcome.attitude], expected, rtol=1e-12)
@@ -51,7 +51,7 @@ def test_a_flight_shorter_than_the_settling_second_counts_whole():
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_different_controllers_meet_the_same_forms_the_same_robot_and_the_same_start(condition):
-    flight, met = Scenario(condition, 1.0, 7, 0.1), []
+    flight, met = Trial(condition, 1.0, 7, 0.1), []
     for config in (PAPER, TUNED, PUSHED_OVER):
         fly(config, flight)
         env = environment(flight)
@@ -66,7 +66,7 @@ def test_different_controllers_meet_the_same_forms_the_same_robot_and_the_same_s
 
 def test_conditions_are_the_described_robot_and_a_drawn_one_with_sensors():
     for condition, drawn in (("nominal", False), ("randomised", True)):
-        flight = Scenario(condition, 0.2, 5, 0.1)
+        flight = Trial(condition, 0.2, 5, 0.1)
         fly(PAPER, flight)
         env = environment(flight)
         assert env.plant.config.sense == drawn
@@ -77,7 +77,7 @@ def test_conditions_are_the_described_robot_and_a_drawn_one_with_sensors():
 def test_every_scenario_flies_at_its_own_joint_speed_whatever_the_controllers():
     speeds = {}
     for speed in (0.2, 1.0):
-        flight = Scenario("nominal", speed, 6, 4.0)
+        flight = Trial("nominal", speed, 6, 4.0)
         fly(replace(PAPER, joint_speed=0.5), flight)
         env = environment(flight)
         assert env.controller.config.joint_speed == env.task.joint_speed == env.plant.config.joint_speed == speed
@@ -87,47 +87,47 @@ def test_every_scenario_flies_at_its_own_joint_speed_whatever_the_controllers():
 
 
 def test_a_lost_flight_ends_early_says_why_and_has_an_error_all_the_same():
-    flown = [fly(PUSHED_OVER, Scenario("nominal", 1.0, 1, 8.0)), fly(PAPER, Scenario("nominal", 1.0, 1, 1.5))]
+    flown = [fly(PUSHED_OVER, Trial("nominal", 1.0, 1, 8.0)), fly(PAPER, Trial("nominal", 1.0, 1, 1.5))]
     assert flown[0].failure in ("tilt", "position", "contact")
     assert flown[0].attitude > 0.05 > flown[1].attitude
     assert flown[1].failure == ""
-    assert environment(Scenario("nominal", 1.0, 1)).progress.ticks == round(1.5 * TICKS)
+    assert environment(Trial("nominal", 1.0, 1)).progress.ticks == round(1.5 * TICKS)
 
 
 def test_a_calm_flight_never_softens_its_allocation_and_one_that_turns_over_does():
-    calm, wild = fly(PAPER, Scenario("nominal", 0.6, 3, 1.0)), fly(PUSHED_OVER, Scenario("nominal", 1.0, 1, 8.0))
+    calm, wild = fly(PAPER, Trial("nominal", 0.6, 3, 1.0)), fly(PUSHED_OVER, Trial("nominal", 1.0, 1, 8.0))
     assert calm.softened == 0 < wild.softened
     assert 0.5 < calm.joint_torque < 7.01
 
 
 def test_slow_joints_are_late_and_the_papers_are_not():
     """Joints that ramp up over three seconds miss every deadline: the schedule has them at full speed at once."""
-    flight = Scenario("nominal", 1.0, 9, 5.0)
+    flight = Trial("nominal", 1.0, 9, 5.0)
     slow = replace(PAPER, compensation=replace(PAPER.compensation, joint_ramp=3.0))
     assert fly(PAPER, flight).late == 0
     assert fly(slow, flight).late > 0
 
 
 def test_outcomes_come_in_the_order_of_the_jobs_and_every_flight_is_counted():
-    flights = [Scenario("nominal", 0.6, seed, 0.2) for seed in (3, 1, 2)]
+    flights = [Trial("nominal", 0.6, seed, 0.2) for seed in (3, 1, 2)]
     jobs, done = [(config, flight) for flight in flights for config in (PAPER, TUNED)], []
     assert fly_all(iter(jobs), on_done=lambda: done.append(None)) == [fly(*job) for job in jobs]
     assert len(done) == len(jobs)
 
 
-SHORT = [Scenario("nominal", 1.0, 1, 1.5), Scenario("randomised", 1.0, 1, 1.5), Scenario("nominal", 1.0, 2, 1.5)]
+SHORT = [Trial("nominal", 1.0, 1, 1.5), Trial("randomised", 1.0, 1, 1.5), Trial("nominal", 1.0, 2, 1.5)]
 
 
 def test_a_scenario_has_one_outcome_whatever_flew_before_and_in_however_many_processes():
-    alone = [fly(PAPER, scenario) for scenario in SHORT]
-    assert [fly(PAPER, scenario) for scenario in reversed(SHORT)] == alone[::-1]
-    assert fly_all([(PAPER, scenario) for scenario in SHORT], workers=2) == alone
+    alone = [fly(PAPER, trial) for trial in SHORT]
+    assert [fly(PAPER, trial) for trial in reversed(SHORT)] == alone[::-1]
+    assert fly_all([(PAPER, trial) for trial in SHORT], workers=2) == alone
     assert len({outcome.attitude for outcome in alone}) == len(alone)
 
 
 def test_controllers_meet_the_same_forms_and_the_better_one_errs_less():
-    scenario = Scenario("nominal", 1.0, 3, 5.0)
-    paper, tuned = fly(PAPER, scenario), fly(controller_config("tuned"), scenario)
+    trial = Trial("nominal", 1.0, 3, 5.0)
+    paper, tuned = fly(PAPER, trial), fly(controller_config("tuned"), trial)
     assert tuned.attitude < 0.5 * paper.attitude
     assert tuned.joint_torque < 7.0 + 1e-3
     assert paper.failure == tuned.failure == ""
