@@ -17,6 +17,7 @@ from tqdm import tqdm
 from spidar_gym import crawl_experiment, experiments, studies, viz
 from spidar_gym import tune as tuning
 from spidar_gym.bench import PARTS, bench_table, run_bench
+from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli_eval import board_app, eval_, scenarios
 from spidar_gym.cli_paper import PresetArg, paper_app
 from spidar_gym.cli_run import run
@@ -189,7 +190,7 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
     for title, names in (
         ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES),
         ("crawl presets", CRAWL_PRESETS), ("schedules", SCHEDULES), ("crawl action modes", CRAWL_MODES),
-        ("cameras", CAMERAS),
+        ("cameras", CAMERAS), ("benchmark tracks", TRACKS),
     ):  # fmt: skip
         print(f"{title}: {', '.join(names)}")
 

@@ -18,6 +18,7 @@ STEPS: list[tuple[str, list[str]]] = [
     ("import layers", ["lint-imports"]),
     ("generated files", ["spidar", "assets", "--check"]),
     ("tests", ["pytest", "-n", WORKERS]),
+    ("rows of the leaderboard, played again", ["spidar", "leaderboard", "verify", "--sample", "10"]),
 ]
 
 

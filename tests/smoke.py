@@ -1,11 +1,13 @@
-"""What a wheel without the checkout must do: register, fly a second, draw nothing, import no learning framework."""
+"""What a wheel without the checkout must do: fly a second, rank a policy, draw nothing, import no torch."""
 
 import sys
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 
 import spidar_gym
+from spidar_gym.benchmark.row import read_row, reference_row
 from spidar_gym.cli import main
 
 env = gymnasium.make("spidar_gym/Hover-v0", forms="form2", perturbation=0.0)
@@ -16,5 +18,16 @@ assert not terminated, info
 assert np.linalg.norm(info["position_error"]) < 0.01, info
 assert not {"torch", "stable_baselines3", "matplotlib"} & sys.modules.keys()
 main(["list"])
+Path("mine.py").write_text(
+    "import numpy as np\n"
+    "class Zero:\n"
+    "    def arguments(self, env_id): return {'action_mode': 'residual_wrench'} if 'Hover' in env_id else None\n"
+    "    def reset(self, seed): pass\n"
+    "    def act(self, observation): return np.zeros(6)\n"
+)
+main(["eval", "--policy", "mine:Zero", "--tracks", "flight-fast5", "--scenarios", "2", "--workers", "1"])
+row = read_row(Path("out/scores/zero.json"))
+assert reference_row() is not None, "the wheel has what scores refer to"
+np.testing.assert_allclose(row.errors("flight-fast5")[0], reference_row().errors("flight-fast5")[0, :2], rtol=0.02)
 main(["assets", "--check"])
 print("spidar_gym", spidar_gym.__version__, "flies from", spidar_gym.__file__)

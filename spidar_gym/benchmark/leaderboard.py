@@ -12,6 +12,7 @@ from spidar_gym.benchmark.episode import METRICS
 from spidar_gym.benchmark.row import REFERENCE, Row, RowError
 from spidar_gym.benchmark.statistics import (
     Interval,
+    Numbers,
     improvement,
     iqm,
     one,
@@ -127,7 +128,7 @@ def cell(row: Row, base: Row, track: str) -> Cell:
     """A row on a track."""
     strata = [pair(row, base, track)]
 
-    def interval(statistic: Callable[[np.ndarray, np.ndarray], float]) -> Interval:
+    def interval(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Interval:
         return stratified_bootstrap(strata, one(statistic), _rng(row.name, track))
 
     metrics = {}
@@ -140,7 +141,7 @@ def cell(row: Row, base: Row, track: str) -> Cell:
         score=interval(ratio_score),
         difference=interval(paired_difference),
         improvement=interval(improvement),
-        error=iqm(strata[0][1]),
+        error=float(iqm(strata[0][1].reshape(-1))),
         success=float(row.column(track, "success").mean()),
         failed=float(row.column(track, "failed").mean()),
         scenarios=len(strata[0][0]),
@@ -345,7 +346,7 @@ def report(row: Row, base: Row | None) -> str:
         lines = [["track", "error, IQM", "success", "failed"]]
         for track in row.tracks:
             numbers = [row.column(track, name).mean() for name in ("success", "failed")]
-            lines.append([track, f"{iqm(row.errors(track)):.3f}", *(f"{number:.0%}" for number in numbers)])
+            lines.append([track, f"{iqm(row.errors(track).reshape(-1)):.3f}", *(f"{number:.0%}" for number in numbers)])
         return f"{row.name}; there is no row {REFERENCE} to compare it with\n{_aligned(lines)}"
     lines = [
         [

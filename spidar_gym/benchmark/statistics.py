@@ -21,73 +21,71 @@ class Interval:
     """97.5th percentile."""
 
 
-def iqm(values: np.ndarray) -> float:
-    """Interquartile mean: the mean of the middle half, quarters of values counted in part."""
-    x = np.sort(np.asarray(values, float), axis=None)
-    n = len(x)
+Numbers = np.ndarray | np.floating
+"""One number, or one for each draw."""
+Strata = Sequence[tuple[np.ndarray, np.ndarray]]
+"""For each track the errors of the base (…, scenarios) and of a policy (…, runs, scenarios)."""
+
+
+def iqm(values: np.ndarray) -> Numbers:
+    """Interquartile mean over the last axis: the mean of the middle half, quarters of values counted in part."""
+    x = np.sort(np.asarray(values, float), axis=-1)
+    n = x.shape[-1]
     edges = np.clip(np.array([np.arange(n), np.arange(1, n + 1)]) / n, 0.25, 0.75)
     weights = edges[1] - edges[0]
-    return float(weights @ x / weights.sum())
+    return x @ weights / weights.sum()
 
 
-def ratio_score(base: np.ndarray, own: np.ndarray) -> float:
+def ratio_score(base: np.ndarray, own: np.ndarray) -> Numbers:
     """Score: the base's mean error over one's own on the same scenarios; above 1 is better than the base.
 
     Args:
-        base: Errors of the base, shape (scenarios,).
-        own: Errors, shape (runs, scenarios).
+        base: Errors of the base, shape (…, scenarios).
+        own: Errors, shape (…, runs, scenarios).
     """
-    return float(np.mean(base) / np.mean(own))
+    return np.mean(base, axis=-1) / np.mean(own, axis=(-1, -2))
 
 
-def paired_difference(base: np.ndarray, own: np.ndarray) -> float:
+def paired_difference(base: np.ndarray, own: np.ndarray) -> Numbers:
     """IQM of the paired differences over the base's IQM: −0.5 is half the error. Shapes as in `ratio_score`."""
-    return iqm(np.mean(own, axis=0) - base) / iqm(base)
+    return iqm(np.mean(own, axis=-2) - base) / iqm(base)
 
 
-def improvement(base: np.ndarray, own: np.ndarray) -> float:
+def improvement(base: np.ndarray, own: np.ndarray) -> Numbers:
     """Probability that a run's error on a scenario is below the base's; ties count half. Shapes as in `ratio_score`."""
-    return float(np.mean((own < base) + 0.5 * (own == base)))
+    base = np.asarray(base)[..., None, :]
+    return np.mean((own < base) + 0.5 * (own == base), axis=(-1, -2))
 
 
 def stratified_bootstrap(
-    strata: Sequence[tuple[np.ndarray, np.ndarray]],
-    statistic: Callable[[list[tuple[np.ndarray, np.ndarray]]], float],
-    rng: np.random.Generator,
-    *,
-    draws: int = DRAWS,
+    strata: Strata, statistic: Callable[[Strata], Numbers], rng: np.random.Generator, *, draws: int = DRAWS
 ) -> Interval:
     """95 % interval of a statistic of paired errors, drawn within strata.
 
     Args:
-        strata: For each track the errors of the base (scenarios,) and of a policy (runs, scenarios). In every draw each
-            track's scenarios are drawn with replacement, the same for both, and so are the policy's runs.
-        statistic: Strata → number.
+        strata: Errors of base and policy, track by track. In every draw each track's scenarios are drawn with
+            replacement, the same for both, and so are the policy's runs.
+        statistic: Strata → number, for all draws at once: their axis comes first.
         rng: Source of the draws.
         draws: How many.
     """
-    values = np.empty(draws)
-    for k in range(draws):
-        drawn = []
-        for base, own in strata:
-            scenarios = rng.integers(0, len(base), len(base))
-            runs = rng.integers(0, len(own), len(own)) if len(own) > 1 else np.zeros(1, int)
-            drawn.append((base[scenarios], own[runs][:, scenarios]))
-        values[k] = statistic(drawn)
-    low, high = np.percentile(values, [2.5, 97.5]).tolist()
-    return Interval(float(statistic(list(strata))), low, high)
+    drawn = []
+    for base, own in strata:
+        scenarios = rng.integers(0, len(base), (draws, len(base)))
+        runs = rng.integers(0, len(own), (draws, len(own)))
+        drawn.append((base[scenarios], own[runs[:, :, None], scenarios[:, None, :]]))
+    low, high = np.percentile(statistic(drawn), [2.5, 97.5]).tolist()
+    return Interval(float(statistic(strata)), low, high)
 
 
-def one(
-    statistic: Callable[[np.ndarray, np.ndarray], float],
-) -> Callable[[list[tuple[np.ndarray, np.ndarray]]], float]:
+def one(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Callable[[Strata], Numbers]:
     """A statistic of one track as one of strata."""
     return lambda strata: statistic(*strata[0])
 
 
-def overall_score(strata: list[tuple[np.ndarray, np.ndarray]]) -> float:
+def overall_score(strata: Strata) -> Numbers:
     """Geometric mean of the tracks' scores, so that no track counts more for its unit."""
-    return float(np.exp(np.mean([np.log(ratio_score(base, own)) for base, own in strata])))
+    return np.exp(np.mean([np.log(ratio_score(base, own)) for base, own in strata], axis=0))
 
 
 @dataclass(frozen=True)
@@ -110,4 +108,4 @@ def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator, *, 
     """Paired comparison of errors on the same scenarios."""
     before, after = np.asarray(before, float), np.asarray(after, float)
     change = stratified_bootstrap([(before, after[None])], one(paired_difference), rng, draws=draws)
-    return Change(iqm(before), iqm(after), change.value, change.low, change.high)
+    return Change(float(iqm(before)), float(iqm(after)), change.value, change.low, change.high)

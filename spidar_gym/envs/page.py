@@ -84,7 +84,8 @@ CHAPTERS: dict[str, Chapter] = {
             "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
         },
         "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a\n"
-        "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`).",
+        "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`). The option `start` of `reset` gives\n"
+        "offset, forms with their deadlines and the integrals' preload instead, as the benchmark's scenarios do.",
         f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
         f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
         f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
