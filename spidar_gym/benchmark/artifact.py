@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ import gymnasium
 import numpy as np
 
 import spidar_gym.envs.registry
-from spidar_gym.benchmark.policy import KINDS
+from spidar_gym.benchmark.policy import KINDS, check_name
 from spidar_gym.benchmark.row import model_hash, versions
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
@@ -69,12 +70,17 @@ class Artifact:
         require_name("kind", self.kind, KINDS)
         require_name("activation", self.activation, ACTIVATIONS)
         require_name("output", self.output, OUTPUTS)
+        check_name(self.name)
+        if not (isinstance(self.clip, int | float) and 0.0 < self.clip < math.inf):
+            raise InvalidValueError("clip", self.clip, "a number above 0")
         arrays = {"mean": self.mean, "variance": self.variance}
         arrays |= {f"weights[{k}]": w for k, w in enumerate(self.weights)}
         arrays |= {f"biases[{k}]": b for k, b in enumerate(self.biases)}
         for name, array in arrays.items():
-            if not np.isfinite(array).all():
-                raise InvalidValueError(name, "NaN or infinite", "finite numbers")
+            if array.dtype.kind != "f" or not np.isfinite(array).all():
+                raise InvalidValueError(name, "NaN, infinite or no number", "finite numbers")
+            if array.ndim != (2 if name.startswith("weights") else 1):
+                raise InvalidValueError(name, array.shape, "a matrix for weights, vectors otherwise")
         if not (self.variance > 0.0).all() or self.variance.shape != self.mean.shape:
             raise InvalidValueError("variance", self.variance.shape, f"{self.mean.shape} numbers above 0")
         if not (self.weights and len(self.weights) == len(self.biases)):
@@ -133,7 +139,8 @@ def write_artifact(artifact: Artifact, path: Path) -> None:
     for k, (w, b) in enumerate(zip(artifact.weights, artifact.biases, strict=True)):
         arrays[f"weight{k}"], arrays[f"bias{k}"] = w.astype(np.float32), b.astype(np.float32)
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    # Stored, not compressed: another version of the compressor would give other bytes.
+    with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr(zipfile.ZipInfo("policy.json", EPOCH), json.dumps(meta, indent=1, ensure_ascii=False))
         for name, array in arrays.items():
             data = io.BytesIO()
@@ -158,11 +165,25 @@ def read_artifact(path: Path) -> Artifact:
             }
     except OSError as error:
         raise ArtifactError(f"{path}: {error.strerror}; valid: a learned policy's artifact") from error
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (KeyError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
         raise ArtifactError(f"{path} is no artifact ({error}); valid: a file that `write_artifact` wrote") from error
-    if meta.get("format") != FORMAT:
-        raise ArtifactError(f"{path} has format {meta.get('format')}; valid: format {FORMAT}")
+    was = meta.get("format") if isinstance(meta, dict) else None
+    if was != FORMAT:
+        raise ArtifactError(f"{path} has format {was}; valid: format {FORMAT}")
+    try:
+        return _artifact(path, meta, arrays)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ArtifactError(f"{path} lacks {error}; valid: a file that `write_artifact` wrote") from error
+    except ArtifactError:
+        raise
+    except SpidarError as error:
+        raise ArtifactError(f"{path}: {error}") from error
+
+
+def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Artifact:
+    """The artifact of a file's parts, where they fit the environments, the robot and each other."""
     _check_origin(path, meta)
+    check_name(meta["name"])
     layers = range(meta["layers"])
     needed = ["mean", "variance", *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
     missing = [name for name in needed if name not in arrays]
@@ -173,13 +194,10 @@ def read_artifact(path: Path) -> Artifact:
     known = {
         name: meta[name] for name in ("name", "kind", "doc", "env_id", "arguments", "clip", "activation", "output")
     }
-    try:
-        artifact = Artifact(
-            **known, weights=weights, biases=biases, mean=arrays["mean"], variance=arrays["variance"],
-            training=meta["training"],
-        )  # fmt: skip
-    except InvalidValueError as error:
-        raise ArtifactError(f"{path}: {error}") from error
+    artifact = Artifact(
+        **known, weights=weights, biases=biases, mean=arrays["mean"], variance=arrays["variance"],
+        training=meta["training"],
+    )  # fmt: skip
     sizes = sum(size for _, size, _ in meta["interface"]["observation"]), meta["interface"]["action"]
     if (len(artifact.mean), len(artifact.biases[-1])) != sizes:
         raise ArtifactError(

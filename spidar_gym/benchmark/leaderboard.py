@@ -226,7 +226,7 @@ def _aligned(lines: list[list[str]]) -> str:
 
 
 def _piped(lines: list[list[str]]) -> list[str]:
-    rows = ["| " + " | ".join(line) + " |" for line in lines]
+    rows = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
     return [rows[0], "|" + "---|" * len(lines[0]), *rows[1:]]
 
 
@@ -369,4 +369,5 @@ def report(row: Row, base: Row | None) -> str:
         interval = overall_interval(row, base, group)
         if interval is not None:
             lines.append([f"all {group}", _number(interval), *[""] * 6])
-    return f"{row.name}: {row.doc}\n{_aligned(lines)}"
+    few = f"\n† fewer than {FEWEST_RUNS} training runs" if _flag(row) else ""
+    return f"{row.name}{_flag(row)}: {row.doc}\n{_aligned(lines)}{few}"

@@ -101,7 +101,11 @@ def load_policy(spec: str) -> Policy:
 
 def policy_name(policy: Policy) -> str:
     """Name of the policy's row: letters, digits, `_`, `-`."""
-    name = getattr(policy, "name", "") or type(policy).__name__.lower()
+    return check_name(getattr(policy, "name", "") or type(policy).__name__.lower())
+
+
+def check_name(name: object) -> str:
+    """A name that can be a file's, or `InvalidValueError`."""
     if not (isinstance(name, str) and name and all(c.isalnum() or c in "_-" for c in name)):
         raise InvalidValueError("name", name, "letters, digits, _ and -")
     return name

@@ -15,11 +15,19 @@ import numpy as np
 
 from spidar_gym.benchmark.episode import METRICS
 from spidar_gym.benchmark.evaluate import Score
-from spidar_gym.benchmark.policy import Policy, policy_digest, policy_doc, policy_kind, policy_name
+from spidar_gym.benchmark.policy import (
+    KINDS,
+    Policy,
+    check_name,
+    policy_digest,
+    policy_doc,
+    policy_kind,
+    policy_name,
+)
 from spidar_gym.benchmark.scenario import load_scenarios
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
 from spidar_gym.description import assets_dir, mjcf_path
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import InvalidValueError, SpidarError, require_name
 from spidar_gym.files import write_text
 
 FORMAT = 1
@@ -115,6 +123,11 @@ def make_row(
         command: What was called.
     """
     first = policies[0]
+    if len({(policy_name(policy), policy_kind(policy)) for policy in policies}) > 1:
+        raise InvalidValueError("policies", list(specs), "runs of one policy: the same name and kind")
+    for track, runs in scores.items():
+        if len({(run.split, run.indices) for run in runs}) > 1 or len(runs) != len(policies):
+            raise InvalidValueError("scores", track, "a score for each run, on the same scenarios")
     training = [getattr(policy, "training", None) for policy in policies]
     tracks, times = {}, {}
     for track, runs in scores.items():
@@ -202,22 +215,61 @@ def read_row(path: Path) -> Row:
         raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote")
     if content.get("sha256") != row_hash(content):
         raise RowError(f"{path} was edited by hand: its hash does not match; valid: the row that `spidar eval` writes")
-    if content["model_sha256"] != model_hash():
-        raise RowError(f"{path} is of another robot model; valid: a row evaluated anew by its command")
-    for name, track in content["tracks"].items():
-        if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
-            raise RowError(f"{path}: {name} has other scenarios; valid: a row evaluated anew by its command")
-        missing = [metric for run in track["runs"] for metric in METRICS if metric not in run]
-        if missing:
-            raise RowError(f"{path}: {name} lacks {missing[0]}; valid: a row evaluated anew by its command")
+    try:
+        _check_content(content)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise RowError(f"{path} lacks {error}; valid: a row that `spidar eval` wrote") from error
+    except SpidarError as error:
+        raise RowError(f"{path}: {error}") from error
     return _row(content)
+
+
+def _check_content(content: Mapping[str, Any]) -> None:
+    """Whether a row has all its parts, of the present robot and scenarios."""
+    anew = "valid: a row evaluated anew by its command"
+    if content["model_sha256"] != model_hash():
+        raise RowError(f"another robot model; {anew}")
+    require_name("kind", content["kind"], KINDS)
+    check_name(content["name"])
+    runs = len(content["policies"])
+    if not {"doc", "command", "versions", "training"} <= set(content) or not {"processor", "tracks"} <= set(
+        content["timing"]
+    ):
+        raise RowError("it lacks where it comes from; valid: a row that `spidar eval` wrote")
+    if len(content["policies_sha256"]) != runs or not runs:
+        raise RowError("as many policies as hashes are valid, at least one")
+    for name, track in content["tracks"].items():
+        require_name("split", track["split"], SPLITS)
+        if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
+            raise RowError(f"{name} has other scenarios; {anew}")
+        if len(track["runs"]) != runs:
+            raise RowError(f"{name} has {len(track['runs'])} runs; valid: {runs}, one a policy")
+        _check_numbers(name, track)
+
+
+def _check_numbers(name: str, track: Mapping[str, Any]) -> None:
+    """Whether a track has a number for each scenario, of each metric and run."""
+    indices = track["scenarios"]
+    if len(set(indices)) != len(indices) or not set(indices) <= set(range(SCENARIOS)) or not indices:
+        raise RowError(f"{name} has scenarios {indices}; valid: different ones within 0 … {SCENARIOS - 1}")
+    for run in track["runs"]:
+        for metric in METRICS:
+            if metric not in run:
+                raise RowError(f"{name} lacks {metric}; valid: a row evaluated anew by its command")
+            if len(run[metric]) != len(indices):
+                raise RowError(f"{name} has {len(run[metric])} numbers of {metric}; valid: {len(indices)}")
 
 
 def read_rows(folder: Path) -> dict[str, Row]:
     """Every row of a folder by name, the reference first."""
     if not folder.is_dir():
         raise RowError(f"{folder} is no folder; valid: one with rows that `spidar eval` wrote")
-    rows = {row.name: row for row in map(read_row, sorted(folder.glob("*.json")))}
+    rows: dict[str, Row] = {}
+    for path in sorted(folder.glob("*.json")):
+        row = read_row(path)
+        if row.name in rows:
+            raise RowError(f"{path} is a second row {row.name}; valid: one file a row")
+        rows[row.name] = row
     if not rows:
         raise RowError(f"{folder} has no rows; valid: a folder with rows that `spidar eval` wrote")
     return {name: rows[name] for name in sorted(rows, key=lambda name: (name != REFERENCE, name))}

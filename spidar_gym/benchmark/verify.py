@@ -13,7 +13,7 @@ from spidar_gym.benchmark.row import Row, RowError, processor, versions
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import TRACKS
 
-TOLERANCE = {"flight": 0.02, "ground": 0.10}
+TOLERANCE = {"flight": 0.005, "ground": 0.02}
 """Other versions or another processor may change a scenario's error by this share of it, or of 0.1 if that is more."""
 
 

@@ -1,0 +1,373 @@
+"""Pins the rows of the leaderboard: their hash, what is refused, their files, and what they say of their origin."""
+
+import json
+import os
+import platform
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spidar_gym.benchmark.episode import METRICS
+from spidar_gym.benchmark.evaluate import Score
+from spidar_gym.benchmark.policy import PresetPolicy, policy_digest
+from spidar_gym.benchmark.row import (
+    PACKAGES,
+    ROWS,
+    RowError,
+    called,
+    cores,
+    make_row,
+    model_hash,
+    processor,
+    read_row,
+    read_rows,
+    reference_row,
+    row_hash,
+    row_text,
+    versions,
+    write_row,
+)
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import CAP, TRACKS
+from spidar_gym.errors import SpidarError
+
+SPEC = "spidar_gym.benchmark.policy:PresetPolicy"
+"""Of every run of a made row: a policy that can be loaded, and that nobody plays."""
+TRACK = "flight-fast5"
+
+
+def policy(name="qp", kind="classical", doc="What it is.", training=None):
+    made = PresetPolicy()
+    made.name, made.kind, made.training, made.__doc__ = name, kind, training, doc
+    return made
+
+
+def score(track, errors, *, indices=None, split="test", steps=0.001, **columns):
+    """A score whose metrics nobody has flown; a scenario at the cap has failed."""
+    n = len(errors)
+    metrics = {name: [None] * n for name in METRICS}
+    failed = [error >= CAP for error in errors]
+    metrics |= {"error": list(errors), "failed": failed, "success": [error < 1.0 for error in errors]}
+    metrics |= {"failure": ["tilt" if lost else "" for lost in failed], "energy_wh": [10.0 + error for error in errors]}
+    metrics |= {"violations": [0.0] * n, "unsolved": list(range(n)), "attitude_rms_rad": [0.1 * e for e in errors]}
+    timing = [{"act_s": [1e-5, 2e-5], "step_s": [steps, 3.0 * steps], "wall_s": 0.5} for _ in errors]
+    digest = load_scenarios(track, split)[1]
+    return Score(track, split, digest, tuple(indices or range(n)), metrics | columns, timing)
+
+
+def made_row(scores, name="qp", kind="classical", *, doc="What it is.", training=None, **options):
+    """A row from errors: for each track those of every run, or scores."""
+    scores = {
+        track: [run if isinstance(run, Score) else score(track, run, **options) for run in runs]
+        for track, runs in scores.items()
+    }
+    runs = max(map(len, scores.values()))
+    policies = [policy(name, kind, doc, training) for _ in range(runs)]
+    return make_row(policies, [SPEC] * runs, scores, command=f"spidar eval --policy {name}")
+
+
+def changed(row, change):
+    """The row's content after a change, with the hash of the new one."""
+    content = deepcopy(dict(row.content))
+    change(content)
+    content["sha256"] = row_hash(content)
+    return content
+
+
+def stored(content, folder, name="row.json"):
+    path = folder / name
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def row():
+    """Two runs on a flight, two on a crawl, of which one failed."""
+    scores = {"ground-paper": [[0.8, CAP], [0.9, 0.1 + 0.2]], TRACK: [[0.5, 1e-300, 1.75], [0.25, 0.7, 1.0 / 3.0]]}
+    return made_row(scores, "sham", "residual", doc='½ of ‖x‖, "quoted" | piped.', training={"seed": 3, "steps": 10})
+
+
+def test_a_row_is_read_as_it_was_written_byte_for_byte(row, tmp_path):
+    path = write_row(row, tmp_path)
+    assert path == tmp_path / "sham.json"
+    again = read_row(path)
+    assert again == row
+    assert row_text(again).encode() == path.read_bytes() == row_text(row).encode()
+
+
+def test_a_file_of_a_row_has_a_line_for_every_metric(row, tmp_path):
+    """A number that changes is two changed lines: its own and the hash."""
+    other = changed(row, lambda c: c["tracks"][TRACK]["runs"][1]["error"].__setitem__(2, 0.125))
+    lines = row_text(row).splitlines()
+    differ = [
+        (a, b) for a, b in zip(lines, row_text(read_row(stored(other, tmp_path))).splitlines(), strict=True) if a != b
+    ]
+    assert len(differ) == 2
+    assert '"error"' in differ[0][1]
+    assert "0.125" in differ[0][1]
+    assert '"sha256"' in differ[1][1]
+
+
+def test_errors_are_those_of_runs_and_scenarios_and_tracks_stand_in_the_tables_order(row):
+    assert row.tracks == [TRACK, "ground-paper"]
+    np.testing.assert_array_equal(row.errors(TRACK), [[0.5, 1e-300, 1.75], [0.25, 0.7, 1.0 / 3.0]])
+    assert row.errors("ground-paper").shape == (2, 2)
+    assert row.scenarios(TRACK) == [0, 1, 2]
+    assert (row.name, row.kind, row.policies) == ("sham", "residual", (SPEC, SPEC))
+
+
+def test_what_has_no_meaning_is_nan_in_a_column_and_truths_are_numbers(row):
+    assert np.isnan(row.column(TRACK, "final_error_m")).all()
+    np.testing.assert_array_equal(row.column("ground-paper", "failed"), [[0.0, 1.0], [0.0, 0.0]])
+    mixed = made_row({TRACK: [score(TRACK, [0.5, 0.6], endurance_min=[None, 8.5])]})
+    np.testing.assert_array_equal(mixed.column(TRACK, "endurance_min"), [[np.nan, 8.5]])
+
+
+def test_a_row_says_where_it_comes_from(row):
+    content = row.content
+    assert content["policies_sha256"] == [policy_digest(PresetPolicy())] * 2
+    assert content["model_sha256"] == model_hash()
+    assert content["versions"] == versions()
+    assert content["timing"]["processor"] == processor()
+    assert content["training"] == [{"seed": 3, "steps": 10}] * 2
+    assert content["tracks"][TRACK]["scenarios_sha256"] == load_scenarios(TRACK)[1]
+    assert made_row({TRACK: [[0.5]]}).content["training"] is None
+
+
+def test_times_are_medians_over_runs_and_scenarios_in_milliseconds():
+    runs = [score(TRACK, [0.5], steps=seconds) for seconds in (0.001, 0.001, 0.004)]
+    times = made_row({TRACK: runs}).content["timing"]["tracks"][TRACK]
+    assert times == {"step_ms_p50_p99": [1.0, 3.0], "policy_ms_p50_p99": [0.01, 0.02], "wall_s": 1.5}
+
+
+def test_times_do_not_count_for_the_hash(row, tmp_path):
+    content = deepcopy(dict(row.content))
+    content["timing"]["processor"] = "another"
+    content["timing"]["tracks"][TRACK]["wall_s"] = 1e6
+    assert read_row(stored(content, tmp_path)).errors(TRACK).tolist() == row.errors(TRACK).tolist()
+
+
+def places(content, place=()):
+    """Every place of a row that holds a number, a word or nothing, but for hash and times."""
+    if isinstance(content, dict | list):
+        for key, value in content.items() if isinstance(content, dict) else enumerate(content):
+            if place or key not in ("sha256", "timing"):
+                yield from places(value, (*place, key))
+    else:
+        yield place
+
+
+def test_nothing_else_can_be_changed_by_hand(row, tmp_path):
+    whole = list(places(dict(row.content)))
+    assert {place[0] for place in whole} == set(row.content) - {"sha256", "timing"}
+    # Of the metrics one number a column will do.
+    for place in [p for p in whole if len(p) < 6 or p[-1] == 0]:
+        content = deepcopy(dict(row.content))
+        *way, last = place
+        within = content
+        for key in way:
+            within = within[key]
+        within[last] = 0.5 if within[last] is None else f"{within[last]}x"
+        with pytest.raises(RowError, match="edited by hand" if place != ("format",) else "no row of format"):
+            read_row(stored(content, tmp_path))
+
+
+@pytest.mark.parametrize("change", [lambda c: c.pop("sha256"), lambda c: c.update(sha256=""), lambda c: c.pop("doc"),
+                                    lambda c: c.update(note="better"), lambda c: c["tracks"].pop(TRACK)])  # fmt: skip
+def test_a_row_without_its_hash_or_with_less_or_more_in_it_was_edited_by_hand(row, tmp_path, change):
+    content = deepcopy(dict(row.content))
+    change(content)
+    with pytest.raises(RowError, match=r"row\.json was edited by hand.*valid: "):
+        read_row(stored(content, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.update(format=2), "no row of format 1"),
+        (lambda c: c.pop("format"), "no row of format 1"),
+        (lambda c: c.update(model_sha256="0" * 64), "another robot model"),
+        (lambda c: c["tracks"][TRACK].update(scenarios_sha256="0" * 64), f"{TRACK} has other scenarios"),
+        (lambda c: c["tracks"][TRACK].update(split="validation"), f"{TRACK} has other scenarios"),
+        (lambda c: c["tracks"].update({"flight-fast9": c["tracks"].pop(TRACK)}), "flight-fast9 has other scenarios"),
+        (lambda c: c["tracks"][TRACK]["runs"][1].pop("slip_m"), f"{TRACK} lacks slip_m"),
+    ],
+)
+def test_a_row_of_something_else_is_refused_though_its_hash_is_right(row, tmp_path, change, message):
+    with pytest.raises(RowError, match=f"row.json.* {message}.*; valid: ") as caught:
+        read_row(stored(changed(row, change), tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["name", "kind", "doc", "policies", "model_sha256", "tracks", "timing"])
+def test_a_row_that_lacks_a_part_is_refused_though_its_hash_is_right(row, tmp_path, key):
+    with pytest.raises(RowError, match=r"row\.json.*; valid: "):
+        read_row(stored(changed(row, lambda c: c.pop(key)), tmp_path))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda track: track.pop("split"),
+        lambda track: track.update(split="train"),
+        lambda track: track.pop("runs"),
+        lambda track: track["runs"].clear(),
+        lambda track: track["runs"][1]["error"].pop(),
+        lambda track: track["scenarios"].append(3),
+        lambda track: track.update(scenarios=[0, 1, 99]),
+    ],
+)
+def test_a_track_whose_numbers_are_not_those_of_its_scenarios_is_refused(row, tmp_path, change):
+    with pytest.raises(RowError, match=r"row\.json.*; valid: "):
+        read_row(stored(changed(row, lambda c: change(c["tracks"][TRACK])), tmp_path))
+
+
+@pytest.mark.parametrize("data", [b"", b"{", b"[1, 2]", b"\x80\xff", b"null", b'{"format": 1}', b"PK\x03\x04"])
+def test_a_file_that_is_no_row_is_refused_in_one_line(tmp_path, data):
+    path = tmp_path / "row.json"
+    path.write_bytes(data)
+    with pytest.raises(RowError, match=r"row\.json .*; valid: ") as caught:
+        read_row(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_half_a_row_is_refused(row, tmp_path):
+    whole = row_text(row).encode()
+    for length in range(0, len(whole) - 2, 97):
+        (tmp_path / "row.json").write_bytes(whole[:length])
+        with pytest.raises(RowError, match="is no JSON"):
+            read_row(tmp_path / "row.json")
+
+
+def test_a_file_that_is_not_there_is_refused_in_one_line(tmp_path):
+    for path in (tmp_path / "none.json", tmp_path):
+        with pytest.raises(RowError, match=r": .*; valid: a row that `spidar eval` wrote$"):
+            read_row(path)
+
+
+def refuse(*_):
+    raise OSError(28, "no space left")
+
+
+def half(path, data):
+    with path.open("wb") as file:
+        file.write(data[: len(data) // 2])
+    refuse()
+
+
+@pytest.mark.parametrize(("owner", "name", "instead"), [(os, "replace", refuse), (Path, "write_bytes", half)])
+def test_a_row_that_cannot_be_written_leaves_the_old_one_as_it_was(row, tmp_path, monkeypatch, owner, name, instead):
+    path = write_row(made_row({TRACK: [[0.5]]}, "sham"), tmp_path)
+    before = path.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, instead)
+        with pytest.raises(SpidarError, match=r"cannot write .*sham\.json: no space left; valid: "):
+            write_row(row, tmp_path)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["sham.json"]
+    write_row(row, tmp_path)
+    assert read_row(path) == row
+
+
+def test_rows_of_a_folder_come_by_name_the_reference_first(tmp_path):
+    names = ("zero", "a", "qp", "qp_tuned", "B")
+    for name in names:
+        write_row(made_row({TRACK: [[0.5]]}, name), tmp_path / "rows")
+    (tmp_path / "rows" / "notes.txt").write_text("no row")
+    rows = read_rows(tmp_path / "rows")
+    assert list(rows) == ["qp", "B", "a", "qp_tuned", "zero"]
+    assert all(rows[name].name == name for name in names)
+
+
+def test_one_bad_row_spoils_a_folder(row, tmp_path):
+    write_row(row, tmp_path)
+    (tmp_path / "bad.json").write_text("{}")
+    with pytest.raises(RowError, match=r"bad\.json"):
+        read_rows(tmp_path)
+
+
+def test_a_folder_without_rows_is_refused(tmp_path):
+    with pytest.raises(RowError, match=r"none is no folder; valid: "):
+        read_rows(tmp_path / "none")
+    with pytest.raises(RowError, match=r"has no rows; valid: "):
+        read_rows(tmp_path)
+
+
+def test_the_reference_row_of_a_checkout_is_that_of_the_working_folder(tmp_path, monkeypatch):
+    own = made_row({TRACK: [[0.123]]}, "qp")
+    write_row(own, tmp_path / ROWS)
+    monkeypatch.chdir(tmp_path)
+    assert reference_row() == own
+
+
+def test_versions_are_those_that_run():
+    found = versions()
+    assert list(found) == ["python", *PACKAGES]
+    assert found["python"] == platform.python_version()
+    assert found["numpy"] == np.__version__
+    assert all(found[package] for package in PACKAGES if package != "spidar-gym")
+
+
+def test_a_package_that_is_not_installed_has_no_version(monkeypatch):
+    monkeypatch.setattr("spidar_gym.benchmark.row.PACKAGES", ("numpy", "no-such-package-as-this"))
+    assert versions()["no-such-package-as-this"] == ""
+
+
+def test_the_processor_is_one_line_that_begins_with_the_architecture():
+    assert processor().split()[0] == platform.machine()
+    assert processor() == processor() == " ".join(processor().split())
+
+
+@pytest.mark.parametrize(
+    ("info", "expected"),
+    [
+        ("vendor_id\t: Some\ncpu family\t: 6\nmodel\t\t: 85\nflags\t\t: fpu avx2 avx512f\n", "Some 6 85 avx2 avx512f"),
+        ("vendor_id : Some\ncpu family : 6\nmodel : 85\nmodel name : Quick\nflags : avx\n\nmodel : 9\n", "Some 6 85"),
+    ],
+)
+def test_the_processor_is_its_family_and_the_widths_it_has(monkeypatch, info, expected):
+    monkeypatch.setattr(Path, "read_text", lambda *_, **__: info)
+    assert processor() == f"{platform.machine()} {expected}"
+
+
+def test_the_processor_has_a_name_where_the_system_tells_none(monkeypatch):
+    monkeypatch.setattr(Path, "read_text", refuse_text)
+    assert processor().startswith(platform.machine())
+
+
+def refuse_text(*_, **__):
+    raise FileNotFoundError(2, "no such file")
+
+
+def test_the_command_is_the_one_that_was_called(monkeypatch):
+    assert called(["eval", "--policy", "a:B"]) == "spidar eval --policy a:B"
+    monkeypatch.setattr("sys.argv", ["/usr/bin/spidar", "leaderboard", "show"])
+    assert called() == "spidar leaderboard show"
+
+
+def test_there_is_at_least_one_core_and_a_machine_has_no_fewer():
+    assert 1 <= cores() <= (os.cpu_count() or 1)
+
+
+def test_every_track_can_stand_in_a_row(tmp_path):
+    made = made_row({track: [[0.5, 0.6]] for track in TRACKS})
+    assert read_row(write_row(made, tmp_path)).tracks == list(TRACKS)
+
+
+def test_runs_of_different_policies_or_scenarios_are_no_row():
+    one, two = score(TRACK, [0.5, 0.6]), score(TRACK, [0.5, 0.6], indices=(0, 2))
+    with pytest.raises(InvalidValueError, match="on the same scenarios"):
+        make_row([policy()] * 2, [SPEC] * 2, {TRACK: [one, two]}, command="")
+    with pytest.raises(InvalidValueError, match="a score for each run"):
+        make_row([policy()] * 2, [SPEC] * 2, {TRACK: [one]}, command="")
+    with pytest.raises(InvalidValueError, match="runs of one policy"):
+        make_row([policy("a"), policy("b")], [SPEC] * 2, {TRACK: [one, one]}, command="")
+
+
+def test_a_second_file_of_the_same_row_is_refused(row, tmp_path):
+    write_row(row, tmp_path)
+    (tmp_path / "copy.json").write_bytes((tmp_path / f"{row.name}.json").read_bytes())
+    with pytest.raises(RowError, match="a second row"):
+        read_rows(tmp_path)

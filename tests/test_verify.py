@@ -1,0 +1,238 @@
+"""Pins the check of rows: what is played again, what counts as the same, what is refused."""
+
+import re
+from collections import Counter
+
+import numpy as np
+import pytest
+from test_row import SPEC, TRACK, changed, made_row, score, stored
+
+from spidar_gym.benchmark import verify as verifying
+from spidar_gym.benchmark.evaluate import evaluate
+from spidar_gym.benchmark.policy import load_policy
+from spidar_gym.benchmark.row import RowError, make_row, read_row, row_hash, write_row
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import CAP
+from spidar_gym.benchmark.verify import TOLERANCE, Check, require_verified, verify
+
+GROUND = "ground-paper"
+
+
+def draw(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture
+def replay(monkeypatch):
+    """Answers with what a row says, after a change, instead of playing; keeps what was asked for."""
+
+    def start(row, change=lambda metrics: None):
+        asked = []
+
+        def answer(shards, *, workers=1, on_scenario=lambda: None):
+            asked.append((shards, workers))
+            results = []
+            for shard in shards:
+                where = row.scenarios(shard.track).index(shard.scenario.index)
+                assert shard.scenario == load_scenarios(shard.track, shard.split)[0][shard.scenario.index]
+                run = row.content["tracks"][shard.track]["runs"][0]
+                metrics = {name: values[where] for name, values in run.items()}
+                change(metrics)
+                results.append({"metrics": metrics, "timing": {}})
+                on_scenario()
+            return results
+
+        monkeypatch.setattr(verifying, "run_shards", answer)
+        return asked
+
+    return start
+
+
+def flight(error=0.5):
+    return made_row({TRACK: [score(TRACK, [error], indices=(7,))]})
+
+
+def elsewhere(row, folder, change=lambda c: c["versions"].update(numpy="1.0")):
+    """The row as another machine has it."""
+    return read_row(stored(changed(row, change), folder))
+
+
+def check_of(row, sample=1):
+    (check, *_) = verify({row.name: row}, sample, draw())
+    return check
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Two rows on other scenarios than the first ones, one of them of the split for one's own use."""
+    one = {TRACK: [score(TRACK, [0.3, 0.4, CAP], indices=(9, 2, 30))], GROUND: [score(GROUND, [0.7], indices=(4,))]}
+    other = {GROUND: [score(GROUND, [0.8, 0.9], indices=(0, 49), split="validation")]}
+    return {"qp": made_row(one), "own": made_row(other, "own")}
+
+
+def test_a_row_that_comes_out_the_same_is_verified(replay):
+    row = made_row({TRACK: [score(TRACK, [0.3, 0.4, CAP], indices=(9, 2, 30))], GROUND: [[0.7, CAP]]})
+    replay(row)
+    checks = verify({"qp": row}, 12, draw())
+    assert len(checks) == 12
+    assert all(check.equal and check.fine and check.line.endswith(", equal") for check in checks)
+    require_verified(checks)
+
+
+def test_every_row_track_and_scenario_is_drawn_and_named(rows, monkeypatch):
+    def answer(shards, **_):
+        found = []
+        for s in shards:
+            row = rows["qp" if s.split == "test" else "own"]
+            where, run = row.scenarios(s.track).index(s.scenario.index), row.content["tracks"][s.track]["runs"][0]
+            found.append({"metrics": {name: values[where] for name, values in run.items()}, "timing": {}})
+        return found
+
+    monkeypatch.setattr(verifying, "run_shards", answer)
+    checks = verify(rows, 600, draw())
+    assert all(check.equal for check in checks)
+    count = Counter(check.line.split(": ")[0] for check in checks)
+    assert set(count) == {
+        *(f"qp, {TRACK}, run 0, scenario {k}" for k in (9, 2, 30)),
+        f"qp, {GROUND}, run 0, scenario 4",
+        *(f"own, {GROUND}, run 0, scenario {k}" for k in (0, 49)),
+    }
+    # Rows evenly, then tracks, then scenarios: ½ · ½ · ⅓, ½ · ½, ½ · ½ of 600; five standard deviations.
+    for where, times in count.items():
+        share = 1 / 12 if TRACK in where else 1 / 4
+        assert abs(times - 600 * share) < 5.0 * np.sqrt(600 * share * (1.0 - share))
+
+
+def test_runs_are_drawn_each_with_its_own_policy(tmp_path, monkeypatch):
+    policies = written_policies(tmp_path, monkeypatch, "run_a", "run_b", "run_c")
+    scores = {TRACK: [score(TRACK, [0.1 * (k + 1)]) for k in range(3)]}
+    row = make_row([load_policy(spec) for spec in policies], policies, scores, command="")
+    runs = dict(zip(policies, row.content["tracks"][TRACK]["runs"], strict=True))
+    first = {spec: {"metrics": {name: values[0] for name, values in run.items()}} for spec, run in runs.items()}
+    monkeypatch.setattr(verifying, "run_shards", lambda shards, **_: [first[shard.policy] for shard in shards])
+    checks = verify({"own": row}, 40, draw())
+    assert all(check.equal for check in checks)
+    assert {re.search(r"run (\d)", check.line)[1] for check in checks} == {"0", "1", "2"}
+
+
+def written_policies(folder, monkeypatch, *names):
+    """Policies in files of their own, as specifications."""
+    monkeypatch.syspath_prepend(folder)
+    for name in names:
+        code = f"class Own:\n    name = 'own'\n    def reset(self, seed): '{name}'\n    def act(self, o): return o\n"
+        (folder / f"{name}.py").write_text(code)
+    return [f"{name}:Own" for name in names]
+
+
+def test_a_seed_gives_the_same_sample_and_another_seed_another(rows, replay):
+    asked = replay(rows["qp"])
+    for seed in (0, 0, 1):
+        verify({"qp": rows["qp"]}, 8, draw(seed))
+    first, again, other = (shards for shards, _ in asked)
+    assert first == again != other
+
+
+def test_shards_are_those_of_the_row_and_progress_is_told(rows, replay):
+    asked, told = replay(rows["qp"]), []
+    verify({"qp": rows["qp"]}, 5, draw(), workers=3, on_scenario=lambda: told.append(None))
+    ((shards, workers),) = asked
+    assert (len(shards), len(told), workers) == (5, 5, 3)
+    assert {shard.policy for shard in shards} == {SPEC}
+    assert {shard.split for shard in shards} == {"test"}
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0 - 1e-15, 1.0 + 1e-12])
+def test_a_number_that_was_made_better_is_found_out_though_the_hash_is_right(tmp_path, replay, factor):
+    honest = flight()
+    better = read_row(
+        stored(changed(honest, lambda c: c["tracks"][TRACK]["runs"][0].update(error=[0.5 * factor])), tmp_path)
+    )
+    assert better.content["sha256"] == row_hash(better.content) != honest.content["sha256"]
+    replay(honest)
+    checks = verify({"qp": better}, 3, draw())
+    assert not any(check.equal or check.fine for check in checks)
+    with pytest.raises(
+        RowError, match=rf"3 of 3 scenarios give .*qp, {TRACK}, run 0, scenario 7.*DIFFERS \(error\).*valid"
+    ):
+        require_verified(checks)
+
+
+@pytest.mark.parametrize(("name", "value"), [("energy_wh", 9.99), ("success", False), ("failure", "tilt"),
+                                             ("unsolved", 1), ("slip_m", 0.0), ("late_forms", 1)])  # fmt: skip
+def test_any_other_metric_counts_as_much_on_the_same_machine(replay, name, value):
+    row = flight()
+    replay(row, lambda metrics: metrics.update({name: value}))
+    check = check_of(row)
+    assert not check.equal
+    assert not check.fine
+    assert check.line.endswith(f"DIFFERS ({name})")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c["versions"].update(mujoco="3.0.0"),
+        lambda c: c["versions"].update(python="2.7"),
+        lambda c: c["timing"].update(processor="another"),
+    ],
+)
+def test_another_version_or_processor_may_change_an_error_a_little(tmp_path, replay, change):
+    row = elsewhere(flight(), tmp_path, change)
+    replay(row, lambda metrics: metrics.update(error=0.501, energy_wh=9.0))
+    check = check_of(row)
+    assert check.fine
+    assert not check.equal
+    assert "within tolerance" in check.line
+    assert check.line.endswith("(error, energy_wh)")
+    require_verified([check])
+
+
+@pytest.mark.parametrize(("track", "kind"), [(TRACK, "flight"), (GROUND, "ground")])
+@pytest.mark.parametrize("error", [0.5, 0.01])
+@pytest.mark.parametrize("share", [0.99, 1.01, -0.99, -1.01])
+def test_a_little_is_a_share_of_the_error_or_of_a_tenth_of_one(tmp_path, replay, track, kind, error, share):
+    deviation = share * TOLERANCE[kind] * max(0.1, error)
+    row = elsewhere(made_row({track: [[error]]}), tmp_path)
+    replay(row, lambda metrics: metrics.update(error=error + deviation))
+    assert check_of(row).fine == (abs(share) < 1.0)
+    assert 0.0 < TOLERANCE["flight"] <= TOLERANCE["ground"] <= 0.1
+
+
+@pytest.mark.parametrize("was", [0.5, CAP])
+def test_no_version_turns_a_failure_into_none_or_none_into_one(tmp_path, replay, was):
+    row = elsewhere(flight(was), tmp_path)
+    replay(row, lambda metrics: metrics.update(failed=not metrics["failed"]))
+    check = check_of(row)
+    assert not check.fine
+    with pytest.raises(RowError, match="failed"):
+        require_verified([check])
+
+
+def test_one_wrong_scenario_among_many_is_enough():
+    good, near, wrong = Check("a", True, True), Check("b", False, True), Check("this one", False, False)
+    require_verified([good, near, good])
+    with pytest.raises(RowError, match=r"^2 of 4 scenarios .*this one.*; valid: ") as caught:
+        require_verified([good, wrong, near, wrong])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_policy_whose_file_has_changed_is_refused_before_anything_is_played(tmp_path, monkeypatch):
+    (spec,) = written_policies(tmp_path, monkeypatch, "changing")
+    row = make_row([load_policy(spec)], [spec], {TRACK: [score(TRACK, [0.5])]}, command="")
+    monkeypatch.setattr(verifying, "run_shards", lambda shards, **_: pytest.fail("played"))
+    path = tmp_path / "changing.py"
+    path.write_text(path.read_text() + "# better\n")
+    with pytest.raises(RowError, match=r"row own: changing:Own has changed since; valid: the row evaluated anew"):
+        verify({"own": row}, 1, draw())
+
+
+def test_a_row_that_was_really_flown_is_flown_again_bit_for_bit(tmp_path):
+    """By a policy without feedback, which is soon lost."""
+    spec = "baselines.hold:Hold"
+    flown = make_row([load_policy(spec)], [spec], {TRACK: [evaluate(spec, TRACK, [1])]}, command="")
+    row = read_row(write_row(flown, tmp_path))
+    rms = row.column(TRACK, "position_rms_m")[0, 0]
+    assert rms > 0.0
+    (check,) = verify({"hold": row}, 1, draw())
+    assert check.equal
+    assert check.line == f"hold, {TRACK}, run 0, scenario 1: error 5, equal"
