@@ -31,7 +31,7 @@ from spidar_gym.benchmark.row import (
 )
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, TRACKS
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import InvalidValueError, SpidarError
 
 SPEC = "spidar_gym.benchmark.policy:PresetPolicy"
 """Of every run of a made row: a policy that can be loaded, and that nobody plays."""
