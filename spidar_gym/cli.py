@@ -217,5 +217,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _fail(message: str) -> int:
-    print(f"spidar: {message}", file=sys.__stderr__)
+    print(f"spidar: {' '.join(message.split())}", file=sys.__stderr__)
     return 2

@@ -22,9 +22,10 @@ from spidar_gym.benchmark.row import (
     make_row,
     read_rows,
     reference_row,
+    require_one_policy,
     write_row,
 )
-from spidar_gym.benchmark.scenario import load_scenarios, scenario_files
+from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
 from spidar_gym.description import assets_dir
 from spidar_gym.errors import InvalidValueError, StaleAssetError, require_least, require_name
@@ -72,6 +73,7 @@ def eval_(
     rows: list[Row] = []
     for specs in [(spec,) for spec in BASELINES] if baselines else [policy]:
         policies = [load_policy(spec) for spec in specs]
+        require_one_policy(policies, specs)
         defined = defined_on(policies[0])
         chosen = [t for t in (tracks or TRACKS) if TRACKS[t].env_id in defined]
         if not chosen:
@@ -197,7 +199,7 @@ def scenarios(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
     stale = [name for name, text in files.items() if not has_text(root / name, text)]
     if check:
         if stale:
-            raise StaleAssetError(", ".join(str(root / name) for name in stale))
+            raise StaleAssetError(", ".join(str(root / name) for name in stale), WRITER)
         print(f"{len(files)} scenario files in {root} are what is drawn")
         return
     for name in stale:

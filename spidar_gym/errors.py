@@ -8,6 +8,16 @@ from numbers import Real
 class SpidarError(Exception):
     """Base of every error that this package raises on purpose."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Cross processes with the finished message, which the classes below compose."""
+        return _with_message, (type(self), str(self))
+
+
+def _with_message(kind: type[SpidarError], message: str) -> SpidarError:
+    error = kind.__new__(kind, message)
+    error.args = (message,)
+    return error
+
 
 class UnknownNameError(SpidarError, ValueError):
     """A name (form, preset, action mode, camera, id) that does not exist."""
@@ -28,11 +38,11 @@ class InvalidValueError(SpidarError, ValueError):
 class StaleAssetError(SpidarError, RuntimeError):
     """A generated file that differs from what the robot description generates."""
 
-    def __init__(self, path: object) -> None:
+    def __init__(self, path: object, command: str = "spidar assets") -> None:
         """Name the file and the command that writes it anew."""
         super().__init__(
-            f"{path} is missing or differs from the robot description (edited by hand, or written by "
-            "another version); valid: the file that `spidar assets` writes"
+            f"{path} is missing or differs from what the code generates (edited by hand, or written by "
+            f"another version); valid: the file that `{command}` writes"
         )
 
 

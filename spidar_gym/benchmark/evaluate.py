@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -14,7 +15,7 @@ import numpy as np
 from spidar_gym.benchmark.episode import ACT_LIMIT_S, METRICS, play
 from spidar_gym.benchmark.policy import Policy, load_policy, policy_digest, policy_name
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least
 from spidar_gym.files import write_text
 
 BEHAVIOUR = (
@@ -125,6 +126,8 @@ def evaluate(
     if isinstance(scenarios, int) and not 1 <= scenarios <= len(every):
         raise InvalidValueError("scenarios", scenarios, f"a number within 1 … {len(every)}")
     indices = range(scenarios or len(every)) if scenarios is None or isinstance(scenarios, int) else scenarios
+    if not indices:
+        raise InvalidValueError("scenarios", list(indices), "at least one")
     for index in indices:
         if not 0 <= index < len(every):
             raise InvalidValueError("scenarios", index, f"an index within 0 … {len(every) - 1}")
@@ -152,6 +155,7 @@ def run_shards(
     on_scenario: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:
     """Do pieces of work, in whatever order; the results come in theirs."""
+    require_least(1, workers=workers)
     results: dict[int, dict[str, Any]] = {}
     files: list[Path | None] = [None] * len(shards)
     if folder is not None:
@@ -165,7 +169,7 @@ def run_shards(
                 on_scenario()
     rest = [k for k in range(len(shards)) if k not in results]
     work = _on_ray if ray else _here if workers == 1 else _in_processes
-    for k, result in work([(k, shards[k]) for k in rest], workers, ray):
+    for k, result in work([(k, shards[k]) for k in rest], workers, ray) if rest else ():
         # Through JSON, so that a result is the same whether it was kept or has just been made.
         text = json.dumps(result, allow_nan=False)
         if (file := files[k]) is not None:
@@ -181,7 +185,8 @@ def _kept(file: Path) -> dict[str, Any] | None:
         result = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return result if isinstance(result, dict) and set(result) == {"metrics", "timing"} else None
+    whole = isinstance(result, dict) and set(result) == {"metrics", "timing"} and isinstance(result["metrics"], dict)
+    return result if whole and set(result["metrics"]) == set(METRICS) else None
 
 
 _Done = Iterator[tuple[int, dict[str, Any]]]
@@ -210,7 +215,9 @@ def _on_ray(jobs: Iterable[tuple[int, Shard]], workers: int, address: str | None
         raise MissingDependencyError("Ray", "pip install 'spidar-gym[ray]'") from error
     started = not ray.is_initialized()
     if started:
-        here = {"runtime_env": {"env_vars": {"PYTHONPATH": str(Path.cwd())}}, "include_dashboard": False}
+        # Policies are also looked for in the working folder, there as here.
+        paths = os.pathsep.join(filter(None, [str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+        here = {"runtime_env": {"env_vars": {"PYTHONPATH": paths}}, "include_dashboard": False}
         try:
             if address == "local":
                 ray.init(num_cpus=workers, log_to_driver=False, **here)

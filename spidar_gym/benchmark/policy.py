@@ -92,7 +92,7 @@ def load_policy(spec: str) -> Policy:
     try:
         found = getattr(importlib.import_module(module), name)
         policy = found() if inspect.isclass(found) else found
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise PolicyError(f"policy {spec}: {type(error).__name__}: {error}; valid: module:Class, importable") from error
     if not isinstance(policy, Policy):
         raise PolicyError(f"policy {spec}: lacks reset or act; valid: reset(seed), act(observation) -> action")
@@ -124,7 +124,12 @@ def policy_arguments(policy: Policy, env_id: str) -> dict[str, Any] | None:
     choose = getattr(policy, "arguments", None)
     if choose is None:
         return {}
-    chosen = choose(env_id)
+    try:
+        chosen = choose(env_id)
+    except (Exception, SystemExit) as error:
+        raise PolicyError(
+            f"policy {policy_name(policy)}: arguments() raised {type(error).__name__}: {error}"
+        ) from error
     for name in chosen or {}:
         if name not in ARGUMENTS:
             raise InvalidValueError("arguments", name, "those that a policy may choose: " + ", ".join(ARGUMENTS))
@@ -169,7 +174,8 @@ class Actor:
         """How long each action took [s]."""
         begin = getattr(policy, "begin", None)
         if begin is not None:
-            begin(shape[0])
+            with self._care("begin"):
+                begin(shape[0])
 
     def reset(self, seed: int) -> None:
         """Begin an episode."""
@@ -197,7 +203,7 @@ class Actor:
                 yield
         except _TooLongError:
             self._fail(f"took longer than {self._limit:g} s in {what}()")
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise PolicyError(f"{self._where}: {what}() raised {type(error).__name__}: {error}") from error
         if time.perf_counter() - start > self._limit:  # where no alarm could ring
             self._fail(f"took longer than {self._limit:g} s in {what}()")

@@ -123,8 +123,7 @@ def make_row(
         command: What was called.
     """
     first = policies[0]
-    if len({(policy_name(policy), policy_kind(policy)) for policy in policies}) > 1:
-        raise InvalidValueError("policies", list(specs), "runs of one policy: the same name and kind")
+    require_one_policy(policies, specs)
     for track, runs in scores.items():
         if len({(run.split, run.indices) for run in runs}) > 1 or len(runs) != len(policies):
             raise InvalidValueError("scores", track, "a score for each run, on the same scenarios")
@@ -160,6 +159,12 @@ def make_row(
     }
     content["sha256"] = row_hash(content)
     return _row(content)
+
+
+def require_one_policy(policies: Sequence[Policy], specs: Sequence[str]) -> None:
+    """Refuse runs of different policies."""
+    if len({(policy_name(policy), policy_kind(policy)) for policy in policies}) > 1:
+        raise InvalidValueError("policies", list(specs), "runs of one policy: the same name and kind")
 
 
 def _row(content: Mapping[str, Any]) -> Row:

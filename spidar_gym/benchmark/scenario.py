@@ -22,6 +22,8 @@ from spidar_gym.errors import SpidarError, StaleAssetError, require_name
 
 PINS = "scenarios/SHA256SUMS"
 """File with the hash of every scenario file, relative to assets/."""
+WRITER = "spidar scenarios"
+"""Command that writes the files."""
 OFFSET = 0.33
 """Scale of a flight's initial offset: ± 1 cm and ± 0.017 rad per axis."""
 
@@ -167,9 +169,9 @@ def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...]
     try:
         text, pinned = path.read_text(encoding="utf-8"), pins.read_text(encoding="utf-8")
     except OSError as error:
-        raise StaleAssetError(path) from error
+        raise StaleAssetError(path, WRITER) from error
     if f"{_sha256(text)}  {split}/{name}.json\n" not in pinned:
-        raise StaleAssetError(path)
+        raise StaleAssetError(path, WRITER)
     return tuple(Scenario(**entry) for entry in json.loads(text)["scenarios"]), _sha256(text)
 
 

@@ -68,14 +68,14 @@ class FlightStart:
 
     def __post_init__(self) -> None:
         """Refuse what is no episode."""
-        if not self.goals or self.goals[0].deadline > 0.0:
+        if not self.goals or not self.goals[0].deadline <= 0.0:
             raise InvalidValueError("goals", len(self.goals), "at least one goal, the first with deadline 0")
         numbers = [self.position, self.rotation, *(goal.joint_target for goal in self.goals)]
         numbers += [] if self.trim is None else [self.trim]
         if not all(np.isfinite(values).all() for values in numbers):
             raise InvalidValueError("start", "NaN or infinite", "finite offsets, targets and trim")
         times = [goal.start for goal in self.goals]
-        if any(b < a for a, b in pairwise(times)) or any(g.deadline < g.start for g in self.goals):
+        if not all(a <= b for a, b in pairwise(times)) or not all(g.start <= g.deadline for g in self.goals):
             raise InvalidValueError("goals", times, "goals in order of time, no deadline before its start")
 
     @classmethod
@@ -94,8 +94,9 @@ class FlightStart:
             if isinstance(error, InvalidValueError):
                 raise
             raise InvalidValueError("start", values, _START) from None
-        shapes = [goal.joint_target.shape for goal in goals]
-        if shapes != [(N_JOINTS,)] * len(goals) or start.position.shape != (3,) or start.rotation.shape != (3,):
+        shapes = [goal.joint_target.shape for goal in goals] + [start.position.shape, start.rotation.shape]
+        shapes += [] if start.trim is None else [start.trim.shape]
+        if shapes != [(N_JOINTS,)] * len(goals) + [(3,), (3,)] + [(6,)] * (start.trim is not None):
             raise InvalidValueError("start", values, _START)
         return start
 
