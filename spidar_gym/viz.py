@@ -327,7 +327,9 @@ def leaderboard_picture(board: Board, path: Path) -> None:
         ax.set_yticks(range(len(tracks)), tracks)
         ax.set_ylim(len(tracks) - 0.5, -0.5)
         low, high = ax.get_xlim()
-        ticks = [t for t in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= t <= high]
+        wide = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+        fine = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
+        ticks = [t for t in (wide if high > 8.0 * low else fine) if low <= t <= high]
         ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
         ax.minorticks_off()
         ax.grid(axis="x", color="0.92")
