@@ -833,7 +833,7 @@ def test_an_action_of_wrong_shape_or_without_a_number_is_refused_and_nothing_mov
 
 def test_unknown_reset_options_and_forms_are_refused():
     env = make()
-    with pytest.raises(UnknownNameError, match="form'; valid: forms, disturbances"):
+    with pytest.raises(UnknownNameError, match="form'; valid: forms, start, disturbances"):
         env.reset(options={"form": "paper"})
     with pytest.raises(UnknownNameError, match="valid: paper, form1"):
         env.reset(options={"forms": "form4"})
