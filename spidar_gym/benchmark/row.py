@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+import spidar_gym
 from spidar_gym.benchmark.episode import METRICS
 from spidar_gym.benchmark.evaluate import Score
 from spidar_gym.benchmark.policy import (
@@ -32,8 +33,8 @@ from spidar_gym.files import write_text
 
 FORMAT = 1
 """Version of the rows' format."""
-PACKAGES = ("spidar-gym", "mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
-"""Packages whose versions stand in a row."""
+PACKAGES = ("mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
+"""Packages whose versions stand in a row, beside Python's and our own."""
 REFERENCE = "qp"
 """The row that scores refer to."""
 ROWS = "baselines/scores"
@@ -84,7 +85,7 @@ def model_hash() -> str:
 
 def versions() -> dict[str, str]:
     """Versions of what the numbers rest on."""
-    found = {"python": platform.python_version()}
+    found = {"python": platform.python_version(), "spidar-gym": spidar_gym.__version__}
     for package in PACKAGES:
         try:
             found[package] = version(package)
