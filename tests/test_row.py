@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import spidar_gym
 from spidar_gym.benchmark.episode import METRICS
 from spidar_gym.benchmark.evaluate import Score
 from spidar_gym.benchmark.policy import PresetPolicy, policy_digest
@@ -304,10 +305,11 @@ def test_the_reference_row_of_a_checkout_is_that_of_the_working_folder(tmp_path,
 
 def test_versions_are_those_that_run():
     found = versions()
-    assert list(found) == ["python", *PACKAGES]
+    assert list(found) == ["python", "spidar-gym", *PACKAGES]
     assert found["python"] == platform.python_version()
     assert found["numpy"] == np.__version__
-    assert all(found[package] for package in PACKAGES if package != "spidar-gym")
+    assert found["spidar-gym"] == spidar_gym.__version__
+    assert all(found.values())
 
 
 def test_a_package_that_is_not_installed_has_no_version(monkeypatch):
