@@ -1,0 +1,136 @@
+"""Golden vectors: a recorded flight and crawl, what went in and what the readable controller answered."""
+
+from functools import cache
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import spidar_gym.envs.registry
+from spidar_gym.control.core import STATUS, core_layouts
+from spidar_gym.control.layout import CORE, layouts
+from spidar_gym.control.structs import fill, interface_hash
+from spidar_gym.deploy.solvers import ONBOARD_ITERATIONS
+from spidar_gym.envs.crawl import CrawlEnv
+from spidar_gym.envs.hover import HoverEnv
+from spidar_gym.state import NO_RESIDUAL, Reference, Residual, RobotState
+
+RUNNER = CORE.parent / "runner"
+"""Sources of the runner."""
+MAGIC = b"SPIDAR01"
+FLIGHT, CRAWL = 0, 1
+"""Kinds of logs."""
+FLIGHT_TICKS, CRAWL_TICKS = 200, 500
+"""Length of the golden logs: five seconds of fast legs, one and a half gait phases."""
+
+
+@cache
+def log_layouts() -> dict[str, np.dtype]:
+    """Structs of the logs."""
+    headers = [folder.read_text(encoding="utf-8") for folder in (CORE / "spidar_core.h", RUNNER / "log.h")]
+    return layouts("\n".join(headers), core_layouts())
+
+
+class Log:
+    """A log that is being written: inputs, and what somebody answered."""
+
+    def __init__(self, kind: int, config: object, struct: str) -> None:
+        """Begin with a configuration, of the struct named."""
+        self._kind, self._inputs, self._outputs = kind, [], []
+        record = np.zeros((), core_layouts()[struct])
+        fill(record, config)
+        self._front = [record.tobytes()]
+
+    def start(self, state: RobotState, joint_position: np.ndarray, trim: np.ndarray | None) -> None:
+        """A flight's first state."""
+        record = np.zeros((), log_layouts()["log_start"])
+        fill(record["state"], state)
+        record["joint_position"], record["has_trim"] = joint_position, trim is not None
+        record["trim"] = 0.0 if trim is None else trim
+        self._front.append(record.tobytes())
+
+    def moves(self, state: RobotState, moves: list[tuple[float, float, float, int]]) -> None:
+        """A crawl's first state and its moves: x, y, yaw, cycles."""
+        first = np.zeros((), core_layouts()["robot_state"])
+        fill(first, state)
+        self._front.append(first.tobytes())
+        for x, y, yaw, cycles in [*moves, (0.0, 0.0, 0.0, -1)]:
+            record = np.zeros((), log_layouts()["log_move"])
+            record["way"]["x"], record["way"]["y"], record["way"]["yaw"], record["cycles"] = x, y, yaw, cycles
+            self._front.append(record.tobytes())
+
+    def add(self, state: RobotState, reference: Reference | None, residual: Residual = NO_RESIDUAL) -> None:
+        """What went into a tick."""
+        record = np.zeros((), log_layouts()["log_input"])
+        fill(record["state"], state)
+        if reference is not None:
+            fill(record["reference"], reference)
+        record["has_residual"] = residual is not NO_RESIDUAL
+        fill(record["residual"], residual)
+        self._inputs.append(record.tobytes())
+
+    def answer(self, command: Any, allocation: Any) -> None:  # noqa: ANN401 - the controller's
+        """What came out of it."""
+        record = np.zeros((), log_layouts()["log_output"])
+        fill(record["command"], command)
+        record["forces_l"] = allocation.forces_l.reshape(-1)
+        record["status"], record["iterations"] = STATUS.index(allocation.status), allocation.iterations
+        self._outputs.append(record.tobytes())
+
+    def inputs(self) -> bytes:
+        """The file that `runner replay` reads."""
+        head = np.zeros((), log_layouts()["log_head"])
+        head["kind"], head["ticks"] = self._kind, len(self._inputs)
+        data = bytearray(head.tobytes())
+        data[:40] = MAGIC + interface_hash().encode()
+        return bytes(data) + b"".join(self._front + self._inputs)
+
+    def outputs(self) -> bytes:
+        """What it should write, to rounding."""
+        return b"".join(self._outputs)
+
+
+def record_flight(ticks: int = FLIGHT_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
+    """A flight of the readable controller, at the robot's iteration cap."""
+    spidar_gym.envs.registry.register()
+    given = {"preset": "tuned", "forms": "independent", "joint_speed": 1.0, "sensors": True, **options}
+    env = gymnasium.make("spidar_gym/Hover-v0", max_iter=ONBOARD_ITERATIONS, **given).unwrapped
+    assert isinstance(env, HoverEnv)
+    env.reset(seed=1)
+    log = Log(FLIGHT, env.controller.config, "controller_config")
+    log.start(env.seen, env.progress.goal.joint_target, env.preload)
+    for _ in range(ticks):
+        log.add(env.seen, env.reference())
+        _, _, terminated, _, _ = env.step(np.zeros(env.action_space.shape or ()))
+        log.answer(env.command, env.controller.tick.allocation)
+        if terminated:
+            break
+    return log
+
+
+def record_crawl(ticks: int = CRAWL_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
+    """A crawl of the readable controller, at the robot's iteration cap."""
+    spidar_gym.envs.registry.register()
+    given = {"preset": "published", "distance": 0.2, "direction": 0.3, "turn": 0.2, "sensors": True, **options}
+    env = gymnasium.make("spidar_gym/Crawl-v0", max_iter=ONBOARD_ITERATIONS, **given).unwrapped
+    assert isinstance(env, CrawlEnv)
+    env.reset(seed=1)
+    log = Log(CRAWL, env.controller.config, "crawler_config")
+    log.moves(env.seen, [(*env.way, 0)])
+    for _ in range(ticks):
+        log.add(env.seen, None)
+        _, _, terminated, _, info = env.step(np.zeros(env.action_space.shape or ()))
+        log.answer(env.command, env.controller.tick.allocation)
+        if terminated or info["finished"]:
+            break
+    return log
+
+
+def golden_files() -> dict[str, bytes]:
+    """Inputs and the readable controller's outputs, as the export holds them."""
+    logs = {"flight": record_flight(), "crawl": record_crawl()}
+    return {
+        f"golden/{name}.{what}": data
+        for name, log in logs.items()
+        for what, data in (("in", log.inputs()), ("out", log.outputs()))
+    }

@@ -1,0 +1,80 @@
+/* The runner: what drives the robot, and what checks the core without one. */
+#include <stdio.h>
+#include <string.h>
+
+#include "bench.h"
+#include "log.h"
+#include "spidar_model.h"
+
+static const char *const MESSAGES[] = {
+    "",
+    "no log; valid: one that `spidar export` or this runner wrote",
+    "the log is of another interface or robot; valid: one of this export",
+    "the log ends early; valid: a whole one",
+    "a move of the log is out of reach; valid: moves that the gait can plan",
+    "cannot write the output; valid: a path in a writable folder",
+    "an output differs from the golden one by more than 1e-6",
+};
+
+static int fail(int code)
+{
+    fprintf(stderr, "runner: %s\n", MESSAGES[code]);
+    return 2;
+}
+
+static int replay(const char *from, const char *to)
+{
+    FILE *in = fopen(from, "rb"), *out;
+    if (in == NULL) return fail(1);
+    out = fopen(to, "wb");
+    if (out == NULL) {
+        fclose(in);
+        return fail(5);
+    }
+    int code = sp_replay(in, out);
+    fclose(in);
+    if (fclose(out) != 0 && code == 0) code = 5;
+    if (code != 0) {
+        remove(to);
+        return fail(code);
+    }
+    return 0;
+}
+
+/* Largest difference of two outputs; negative where their lengths differ. */
+static int compare(const char *a, const char *b)
+{
+    FILE *one = fopen(a, "rb"), *two = fopen(b, "rb");
+    double worst = 0.0;
+    int ticks = 0, whole = one != NULL && two != NULL;
+    sp_log_output x, y;
+    while (whole) {
+        size_t left = fread(&x, sizeof x, 1, one), right = fread(&y, sizeof y, 1, two);
+        if (left != right) whole = 0;
+        if (left != 1 || right != 1) break;
+        const double *p = (const double *)&x.command, *q = (const double *)&y.command;
+        for (size_t k = 0; k < (sizeof x.command + sizeof x.forces_l) / sizeof(double); k++) {
+            double d = p[k] - q[k];
+            if (!(d <= worst && -d <= worst)) worst = d < 0 ? -d : d;
+        }
+        ticks++;
+    }
+    if (one != NULL) fclose(one);
+    if (two != NULL) fclose(two);
+    if (!whole) return fail(3);
+    printf("%d ticks, largest difference %.3g\n", ticks, worst);
+    return worst <= 1e-6 ? 0 : fail(6);
+}
+
+int main(int count, char **words)
+{
+    if (count == 4 && strcmp(words[1], "replay") == 0) return replay(words[2], words[3]);
+    if (count == 4 && strcmp(words[1], "compare") == 0) return compare(words[2], words[3]);
+    if (count == 3 && strcmp(words[1], "bench") == 0) return sp_bench(words[2]);
+    if (count == 2 && strcmp(words[1], "about") == 0) {
+        printf("interface %s\nmodel %s\n", SP_INTERFACE, SP_MODEL_SHA256);
+        return 0;
+    }
+    fprintf(stderr, "usage: runner replay IN OUT | compare OUT GOLDEN | bench IN | about\n");
+    return 2;
+}

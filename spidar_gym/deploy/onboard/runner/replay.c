@@ -1,0 +1,59 @@
+/* `replay IN OUT`: the core on recorded inputs; the same log gives the same bytes on every machine. */
+#include <string.h>
+
+#include "log.h"
+#include "spidar_model.h"
+
+#define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
+
+static void note(const sp_allocation *a, sp_log_output *line)
+{
+    memcpy(line->forces_l, a->forces_l, sizeof line->forces_l);
+    line->status = a->status;
+    line->iterations = a->iterations;
+}
+
+/* 0 where all went well, else a message's number (see main.c). */
+int sp_replay(FILE *in, FILE *out)
+{
+    static sp_flight flight;
+    static sp_crawl crawl;
+    sp_log_head head;
+    sp_log_input input;
+    sp_log_output line;
+    if (!READ(head) || memcmp(head.magic, SP_LOG_MAGIC, 8) != 0) return 1;
+    if (memcmp(head.interface, SP_INTERFACE, 32) != 0) return 2;
+    if (head.kind == SP_LOG_FLIGHT) {
+        sp_controller_config config;
+        sp_log_start start;
+        if (!READ(config) || !READ(start)) return 3;
+        sp_flight_init(&flight, &config);
+        sp_flight_reset(&flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
+    } else {
+        sp_crawler_config config;
+        sp_robot_state state;
+        sp_log_move move;
+        if (!READ(config) || !READ(state)) return 3;
+        sp_crawl_init(&crawl, &config);
+        sp_crawl_reset(&crawl, &state);
+        for (;;) {
+            if (!READ(move)) return 3;
+            if (move.cycles < 0) break;
+            if (!sp_gait_move(&crawl, move.way, move.cycles)) return 4;
+        }
+    }
+    for (int k = 0; k < head.ticks; k++) {
+        if (!READ(input)) return 3;
+        const sp_residual *residual = input.has_residual ? &input.residual : NULL;
+        memset(&line, 0, sizeof line);
+        if (head.kind == SP_LOG_FLIGHT) {
+            sp_flight_step(&flight, &input.state, &input.reference, residual, NULL, &line.command);
+            note(&flight.allocation, &line);
+        } else {
+            sp_crawl_step(&crawl, &input.state, residual, &line.command);
+            note(&crawl.allocation, &line);
+        }
+        if (fwrite(&line, sizeof line, 1, out) != 1) return 5;
+    }
+    return 0;
+}
