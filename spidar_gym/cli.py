@@ -18,6 +18,7 @@ from spidar_gym import crawl_experiment, experiments, studies, viz
 from spidar_gym import tune as tuning
 from spidar_gym.bench import PARTS, bench_table, run_bench
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.cli_deploy import export_
 from spidar_gym.cli_eval import board_app, eval_, scenarios
 from spidar_gym.cli_paper import PresetArg, paper_app
 from spidar_gym.cli_run import run
@@ -45,6 +46,7 @@ app.command(run)
 app.command(name="eval")(eval_)
 app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
 app.command(scenarios)
+app.command(name="export")(export_)
 
 
 @app.command

@@ -303,6 +303,13 @@ class Controller:
         thrust = np.linalg.norm(memory.forces_l, axis=1)
         return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
 
+    def note(self, command: Command) -> None:
+        """Remember a command that somebody else gave."""
+        forces = vectoring_to_force(command.thrust, command.vectoring)
+        self.memory = replace(
+            self.memory, vectoring=command.vectoring, forces_l=forces, joint_position=command.joint_position
+        )
+
     def demand_at(
         self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench, reference: Reference | None = None
     ) -> Demand:

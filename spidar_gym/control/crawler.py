@@ -16,7 +16,15 @@ from spidar_gym.control.modes import ground_modes
 from spidar_gym.control.qp import N_FORCES, N_UNKNOWNS, Demand
 from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.model.dynamics import Feet, Model, Snapshot
-from spidar_gym.model.rotor import Lock, LockConfig, follow, nominal_vectoring, thrust_map, update_lock
+from spidar_gym.model.rotor import (
+    Lock,
+    LockConfig,
+    follow,
+    nominal_vectoring,
+    thrust_map,
+    update_lock,
+    vectoring_to_force,
+)
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.so3 import CROSS, quat_to_matrix
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState, valid_residual, valid_state
@@ -242,6 +250,13 @@ class Crawler:
             self.tick = replace(self.tick, allocation=replace(self.tick.allocation, status=AllocationStatus.HELD))
         thrust = np.linalg.norm(memory.forces_l, axis=1)
         return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
+
+    def note(self, command: Command) -> None:
+        """Remember a command that somebody else gave."""
+        forces = vectoring_to_force(command.thrust, command.vectoring)
+        self.memory = replace(
+            self.memory, vectoring=command.vectoring, forces_l=forces, joint_position=command.joint_position
+        )
 
     def _demand(
         self, state: RobotState, plan: JointVector, R_wb: Matrix3, snapshot: Snapshot, feet: Feet, mode: str,

@@ -9,6 +9,8 @@ from spidar_gym.errors import UnknownNameError
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.state import Command, Residual
 
+CONTROLS = ("python", "core")
+"""Who controls: the readable controller, or the compiled core of the robot."""
 WRENCH_AUTHORITY = np.array([0.15 * ROBOT.weight] * 3 + [8.0] * 3)
 """Force of 15 % of the weight [N] and torque [Nm] per axis of the wrench residual."""
 JOINT_AUTHORITY = 0.1

@@ -8,17 +8,17 @@ import numpy as np
 
 from spidar_gym.control.allocator import Allocation, AllocatorConfig
 from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.control.core_crawl import CoreCrawler
 from spidar_gym.control.crawl_observation import crawl_layout, observe_crawl
 from spidar_gym.control.crawler import Crawler, CrawlerConfig
 from spidar_gym.control.footsteps import Move, lying_pose
 from spidar_gym.control.gait import nominal_time
 from spidar_gym.control.planar import planar_pose
 from spidar_gym.control.presets import crawler_config
-from spidar_gym.envs.actions import CRAWL_MODES, direct_command, find_action_mode
+from spidar_gym.envs.actions import CONTROLS, CRAWL_MODES, direct_command, find_action_mode
 from spidar_gym.envs.crawl_task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv, split_options
-from spidar_gym.errors import SpidarError
-from spidar_gym.model.rotor import vectoring_to_force
+from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
@@ -40,6 +40,7 @@ class CrawlEnv(SpidarEnv):
         action_mode: str = "residual_gait",
         preset: str = "published",
         controller: CrawlerConfig | None = None,
+        control: str = "python",
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -49,6 +50,7 @@ class CrawlEnv(SpidarEnv):
             action_mode: What the action means.
             preset: Which crawler: gait, allocation, margins.
             controller: A crawler of one's own in place of a preset; the task's joint speed goes before its own.
+            control: `python`, the readable crawler, or `core`, the one that is compiled for the robot.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -63,7 +65,8 @@ class CrawlEnv(SpidarEnv):
         config = replace(config, allocator=AllocatorConfig(max_iter=max_iter))
         if task.joint_speed is not None:
             config = replace(config, joint_speed=task.joint_speed)
-        self.controller = Crawler(config)
+        require_name("control", control, CONTROLS)
+        self.controller: Any = Crawler(config) if control == "python" else CoreCrawler(config)
         robot = shared.pop("plant", None)
         robot = robot or PlantConfig()
         if task.friction is not None:
@@ -75,6 +78,8 @@ class CrawlEnv(SpidarEnv):
             **shared,
         )  # fmt: skip
         self._progress: CrawlProgress | None = None
+        self.way = (0.0, 0.0, 0.0)
+        """Where the goal is, seen from the start: x, y [m], yaw [rad]."""
 
     @property
     def progress(self) -> CrawlProgress:
@@ -108,6 +113,7 @@ class CrawlEnv(SpidarEnv):
             for _ in range(SETTLE_TICKS):
                 self._state = self.plant.step(still)
         self._sense()
+        self.way = (way.x, way.y, way.yaw)
         move = Move(way)
         self.controller.reset(self._seen, [move])
         seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
@@ -123,12 +129,7 @@ class CrawlEnv(SpidarEnv):
         memory, reach = self.controller.memory, self.controller.config.joint_speed / CONTROL_RATE
         command = direct_command(action, memory.vectoring)
         step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
-        self.controller.memory = replace(
-            memory,
-            vectoring=command.vectoring,
-            forces_l=vectoring_to_force(command.thrust, command.vectoring),
-            joint_position=memory.joint_position + step,
-        )
+        self.controller.note(replace(command, joint_position=memory.joint_position + step))
         return command
 
     def _look(self) -> None:
@@ -160,15 +161,10 @@ class CrawlEnv(SpidarEnv):
 
     def _observation(self) -> np.ndarray:
         thrust = self._seen.thrust if self._command is None else self._command.thrust
-        return observe_crawl(
-            self._seen,
-            self.progress.goal,
-            self.controller.gait.memory,
-            self.controller.memory,
-            thrust,
-            self._action,
-            bound=self._bound,
-        )
+        goal, crawler, action = self.progress.goal, self.controller, self._action
+        if isinstance(crawler, CoreCrawler):
+            return crawler.observe(self._seen, goal, thrust, action, bound=self._bound)
+        return observe_crawl(self._seen, goal, crawler.gait.memory, crawler.memory, thrust, action, bound=self._bound)
 
     @property
     def _allocation(self) -> Allocation | None:

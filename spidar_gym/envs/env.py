@@ -115,6 +115,18 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
         self._state: RobotState | None = None
 
     @property
+    def seen(self) -> RobotState:
+        """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
+        return self._seen
+
+    @property
+    def command(self) -> Command:
+        """The last command (`SpidarError` before the first step)."""
+        if self._command is None:
+            raise SpidarError("there is no command before step(); valid: call step() first")
+        return self._command
+
+    @property
     def draws(self) -> dict[str, np.ndarray]:
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         return self._draws

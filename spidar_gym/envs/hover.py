@@ -8,12 +8,13 @@ import numpy as np
 
 from spidar_gym.control.allocator import Allocation, Allocator, AllocatorConfig
 from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig, Percept
+from spidar_gym.control.core_flight import CoreController
 from spidar_gym.control.observation import LegMomentum, Preview, layout, observe
 from spidar_gym.control.presets import controller_config
-from spidar_gym.envs.actions import direct_command, find_action_mode
+from spidar_gym.envs.actions import CONTROLS, direct_command, find_action_mode
 from spidar_gym.envs.env import SpidarEnv, split_options
 from spidar_gym.envs.hover_task import NO_NEXT_FORM, REWARD_TERMS, FlightStart, HoverTask, Progress
-from spidar_gym.errors import SpidarError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError, require_name
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp, log, matrix_to_quat
@@ -37,6 +38,7 @@ class HoverEnv(SpidarEnv):
         preset: str = "paper",
         controller: ControllerConfig | None = None,
         allocator: type[Allocator] | None = None,
+        control: str = "python",
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -47,6 +49,7 @@ class HoverEnv(SpidarEnv):
             preset: Which controller: allocation, gains, compensations.
             controller: A controller of one's own in place of a preset; its joint speed is the task's.
             allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
+            control: `python`, the readable controller, or `core`, the one that is compiled for the robot.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -60,9 +63,18 @@ class HoverEnv(SpidarEnv):
         mode = find_action_mode(action_mode)
         base = controller_config(preset) if controller is None else controller
         config = replace(base, joint_speed=joint_speed, allocator=AllocatorConfig(max_iter=max_iter))
-        self.controller = Controller(config, allocator=allocator or Allocator)
+        require_name("control", control, CONTROLS)
+        self.controller: Any
+        if control == "python":
+            self.controller = Controller(config, allocator=allocator or Allocator)
+        elif allocator is not None:
+            raise InvalidValueError("allocator", allocator, "None: the core has its own")
+        else:
+            self.controller = CoreController(config)
         super().__init__(mode, layout(mode.size), joint_speed=joint_speed, **shared)
         self._start: FlightStart | None = None
+        self.preload: np.ndarray | None = None
+        """Wrench with which the integrals began [N, Nm]; None for the described robot."""
         self._progress: Progress | None = None
         self._reference: Reference | None = None
 
@@ -99,6 +111,7 @@ class HoverEnv(SpidarEnv):
         trim = start.trim
         if trim is None and not self._described:
             trim = self.trim(q)
+        self.preload = trim
         self.controller.reset(self._seen, q, trim)
         self._legs = LegMomentum(_STILL, _STILL)
         self._joint_velocity = _NO_JOINTS
@@ -146,12 +159,7 @@ class HoverEnv(SpidarEnv):
         reach = self.task.joint_speed / CONTROL_RATE
         step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
         self._joint_velocity = step * CONTROL_RATE
-        controller.memory = replace(
-            memory,
-            vectoring=command.vectoring,
-            forces_l=vectoring_to_force(command.thrust, command.vectoring),
-            joint_position=memory.joint_position + step,
-        )
+        controller.note(replace(command, joint_position=memory.joint_position + step))
         return command
 
     def trim(self, q: np.ndarray) -> np.ndarray:
@@ -199,17 +207,12 @@ class HoverEnv(SpidarEnv):
             next_form=goal.joint_target if upcoming is None else upcoming.joint_target,
             time_to_next=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
         )
-        return observe(
-            self._seen,
-            self._percept,
-            self.controller.memory,
-            self._seen.thrust if self._command is None else self._command.thrust,
-            self._joint_velocity,
-            self._legs,
-            preview,
-            self._action,
-            bound=self._bound,
-        )
+        thrust = self._seen.thrust if self._command is None else self._command.thrust
+        rest = thrust, self._joint_velocity, self._legs, preview, self._action
+        controller = self.controller
+        if isinstance(controller, CoreController):
+            return controller.observe(self._seen, self._percept, *rest, bound=self._bound)
+        return observe(self._seen, self._percept, controller.memory, *rest, bound=self._bound)
 
     @property
     def _allocation(self) -> Allocation | None:

@@ -1,0 +1,24 @@
+"""`spidar export`: from the simulator to the robot."""
+
+from pathlib import Path
+
+import tyro
+
+from spidar_gym.deploy.export import build as compile_core
+from spidar_gym.deploy.export import export
+from spidar_gym.errors import InvalidValueError
+
+
+def export_(out: Path | None = None, build: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+    """Export the controller as C that compiles with nothing installed, or compile it for control="core".
+
+    Args:
+        out: Folder to write: core, solver, runner, recorded inputs with their answers, manifest of hashes.
+        build: Compile the core for this machine, where environments with control="core" find it.
+    """
+    if out is None and not build:
+        raise InvalidValueError("out", out, "--out FOLDER, --build, or both")
+    if out is not None:
+        print(f"{len(export(out))} files in {out}")
+    if build:
+        print(f"compiled: {compile_core()}")
