@@ -17,6 +17,7 @@ STEPS: list[tuple[str, list[str]]] = [
     ("types", ["pyright", "--pythonpath", sys.executable]),
     ("import layers", ["lint-imports"]),
     ("generated files", ["spidar", "assets", "--check"]),
+    ("onboard core", ["spidar", "export", "--build"]),
     ("tests", ["pytest", "-n", WORKERS]),
     ("rows of the leaderboard, played again", ["spidar", "leaderboard", "verify", "--sample", "10"]),
 ]

@@ -23,7 +23,20 @@ from spidar_gym.experiments import FlightLog
 from spidar_gym.robot import FORMS
 from spidar_gym.trial import Outcome
 
-NAMES = ("paper", "run", "eval", "leaderboard", "scenarios", "lost", "tune", "view", "assets", "bench", "list")
+NAMES = (
+    "paper",
+    "run",
+    "eval",
+    "leaderboard",
+    "scenarios",
+    "export",
+    "lost",
+    "tune",
+    "view",
+    "assets",
+    "bench",
+    "list",
+)
 COMMANDS = [["paper"], ["paper", "flight"], ["paper", "crawl"], *([name] for name in NAMES[1:])]
 drawing = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
