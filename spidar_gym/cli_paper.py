@@ -3,7 +3,7 @@
 import math
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -77,26 +77,30 @@ def flight(
     require_name("preset", preset, PRESETS)
     require_name("camera", camera, CAMERAS)
     folder = output_folder(out)
-    remarks = []
     with tqdm(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}", file=sys.__stderr__) as bar:
         log = experiments.fly_paper(preset, noise=noise, seed=seed, on_tick=bar.update)
     figures = experiments.flight_figures(log)
     text = json_text({"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}})
     write_text(folder / "flight.json", text)
     # After the flight, so that drawing does not disturb the times that it reports.
-    for name, draw in (
-        ("figure", lambda: viz.flight_figure(log, folder / "flight.png")),
-        ("video", lambda: viz.film_flight(log, folder / "flight.mp4", camera=camera, ticks=_bar) if video else None),
-    ):
+    drawings: dict[str, Callable[[], object]] = {
+        "figure": lambda: viz.flight_figure(log, folder / "flight.png"),
+        "video": lambda: viz.film_flight(log, folder / "flight.mp4", camera=camera, ticks=_bar) if video else None,
+    }
+    _report(drawings, text if json else experiments.flight_table(figures), None if json else folder, "flight.*")
+
+
+def _report(drawings: dict[str, Callable[[], object]], text: str, folder: Path | None, pattern: str) -> None:
+    """Draw what can be drawn, print the text and which files of a folder are new, then what could not be drawn."""
+    remarks = []
+    for name, draw in drawings.items():
         try:
             draw()
         except MissingDependencyError as error:
             remarks.append(f"no {name}: {error}")
-    if json:
-        print(text)
-    else:
-        print(experiments.flight_table(figures))
-        print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob('flight.*')))}")
+    print(text)
+    if folder is not None:
+        print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob(pattern)))}")
     for remark in remarks:
         print(remark, file=sys.__stderr__)
 
@@ -203,20 +207,9 @@ def crawl(
     figures = crawl_experiment.crawl_figures(log, fast)
     text = json_text({"crawl": figures, "paper": {"crawl": crawl_experiment.PAPER_CRAWL}})
     write_text(folder / "crawl.json", text)
-    remarks = []
-    for name, draw in (
-        ("figure", lambda: viz.crawl_figure(log, folder / "crawl.png")),
-        ("strip", lambda: viz.crawl_strip(log, folder / "cycle.png")),
-        ("video", lambda: viz.film_crawl(log, folder / "crawl.mp4", camera=camera, ticks=_bar) if video else None),
-    ):
-        try:
-            draw()
-        except MissingDependencyError as error:
-            remarks.append(f"no {name}: {error}")
-    if json:
-        print(text)
-    else:
-        print(crawl_experiment.crawl_table(figures))
-        print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob('c*.*')))}")
-    for remark in remarks:
-        print(remark, file=sys.__stderr__)
+    drawings: dict[str, Callable[[], object]] = {
+        "figure": lambda: viz.crawl_figure(log, folder / "crawl.png"),
+        "strip": lambda: viz.crawl_strip(log, folder / "cycle.png"),
+        "video": lambda: viz.film_crawl(log, folder / "crawl.mp4", camera=camera, ticks=_bar) if video else None,
+    }
+    _report(drawings, text if json else crawl_experiment.crawl_table(figures), None if json else folder, "c*.*")

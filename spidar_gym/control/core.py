@@ -15,6 +15,7 @@ from spidar_gym.control.layout import CORE, layouts
 from spidar_gym.control.structs import fill, interface_hash, structs_header
 from spidar_gym.errors import MissingDependencyError, StaleAssetError
 from spidar_gym.model.dynamics import Model
+from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.robot import N_LEGS, N_ROTORS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual
 
@@ -93,6 +94,9 @@ class Struct:
 class Core:
     """What flight and crawl share: the library, the structs that cross the border."""
 
+    memory: Any
+    """What the core remembers: views of it."""
+
     def __init__(self, model: Model | None) -> None:
         """Load a library of its own."""
         self.model = model or Model()
@@ -106,6 +110,13 @@ class Core:
             return None
         fill(self._residual.record, residual)
         return self._residual.pointer
+
+    def note(self, command: Command) -> None:
+        """Remember a command that somebody else gave."""
+        memory = self.memory
+        memory.vectoring[:] = command.vectoring
+        memory.forces_l[:] = vectoring_to_force(command.thrust, command.vectoring)
+        memory.joint_position[:] = command.joint_position
 
     def _answer(self) -> Command:
         c = self._command

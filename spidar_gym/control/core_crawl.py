@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, RotorVector
+from spidar_gym.arrays import RotorVector
 from spidar_gym.control.allocator import Allocation
 from spidar_gym.control.core import Core, Struct, allocation_of, pointer
 from spidar_gym.control.crawler import CrawlerConfig
@@ -17,7 +17,6 @@ from spidar_gym.control.planar import Planar
 from spidar_gym.control.structs import fill
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
-from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.robot import N_LEGS, N_ROTORS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
@@ -54,11 +53,6 @@ class CoreGait:
     def timeouts(self) -> int:
         """Phases that ended by time-out."""
         return int(self._memory["timeouts"])
-
-    @property
-    def plan(self) -> JointVector:
-        """Planned joint setpoints [rad]."""
-        return self._memory["plan"]
 
 
 class CoreCrawlMemory:
@@ -101,25 +95,26 @@ class CoreCrawler(Core):
         """Load the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
         super().__init__(model)
         self.config = config or CrawlerConfig()
-        self.dt = 1.0 / self.config.rate_hz
         self._crawl, settings = Struct("crawl"), Struct("crawler_config")
         fill(settings.record, self.config)
         self.library.sp_crawl_init(self._crawl.pointer, settings.pointer)
         self.gait = CoreGait(self._crawl, self.library)
         self.memory = CoreCrawlMemory(self._crawl.inner("memory", "crawl_memory"))
         self._answered = self._crawl.inner("allocation", "allocation")
-        self._solve_time = 0.0
+        self._solve_time, self._tick = 0.0, None
 
     @property
     def tick(self) -> CoreCrawlTick | None:
         """What the last tick did; None before the first."""
-        if not self._crawl["ticked"]:
-            return None
-        return CoreCrawlTick(allocation_of(self._answered, self._solve_time), self.memory.mode, self.gait.phase)
+        if self._tick is None and self._crawl["ticked"]:
+            allocation = allocation_of(self._answered, self._solve_time)
+            self._tick = CoreCrawlTick(allocation, self.memory.mode, self.gait.phase)
+        return self._tick
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
         """Forget everything; as `Crawler.reset`."""
         self._state.load(state)
+        self._tick = None
         self.library.sp_crawl_reset(self._crawl.pointer, self._state.pointer)
         for command in commands:
             self.command(command)
@@ -149,14 +144,8 @@ class CoreCrawler(Core):
             self._crawl.pointer, self._state.pointer, self.residual_pointer(residual), self._command.pointer
         )
         self._solve_time = time.perf_counter() - start
+        self._tick = None
         return self._answer()
-
-    def note(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
-        memory = self.memory
-        memory.vectoring[:] = command.vectoring
-        memory.forces_l[:] = vectoring_to_force(command.thrust, command.vectoring)
-        memory.joint_position[:] = command.joint_position
 
     def observe(
         self, state: RobotState, goal: Planar, thrust: RotorVector, previous_action: np.ndarray, *, bound: np.ndarray

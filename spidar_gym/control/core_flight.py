@@ -16,7 +16,6 @@ from spidar_gym.control.observation import LegMomentum, Preview
 from spidar_gym.control.structs import fill
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.model.interference import Interference
-from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.robot import N_ROTORS, ROBOT
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
 
@@ -76,7 +75,6 @@ class CoreController(Core):
         """Load the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
         super().__init__(model)
         self.config = config or ControllerConfig()
-        self.dt = 1.0 / self.config.rate_hz
         self._flight, self._reference, self._given = Struct("flight"), Struct("reference"), None
         self._settings = Struct("controller_config")
         fill(self._settings.record, self.config)
@@ -146,13 +144,6 @@ class CoreController(Core):
         self._solve_time = time.perf_counter() - start
         self._tick = None
         return self._answer()
-
-    def note(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
-        memory = self.memory
-        memory.vectoring[:] = command.vectoring
-        memory.forces_l[:] = vectoring_to_force(command.thrust, command.vectoring)
-        memory.joint_position[:] = command.joint_position
 
     def observe(
         self,

@@ -7,13 +7,14 @@ import gymnasium
 import numpy as np
 
 import spidar_gym.envs.registry
+from spidar_gym.control.allocator import Allocation
 from spidar_gym.control.core import STATUS, core_layouts
 from spidar_gym.control.layout import CORE, layouts
 from spidar_gym.control.structs import fill, interface_hash
 from spidar_gym.deploy.solvers import ONBOARD_ITERATIONS
 from spidar_gym.envs.crawl import CrawlEnv
 from spidar_gym.envs.hover import HoverEnv
-from spidar_gym.state import NO_RESIDUAL, Reference, Residual, RobotState
+from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
 
 RUNNER = CORE.parent / "runner"
 """Sources of the runner."""
@@ -69,7 +70,7 @@ class Log:
         fill(record["residual"], residual)
         self._inputs.append(record.tobytes())
 
-    def answer(self, command: Any, allocation: Any) -> None:  # noqa: ANN401 - the controller's
+    def answer(self, command: Command, allocation: Allocation) -> None:
         """What came out of it."""
         record = np.zeros((), log_layouts()["log_output"])
         fill(record["command"], command)

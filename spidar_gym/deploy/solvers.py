@@ -79,7 +79,8 @@ def generate_solvers() -> dict[str, str]:
         # Right after setup: code that is generated after a solution would begin with it.
         with tempfile.TemporaryDirectory() as scratch:
             solver.codegen(
-                scratch, parameters="matrices", force_rewrite=True, prefix=f"{name}_", extension_name=None,  # type: ignore[arg-type]
+                scratch, parameters="matrices", force_rewrite=True, prefix=f"{name}_",
+                extension_name=None,  # type: ignore[arg-type] - no Python extension; declared as a plain str
                 use_float=False, printing_enable=False, profiling_enable=False, interrupt_enable=False,
             )  # fmt: skip
             files |= _collect(Path(scratch))

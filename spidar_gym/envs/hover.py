@@ -80,7 +80,7 @@ class HoverEnv(SpidarEnv):
 
     def _choose(self, name: str, value: object) -> None:
         if name == "start":
-            self._start = None if value is None else FlightStart.parse(value)  # type: ignore[arg-type]
+            self._start = None if value is None else FlightStart.parse(value)  # type: ignore[arg-type] - it refuses
         elif name == "forms":
             self.task = replace(self.task, forms=str(value))
         else:

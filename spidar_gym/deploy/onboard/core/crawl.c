@@ -146,14 +146,6 @@ static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual)
     a->rows = rows;
 }
 
-static void give(const double *thrust, const double *vectoring, const double *joints, double limit, sp_command *command)
-{
-    sp_copy(command->thrust, thrust, SP_ROTORS);
-    sp_copy(command->vectoring, vectoring, 2 * SP_ROTORS);
-    sp_copy(command->joint_position, joints, SP_JOINTS);
-    for (int j = 0; j < SP_JOINTS; j++) command->joint_torque_limit[j] = limit;
-}
-
 /* One control tick. */
 void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_command *command)
 {
@@ -166,7 +158,7 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     if (!sp_valid_state(state)) { /* the last command once more */
         a->status = SP_HELD;
         for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(m->forces_l + 3 * i);
-        give(thrust, m->vectoring, m->joint_position, c->joint_torque_limit, command);
+        sp_give(thrust, m->vectoring, m->joint_position, c->joint_torque_limit, command);
         return;
     }
     if (residual != NULL && !sp_valid_residual(residual)) residual = NULL;
@@ -216,5 +208,5 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     m->rows = a->rows;
     memcpy(m->active, a->active, sizeof m->active);
     crawl->ticked = 1;
-    give(thrust, m->vectoring, joints, c->joint_torque_limit, command);
+    sp_give(thrust, m->vectoring, joints, c->joint_torque_limit, command);
 }

@@ -349,14 +349,6 @@ void sp_perceive(const sp_robot_state *state, const sp_reference *reference, sp_
     motion_error(state, reference, &percept->snapshot, percept->R_wb, &percept->error);
 }
 
-static void give(const double *thrust, const double *vectoring, const double *joints, double limit, sp_command *command)
-{
-    sp_copy(command->thrust, thrust, SP_ROTORS);
-    sp_copy(command->vectoring, vectoring, 2 * SP_ROTORS);
-    sp_copy(command->joint_position, joints, SP_JOINTS);
-    for (int j = 0; j < SP_JOINTS; j++) command->joint_torque_limit[j] = limit;
-}
-
 /* The last command once more, its status `held`. */
 static void hold(sp_flight *f, sp_command *command)
 {
@@ -364,7 +356,7 @@ static void hold(sp_flight *f, sp_command *command)
     f->allocation.status = SP_HELD;
     sp_zero(f->joint_velocity, SP_JOINTS);
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(f->memory.forces_l + 3 * i);
-    give(thrust, f->memory.vectoring, f->memory.joint_position, f->config.joint_torque_limit, command);
+    sp_give(thrust, f->memory.vectoring, f->memory.joint_position, f->config.joint_torque_limit, command);
 }
 
 /* What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted. */
@@ -457,5 +449,5 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_apply(f->percept.R_wb, f->allocation.unallocated_wrench, m->unallocated_w);
     sp_copy(m->unallocated_torque, f->allocation.unallocated_wrench + 3, 3);
     f->ticked = 1;
-    give(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
+    sp_give(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
 }

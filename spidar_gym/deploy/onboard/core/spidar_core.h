@@ -315,12 +315,12 @@ int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const d
 
 /* about.c */
 const char *sp_interface(void);           /* digest of structs, robot and sources */
-const char *sp_model(void);               /* SHA-256 of the robot's model file */
-const char *sp_joint_name(int index);     /* 0 … 15 joints, 16 … 31 vectoring */
 
-/* check.c */
+/* border.c */
 int sp_valid_state(const sp_robot_state *state);
 int sp_valid_reference(const sp_reference *reference);
 int sp_valid_residual(const sp_residual *residual);
+void sp_give(const double *thrust, const double *vectoring, const double *joints, double limit,
+             sp_command *command);
 
 #endif

@@ -1,4 +1,4 @@
-/* Whether what comes in can be used at all. */
+/* The border: whether what comes in can be used at all, and the command that goes out. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
@@ -37,4 +37,13 @@ int sp_valid_residual(const sp_residual *r)
     return squares(r->wrench, 6, &sum) && squares(r->joint_offset, SP_JOINTS, &sum) &&
            (!r->has_forces_l || squares(r->forces_l, SP_FORCES, &sum)) &&
            (!r->has_leg_forces_b || squares(r->leg_forces_b, 3 * SP_LEGS, &sum));
+}
+
+void sp_give(const double *thrust, const double *vectoring, const double *joints, double limit,
+             sp_command *command)
+{
+    sp_copy(command->thrust, thrust, SP_ROTORS);
+    sp_copy(command->vectoring, vectoring, 2 * SP_ROTORS);
+    sp_copy(command->joint_position, joints, SP_JOINTS);
+    for (int j = 0; j < SP_JOINTS; j++) command->joint_torque_limit[j] = limit;
 }
