@@ -27,8 +27,9 @@ FLIGHT_TICKS, CRAWL_TICKS = 200, 500
 
 @cache
 def log_layouts() -> dict[str, np.dtype]:
-    """Structs of the logs."""
-    headers = [folder.read_text(encoding="utf-8") for folder in (CORE / "spidar_core.h", RUNNER / "log.h")]
+    """Structs of the runner and its logs."""
+    files = (CORE / "spidar_core.h", *(RUNNER / name for name in ("mission.h", "log.h", "loop.h", "contract.h", "sim.h")))
+    headers = [file.read_text(encoding="utf-8") for file in files]
     return layouts("\n".join(headers), core_layouts())
 
 
@@ -56,7 +57,7 @@ class Log:
         fill(first, state)
         self._front.append(first.tobytes())
         for x, y, yaw, cycles in [*moves, (0.0, 0.0, 0.0, -1)]:
-            record = np.zeros((), log_layouts()["log_move"])
+            record = np.zeros((), log_layouts()["move"])
             record["way"]["x"], record["way"]["y"], record["way"]["yaw"], record["cycles"] = x, y, yaw, cycles
             self._front.append(record.tobytes())
 

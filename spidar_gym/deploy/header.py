@@ -4,6 +4,7 @@
 # The compiled modules below come without stubs.
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ import pinocchio as pin
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.control.structs import hex_float, initializer, interface_hash
+from spidar_gym.deploy.solvers import ONBOARD_ITERATIONS
 from spidar_gym.description import mjcf_path
 from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
 
@@ -102,11 +104,15 @@ def _axis(model: object, joint: int) -> np.ndarray:
 
 
 def presets_header() -> str:
-    """spidar_presets.h."""
+    """spidar_presets.h: the presets, with the iteration cap that a tick on the robot has time for."""
     lines = ["/* Generated: the presets, the very numbers of the simulator. */", "#ifndef SPIDAR_PRESETS_H",
              "#define SPIDAR_PRESETS_H", "", '#include "spidar_structs.h"', ""]  # fmt: skip
     for kind, presets in (("controller", PRESETS), ("crawler", CRAWL_PRESETS)):
         for name, config in presets.items():
-            lines += [f"static const sp_{kind}_config SP_PRESET_{name.upper()} = {initializer(config)};", ""]
+            capped = replace(config, allocator=replace(config.allocator, max_iter=ONBOARD_ITERATIONS))
+            lines += [f"static const sp_{kind}_config SP_PRESET_{name.upper()} = {initializer(capped)};", ""]
+        table = " ".join(f"X({name}, SP_PRESET_{name.upper()})" for name in presets)
+        lines += [f"#define SP_{kind.upper()}_PRESETS(X) {table}",
+                  f'#define SP_{kind.upper()}_NAMES "{", ".join(presets)}"', ""]  # fmt: skip
     lines += [f"static const sp_estimator_config SP_ESTIMATOR = {initializer(EstimatorConfig())};", "", "#endif", ""]
     return "\n".join(lines)

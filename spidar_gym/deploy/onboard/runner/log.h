@@ -4,15 +4,16 @@
 
 #include <stdio.h>
 
-#include "spidar_core.h"
+#include "mission.h"
 
 #define SP_LOG_MAGIC "SPIDAR01"
-enum { SP_LOG_FLIGHT = 0, SP_LOG_CRAWL = 1 };
+enum { SP_LOG_FLIGHT = 0, SP_LOG_CRAWL = 1, SP_LOG_RUN = 2 };
 
-/* Head of a log; the configuration, the first state and what follows it come after. */
+/* Head of a log. After it: of a flight the configuration, sp_log_start, sp_log_input; of a crawl the configuration, the
+ * first state, moves up to one of −1 cycles, sp_log_input; of a run the mission, and (input, output, sp_log_clock) of every tick. */
 typedef struct {
     char magic[8], interface[32];
-    int32_t kind, ticks;
+    int32_t kind, ticks; /* of a run 0: to the end of the file */
 } sp_log_head;
 
 /* Flight: what follows the configuration. */
@@ -22,12 +23,6 @@ typedef struct {
     int32_t has_trim, unused;
     double trim[6];
 } sp_log_start;
-
-/* Crawl: a move; the list ends with cycles −1. */
-typedef struct {
-    sp_planar way;
-    int32_t cycles, unused;
-} sp_log_move;
 
 /* One tick of input. */
 typedef struct {
@@ -44,6 +39,11 @@ typedef struct {
     int32_t status, iterations;
 } sp_log_output;
 
-int sp_replay(FILE *in, FILE *out);
+/* When a tick of a run began after its due time, negative without a clock, and how long it took. */
+typedef struct {
+    double wait_us, compute_us;
+} sp_log_clock;
+
+int sp_replay(FILE *in, FILE *out, int *ticks, int *differ);
 
 #endif

@@ -4,6 +4,8 @@
 
 #include "bench.h"
 #include "log.h"
+#include "ros1.h"
+#include "sim.h"
 #include "spidar_model.h"
 
 static const char *const MESSAGES[] = {
@@ -14,6 +16,7 @@ static const char *const MESSAGES[] = {
     "a move of the log is out of reach; valid: moves that the gait can plan",
     "cannot write the output; valid: a path in a writable folder",
     "an output differs from the golden one by more than 1e-6",
+    "the run replays otherwise; valid: the runner that wrote it",
 };
 
 static int fail(int code)
@@ -31,14 +34,15 @@ static int replay(const char *from, const char *to)
         fclose(in);
         return fail(5);
     }
-    int code = sp_replay(in, out);
+    int ticks = 0, differ = 0, code = sp_replay(in, out, &ticks, &differ);
     fclose(in);
     if (fclose(out) != 0 && code == 0) code = 5;
     if (code != 0) {
         remove(to);
         return fail(code);
     }
-    return 0;
+    if (ticks > 0) printf("%d ticks of a run, %d answered otherwise than then\n", ticks, differ);
+    return differ > 0 ? fail(7) : 0;
 }
 
 /* Largest difference of two outputs; negative where their lengths differ. */
@@ -66,6 +70,46 @@ static int compare(const char *a, const char *b)
     return worst <= 1e-6 ? 0 : fail(6);
 }
 
+typedef struct {
+    const char *log, *space, *out;
+    int residual;
+} options;
+
+/* What follows a mission; 0 where a word is none of these. */
+static int read_options(int count, char **words, options *o)
+{
+    o->log = NULL;
+    o->space = o->out = "/spidar";
+    o->residual = 0;
+    int named = 0;
+    for (int k = 0; k < count; k++) {
+        if (strcmp(words[k], "--residual") == 0) o->residual = 1;
+        else if (k + 1 == count) return 0;
+        else if (strcmp(words[k], "--log") == 0) o->log = words[++k];
+        else if (strcmp(words[k], "--namespace") == 0) o->space = words[++k];
+        else if (strcmp(words[k], "--out") == 0) o->out = words[++k], named = 1;
+        else return 0;
+    }
+    if (!named) o->out = o->space;
+    return 1;
+}
+
+static int drive(int count, char **words)
+{
+    options o;
+    if (strcmp(words[1], "sim") == 0 && count >= 4 && read_options(count - 4, words + 4, &o))
+        return sp_sim(words[2], words[3], o.log, o.residual);
+    if (strcmp(words[1], "ros1") == 0 && count >= 3 && read_options(count - 3, words + 3, &o)) {
+#ifdef SPIDAR_ROS1
+        return sp_ros1(words[2], o.space, o.out, o.log, o.residual);
+#else
+        fprintf(stderr, "runner: compiled without ROS 1; valid: a build where roscpp is found, see README.md\n");
+        return 2;
+#endif
+    }
+    return -1;
+}
+
 int main(int count, char **words)
 {
     if (count == 4 && strcmp(words[1], "replay") == 0) return replay(words[2], words[3]);
@@ -75,6 +119,10 @@ int main(int count, char **words)
         printf("interface %s\nmodel %s\n", SP_INTERFACE, SP_MODEL_SHA256);
         return 0;
     }
-    fprintf(stderr, "usage: runner replay IN OUT | compare OUT GOLDEN | bench IN | about\n");
+    int done = count > 1 ? drive(count, words) : -1;
+    if (done >= 0) return done;
+    fprintf(stderr, "usage: runner replay IN OUT | compare OUT GOLDEN | bench IN | about\n"
+                    "       runner sim HOST:PORT MISSION [--log FILE] [--residual]\n"
+                    "       runner ros1 MISSION [--namespace /spidar] [--out /spidar_dry] [--log FILE] [--residual]\n");
     return 2;
 }

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "log.h"
+#include "loop.h"
 #include "spidar_model.h"
 
 #define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
@@ -13,8 +14,37 @@ static void note(const sp_allocation *a, sp_log_output *line)
     line->iterations = a->iterations;
 }
 
-/* 0 where all went well, else a message's number (see main.c). */
-int sp_replay(FILE *in, FILE *out)
+/* A run again: its very bytes, where this is the runner that drove. */
+static int replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, int *differ)
+{
+    static sp_loop loop;
+    static sp_mission mission;
+    sp_loop_input input;
+    sp_loop_output was, is;
+    sp_log_clock clock;
+    if (!READ(mission)) return 3;
+    if (mission.form_count < 0 || mission.form_count > SP_MAX_FORMS || mission.window_count < 0 ||
+        mission.window_count > SP_MAX_WINDOWS || mission.move_count < 0 || mission.move_count > SP_MAX_MOVES)
+        return 3;
+    if (!sp_loop_init(&loop, &mission)) return 4;
+    if (fwrite(head, sizeof *head, 1, out) != 1 || fwrite(&mission, sizeof mission, 1, out) != 1) return 5;
+    while (READ(input)) {
+        if (!READ(was) || !READ(clock)) return 3;
+        if (input.measurement.pose_count < 0 || input.measurement.pose_count > 4 || input.measurement.imu_count < 0 ||
+            input.measurement.imu_count > 8)
+            return 3;
+        sp_loop_tick(&loop, &input, &is);
+        *differ += memcmp(&was, &is, sizeof is) != 0;
+        ++*ticks;
+        if (fwrite(&input, sizeof input, 1, out) != 1 || fwrite(&is, sizeof is, 1, out) != 1 ||
+            fwrite(&clock, sizeof clock, 1, out) != 1)
+            return 5;
+    }
+    return 0;
+}
+
+/* 0 where all went well, else a message's number (see main.c); of a run, how many ticks, and how many now differ. */
+int sp_replay(FILE *in, FILE *out, int *ticks, int *differ)
 {
     static sp_flight flight;
     static sp_crawl crawl;
@@ -23,6 +53,7 @@ int sp_replay(FILE *in, FILE *out)
     sp_log_output line;
     if (!READ(head) || memcmp(head.magic, SP_LOG_MAGIC, 8) != 0) return 1;
     if (memcmp(head.interface, SP_INTERFACE, 32) != 0) return 2;
+    if (head.kind == SP_LOG_RUN) return replay_run(in, out, &head, ticks, differ);
     if (head.kind == SP_LOG_FLIGHT) {
         sp_controller_config config;
         sp_log_start start;
@@ -32,7 +63,7 @@ int sp_replay(FILE *in, FILE *out)
     } else {
         sp_crawler_config config;
         sp_robot_state state;
-        sp_log_move move;
+        sp_move move;
         if (!READ(config) || !READ(state)) return 3;
         sp_crawl_init(&crawl, &config);
         sp_crawl_reset(&crawl, &state);

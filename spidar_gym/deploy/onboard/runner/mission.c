@@ -1,0 +1,197 @@
+/* A mission's text, read line by line. */
+#define _POSIX_C_SOURCE 200112L
+#include "mission.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "spidar_math.h"
+#include "spidar_model.h"
+#include "spidar_presets.h"
+
+#define WORDS 24
+
+typedef struct {
+    const char *name;
+    const void *config;
+} preset;
+#define ROW(name, config) {#name, &config},
+static const preset CONTROLLERS[] = {SP_CONTROLLER_PRESETS(ROW)};
+static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
+
+static const sp_limits LIMITS = {
+    1.0, 0.2, 0.06, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
+};
+
+/* A word as a number; 0 where it is none. */
+static int number(const char *word, double *value)
+{
+    char *end;
+    *value = strtod(word, &end);
+    return *word != 0 && *end == 0 && sp_finite(value, 1);
+}
+
+/* Words 1 … n as numbers; 0 where one is none or their number is another. */
+static int numbers(char **words, int count, int n, double *values)
+{
+    if (count != n + 1) return 0;
+    for (int i = 0; i < n; i++)
+        if (!number(words[i + 1], values + i)) return 0;
+    return 1;
+}
+
+static const void *find(const preset *presets, size_t count, const char *name)
+{
+    for (size_t k = 0; k < count; k++)
+        if (strcmp(presets[k].name, name) == 0) return presets[k].config;
+    return NULL;
+}
+
+/* Each line's reader returns what would have been valid, or NULL. */
+static const char *read_form(sp_mission *m, char **words, int count)
+{
+    double v[1 + SP_JOINTS];
+    if (!numbers(words, count, 1 + SP_JOINTS, v) || v[0] < 0.0) return "form SECONDS and 16 angles [rad]";
+    if (m->form_count == SP_MAX_FORMS || (m->form_count > 0 && v[0] < m->forms[m->form_count - 1].start))
+        return "at most 64 forms, in the order of their times";
+    for (int j = 0; j < SP_JOINTS; j++)
+        if (!(fabs(v[1 + j]) <= SP_JOINT_LIMIT + 1e-3)) return "form angles within ± 90 degrees";
+    m->forms[m->form_count].start = v[0];
+    for (int j = 0; j < SP_JOINTS; j++) /* a rounded right angle is one */
+        m->forms[m->form_count].joint_target[j] = sp_clip(v[1 + j], -SP_JOINT_LIMIT, SP_JOINT_LIMIT);
+    m->form_count++;
+    return NULL;
+}
+
+static const char *read_move(sp_mission *m, char **words, int count)
+{
+    double v[4];
+    if (!numbers(words, count, 4, v) || v[3] < 0.0 || v[3] > 100.0 || v[3] != floor(v[3]))
+        return "move X Y [m] YAW [rad] CYCLES (0: as many as it takes)";
+    if (m->move_count == SP_MAX_MOVES) return "at most 16 moves";
+    sp_move *move = &m->moves[m->move_count++];
+    move->way.x = v[0], move->way.y = v[1], move->way.yaw = v[2], move->cycles = (int32_t)v[3];
+    return NULL;
+}
+
+static const char *read_kind(sp_mission *m, char **words, int count)
+{
+    int crawls = strcmp(words[0], "crawl") == 0;
+    const char *name = count == 2 ? words[1] : "";
+    const void *config = crawls ? find(CRAWLERS, sizeof CRAWLERS / sizeof *CRAWLERS, name)
+                                : find(CONTROLLERS, sizeof CONTROLLERS / sizeof *CONTROLLERS, name);
+    if (config == NULL) return crawls ? "crawl and one of " SP_CRAWLER_NAMES : "flight and one of " SP_CONTROLLER_NAMES;
+    m->crawls = crawls;
+    if (crawls) m->crawler = *(const sp_crawler_config *)config;
+    else m->controller = *(const sp_controller_config *)config;
+    return NULL;
+}
+
+static const char *read_switch(sp_mission *m, char **words, int count)
+{
+    const char *word = count == 2 ? words[1] : "";
+    if (strcmp(words[0], "estimate") == 0) {
+        m->odometry = strcmp(word, "odometry") == 0;
+        return m->odometry || strcmp(word, "mocap") == 0 ? NULL : "estimate mocap, or estimate odometry";
+    }
+    m->residual = strcmp(word, "on") == 0;
+    return m->residual || strcmp(word, "off") == 0 ? NULL : "residual on, or residual off";
+}
+
+static const char *read_limit(sp_mission *m, char **words, int count)
+{
+    double v[6];
+    sp_limits *l = &m->limits;
+    const char *name = words[0];
+    if (strcmp(name, "fence") == 0) {
+        if (!numbers(words, count, 6, v)) return "fence, then x y z of its low and of its high corner [m]";
+        sp_copy(l->fence_low, v, 3);
+        sp_copy(l->fence_high, v + 3, 3);
+        for (int i = 0; i < 3; i++)
+            if (!(v[i] < v[i + 3])) return "a fence whose low corner is below its high one";
+        return NULL;
+    }
+    if (strcmp(name, "ages") == 0) {
+        if (!numbers(words, count, 4, v)) return "ages of pose, inertial unit, joints, flight state [s]";
+        for (int i = 0; i < 4; i++)
+            if (!(v[i] > 0.0 && v[i] <= 0.5)) return "ages within 0 … 0.5 s: then the flight controller lands by itself";
+        l->pose_age = v[0], l->imu_age = v[1], l->joint_age = v[2], l->state_age = v[3];
+        return NULL;
+    }
+    if (!numbers(words, count, 1, v)) return "one number after settle, tilt, speed, end";
+    if (strcmp(name, "settle") == 0) l->settle = v[0];
+    else if (strcmp(name, "tilt") == 0) l->tilt = v[0];
+    else if (strcmp(name, "end") == 0) m->end = v[0];
+    else m->controller.joint_speed = m->crawler.joint_speed = v[0];
+    if (!(v[0] > 0.0)) return "a number above 0";
+    return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: from there the flight controller lands by itself";
+}
+
+static const char *read_window(sp_mission *m, char **words, int count)
+{
+    double v[2];
+    if (!numbers(words, count, 2, v) || !(v[0] < v[1])) return "unrestricted START END [s]";
+    if (m->window_count == SP_MAX_WINDOWS) return "at most 8 windows";
+    m->windows[m->window_count].start = v[0];
+    m->windows[m->window_count++].end = v[1];
+    return NULL;
+}
+
+static const struct {
+    const char *word;
+    const char *(*read)(sp_mission *, char **, int);
+} LINES[] = {
+    {"flight", read_kind}, {"crawl", read_kind}, {"form", read_form}, {"move", read_move},
+    {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"fence", read_limit},
+    {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
+};
+
+static const char *read_line(sp_mission *m, char *line)
+{
+    char *words[WORDS], *rest = NULL;
+    int count = 0;
+    line[strcspn(line, "#\r\n")] = 0;
+    for (char *w = strtok_r(line, " \t", &rest); w != NULL; w = strtok_r(NULL, " \t", &rest)) {
+        if (count == WORDS) return "fewer words";
+        words[count++] = w;
+    }
+    if (count == 0) return NULL;
+    for (size_t k = 0; k < sizeof LINES / sizeof *LINES; k++)
+        if (strcmp(words[0], LINES[k].word) == 0) return LINES[k].read(m, words, count);
+    return "flight, crawl, form, move, unrestricted, estimate, residual, fence, ages, settle, tilt, speed, end";
+}
+
+int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
+{
+    char line[1024];
+    const char *valid = NULL;
+    int number_of_line = 0, kinds = 0;
+    memset(m, 0, sizeof *m);
+    m->limits = LIMITS;
+    m->controller = *(const sp_controller_config *)CONTROLLERS[0].config;
+    m->crawler = *(const sp_crawler_config *)CRAWLERS[0].config;
+    m->estimator = SP_ESTIMATOR;
+    while (*text != 0 && valid == NULL) {
+        size_t length = strcspn(text, "\n");
+        number_of_line++;
+        if (length >= sizeof line) valid = "a line of at most 1023 characters";
+        else {
+            memcpy(line, text, length);
+            line[length] = 0;
+            size_t skip = strspn(line, " \t");
+            int kind = strncmp(line + skip, "flight ", 7) == 0 || strncmp(line + skip, "crawl ", 6) == 0;
+            valid = read_line(m, line);
+            kinds += kind;
+            if (valid == NULL && kinds == 0 && line[skip] != 0) valid = "flight PRESET or crawl PRESET first";
+            if (kinds > 1) valid = "one flight or one crawl";
+        }
+        text += length + (text[length] != 0);
+    }
+    if (valid == NULL && kinds == 0) valid = "flight PRESET or crawl PRESET first";
+    if (valid == NULL && (m->crawls ? m->form_count + m->window_count > 0 : m->move_count > 0))
+        valid = "forms for a flight, moves for a crawl";
+    if (valid == NULL) return 1;
+    snprintf(reason, size, "mission, line %d; valid: %s", number_of_line, valid);
+    return 0;
+}

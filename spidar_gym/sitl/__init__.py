@@ -1,0 +1,1 @@
+"""The simulated robot behind the real robot's interface: what the runner that drives SPIDAR drives instead."""

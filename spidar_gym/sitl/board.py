@@ -1,0 +1,99 @@
+"""The flight controller board and its safety: what stands between a command and the rotors [robot's firmware]."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from spidar_gym.robot import N_ROTORS, ROBOT
+
+ARM_ON, ARM_OFF, FORCE_LANDING = 0, 1, 2
+"""Configuration commands."""
+COMMAND_TIMEOUT = 0.5
+"""Without a thrust command for so long the board lands [s]."""
+TILT_LIMIT = 1.0
+"""Roll or pitch beyond which it lands [rad]."""
+LANDING_RATE = 1.25
+"""How fast the mean thrust falls in a forced landing [N/s]."""
+LANDING_THRUST = 7.0
+"""… down to [N]; commands below it are ignored then."""
+ATTITUDE_GAINS = (15.0, 5.0, 5.0)
+"""The board's own roll and pitch: on angle [1/s²] and rate [1/s]; yaw: on the rate. Used in a forced landing only."""
+
+
+@dataclass
+class Board:
+    """Takes thrust commands while it is armed, and lands by itself when they stop or the robot tips over."""
+
+    armed: bool = False
+    """Whether the rotors turn."""
+    landing: bool = False
+    """Whether the landing is forced."""
+    reason: str = ""
+    """Why it lands."""
+    heard: float = math.inf
+    """When the last command came; infinite before the first [s]."""
+    tilt: float = 0.0
+    """Roll or pitch, the larger [rad]."""
+
+    def __post_init__(self) -> None:
+        """Stand still."""
+        self.base = np.zeros(N_ROTORS)
+
+    def command(self, thrust: np.ndarray, time: float) -> None:
+        """Thrust of the modules [N]; ignored where disarmed, or where there are not eight."""
+        if len(thrust) != N_ROTORS or not self.armed:
+            return
+        self.heard = time
+        if not np.isfinite(thrust).all() or (self.landing and float(np.mean(thrust)) < LANDING_THRUST):
+            return
+        self.base = np.maximum(np.asarray(thrust, float), 0.0)
+
+    def configure(self, command: int) -> bool:
+        """Obey a configuration command; whether it was one."""
+        if command == ARM_ON:
+            self.armed = True
+        elif command == ARM_OFF:
+            self.armed, self.landing, self.reason, self.heard = False, False, "", math.inf
+            self.base = np.zeros(N_ROTORS)
+        elif command == FORCE_LANDING:
+            self._land("commanded")
+        else:
+            return False
+        return True
+
+    def _land(self, reason: str) -> None:
+        if self.armed and not self.landing:
+            self.landing, self.reason = True, reason
+
+    def tick(self, time: float, dt: float, R_wb: np.ndarray, omega_b: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """What the rotors are told.
+
+        Args:
+            time: Now [s].
+            dt: Since the last tick [s].
+            R_wb: Attitude.
+            omega_b: Angular velocity, torso axes [rad/s].
+            torques: Angular acceleration of the torso per module thrust, torso axes, shape (3, 8) [rad/s²/N].
+
+        Returns:
+            Thrust of the modules [N].
+        """
+        if not self.armed:
+            return np.zeros(N_ROTORS)
+        roll, pitch = math.atan2(R_wb[2, 1], R_wb[2, 2]), math.asin(max(-1.0, min(1.0, -R_wb[2, 0])))
+        self.tilt = max(abs(roll), abs(pitch))
+        if self.tilt > TILT_LIMIT:
+            self._land("tilt")
+        if time - self.heard > COMMAND_TIMEOUT:
+            self._land("no command for 0.5 s")
+        if not self.landing:
+            return np.minimum(self.base, ROBOT.max_thrust)
+        mean = float(self.base.mean())
+        if mean > LANDING_THRUST:
+            self.base = self.base * (max(LANDING_THRUST, mean - LANDING_RATE * dt) / mean)
+        angle, rate, yaw = ATTITUDE_GAINS
+        wish = np.array([-angle * roll, -angle * pitch, 0.0]) - np.array([rate, rate, yaw]) * omega_b
+        thrust = np.maximum(self.base + np.linalg.pinv(torques) @ wish, 0.0)
+        # All of them by the same rate, so that their ratio, which is a torque, stays.
+        return thrust * min(1.0, ROBOT.max_thrust / max(float(thrust.max()), 1e-9))

@@ -1,0 +1,409 @@
+"""The robot's end in ROS 1: its topics through rospy, in a process of its own, so that many robots can live in one."""
+
+import importlib
+import importlib.util
+import os
+import pickle
+import queue
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+from xmlrpc.client import ServerProxy
+
+import numpy as np
+
+import spidar_gym
+from spidar_gym.errors import MissingDependencyError, SpidarError
+from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, Message
+
+MESSAGES = Path(spidar_gym.__file__).parent / "deploy" / "onboard" / "msg"
+"""The lab's message types, `spinal`, in our own words."""
+PACKAGES = "/usr/lib/python3/dist-packages"
+"""Where Debian keeps rospy."""
+INSTALL = "apt-get install ros-core libroscpp-dev (Debian 12)"
+KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS)}
+START, ANSWER = 20.0, 5.0
+"""Longest time for a start, for an answer [s]."""
+QUEUE = 32
+"""Messages that wait for a slow subscriber before the oldest is dropped."""
+
+RosMessage = Any
+"""A message of a class that rospy makes at run time."""
+Data = tuple[str, float, dict[str, Any]]
+"""A message as it crosses to the other process: topic, stamp [s], values."""
+
+
+class RosLink:
+    """The robot on ROS 1: says what its sensors measure, hears what it is told.
+
+    rospy allows one node in the life of a process and takes its log: it lives in a child, behind two pipes.
+    """
+
+    def __init__(self, namespace: str = "/spidar", *, master: str | None = None) -> None:
+        """Start the node, and a master of its own on the loopback where none is named.
+
+        Args:
+            namespace: Of the robot's topics.
+            master: URI of a running ROS master.
+
+        Raises:
+            MissingDependencyError: Without ROS 1.
+            SpidarError: When the master does not answer.
+        """
+        self._folder = Path(tempfile.mkdtemp(prefix="spidar-ros-"))
+        self._lock, self._heard = threading.Lock(), deque[Message]()
+        self._answers: queue.Queue[tuple[str, str]] = queue.Queue()
+        self._base = int(time.time())
+        self.lost = 0
+        """Messages that the node was too slow to take."""
+        self._node = self._spawn(master or "")
+        assert self._node.stdin is not None
+        self._pipe: int = self._node.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        try:
+            self.uri = self._ask("start", namespace, master, self._base, str(self._folder), seconds=START)
+            """URI of the master."""
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """End the node."""
+        self.close()
+
+    def now(self) -> float:
+        """The robot's clock [s]."""
+        return time.time() - self._base
+
+    def publish(self, message: Message) -> None:
+        """Say something; never waits. Commands may be said too, as the robot's own flight stack says them."""
+        values = {name: np.asarray(value).tolist() for name, value in message.values.items()}
+        data = pickle.dumps(("say", (message.topic, float(message.stamp), values)))
+        try:
+            os.write(self._pipe, data)  # below PIPE_BUF, so all or nothing
+        except BlockingIOError:
+            self.lost += 1
+        except OSError as error:
+            raise SpidarError(f"the link's node has ended: {error}; valid: a link that is open") from None
+
+    def heard(self) -> list[Message]:
+        """The commands that came since the last call, in order, stamped with their arrival."""
+        messages = []
+        while self._heard:
+            messages.append(self._heard.popleft())
+        return messages
+
+    def set_parameter(self, name: str, value: bool | int | float | str) -> None:
+        """Set a ROS parameter; a name without a leading / lies under the robot's namespace."""
+        self._ask("parameter", name, value)
+
+    def kill_master(self) -> None:
+        """End the master that this link has started, without a word to anybody."""
+        self._ask("kill")
+
+    def environment(self) -> dict[str, str]:
+        """Environment of a process that is to meet this robot."""
+        return _environment(self.uri, self._folder)
+
+    def close(self) -> None:
+        """End node and master; again does nothing."""
+        if self._node.returncode is None:
+            if self._node.stdin is not None:
+                self._node.stdin.close()
+            try:
+                self._node.wait(ANSWER)
+            except subprocess.TimeoutExpired:
+                self._node.kill()
+                self._node.wait()
+            self._reader.join(ANSWER)
+            if self._node.stdout is not None:
+                self._node.stdout.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _spawn(self, master: str) -> subprocess.Popen[bytes]:
+        """The child; its pipes are binary and unbuffered: a message is written whole or not at all."""
+        with Path(self._folder, "node.log").open("wb") as log:
+            return subprocess.Popen(
+                [sys.executable, "-c", "from spidar_gym.sitl.link_ros import _serve; _serve()"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                bufsize=0,
+                env=_environment(master, self._folder) | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+                start_new_session=True,  # an operator's Ctrl-C is not for it
+            )
+
+    def _read(self) -> None:
+        """In a thread: what the node says."""
+        assert self._node.stdout is not None
+        stream = os.fdopen(os.dup(self._node.stdout.fileno()), "rb")
+        with stream:
+            while True:
+                try:
+                    kind, data = pickle.load(stream)
+                except (EOFError, OSError, pickle.UnpicklingError):
+                    self._answers.put(("failed", "the node has ended"))
+                    return
+                if kind == "heard":
+                    self._heard.append(Message(*data))
+                else:
+                    self._answers.put((kind, data))
+
+    def _ask(self, *words: object, seconds: float = ANSWER) -> str:
+        with self._lock:
+            try:
+                os.write(self._pipe, pickle.dumps(words))
+                kind, answer = self._answers.get(timeout=seconds)
+            except (OSError, queue.Empty):
+                kind, answer = "failed", "the node does not answer"
+        if kind == "missing":
+            raise MissingDependencyError(answer, INSTALL)
+        if kind == "failed":
+            raise SpidarError(f"ROS: {answer}; valid: a working ROS 1 (`rosmaster`, `rospy`), a master that answers")
+        return answer
+
+
+def _environment(uri: str, folder: Path) -> dict[str, str]:
+    """This process's environment, with ROS on the loopback."""
+    kept = {name: value for name, value in os.environ.items() if name not in ("ROS_HOSTNAME", "ROS_NAMESPACE")}
+    return kept | {
+        "ROS_MASTER_URI": uri,
+        "ROS_IP": "127.0.0.1",
+        "ROS_LOG_DIR": str(folder / "log"),
+        "ROS_HOME": str(folder / "home"),
+    }
+
+
+def _serve() -> None:
+    """The child: do what is asked until the pipe closes."""
+    hear: BinaryIO = sys.stdin.buffer
+    say = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what rospy prints must not come between
+    node = _Node(say)
+    while True:
+        try:
+            kind, *words = pickle.load(hear)
+        except (EOFError, OSError):
+            break
+        if kind == "say":
+            node.publish(*words[0])
+        else:
+            node.answer(kind, words)
+    node.close()
+
+
+class _Node:
+    """In the child: rospy's publishers and subscribers."""
+
+    def __init__(self, say: BinaryIO) -> None:
+        self._say, self._lock = say, threading.Lock()
+        self._master: subprocess.Popen[bytes] | None = None
+        self._publishers: dict[str, Any] = {}
+        self._namespace, self._base = "", 0
+        self._types: dict[str, Any] = {}
+        self._rospy: Any = None
+
+    def answer(self, kind: str, words: list[Any]) -> None:
+        try:
+            asked = {"start": self._start, "parameter": self._parameter, "kill": self._kill}
+            self._tell("done", asked[kind](*words))
+        except ImportError as error:
+            self._tell("missing", str(error.name or error))
+        except FileNotFoundError as error:
+            self._tell("missing", str(error.filename))
+        except Exception as error:  # whatever it is, the other end has to know
+            self._tell("failed", f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
+
+    def publish(self, topic: str, stamp: float, values: dict[str, Any]) -> None:
+        if topic not in self._publishers:
+            self._advertise(topic)
+        message = self._types[KINDS[topic]]()
+        _FILL[KINDS[topic]](message, values)
+        nanoseconds = round(stamp * 1e9)
+        time_ = self._rospy.Time(self._base + nanoseconds // 10**9, nanoseconds % 10**9)
+        if hasattr(message, "header"):
+            message.header.stamp, message.header.frame_id = time_, "world"
+        elif hasattr(message, "stamp"):
+            message.stamp = time_
+        self._publishers[topic].publish(message)
+
+    def close(self) -> None:
+        """End quickly: nobody waits for what a dead master would have answered."""
+        if self._master is None and self._rospy is not None:
+            threading.Timer(2.0, os._exit, (0,)).start()
+            self._rospy.signal_shutdown("closed")
+        if self._master is not None:
+            self._kill()
+        os._exit(0)
+
+    def _tell(self, kind: str, data: object) -> None:
+        with self._lock:
+            pickle.dump((kind, data), self._say)
+            self._say.flush()
+
+    def _start(self, namespace: str, master: str | None, base: int, folder: str) -> str:
+        self._namespace, self._base = namespace, base
+        _find_ros()
+        self._rospy = importlib.import_module("rospy")
+        self._types = _message_types()
+        uri = master or self._start_master(folder)
+        os.environ["ROS_MASTER_URI"] = uri
+        _await_master(uri, START / 2)
+        self._rospy.init_node(
+            "spidar_robot", argv=[], anonymous=True, disable_rosout=True, disable_rostime=True, disable_signals=True
+        )
+        for topic in FEEDBACK:
+            self._advertise(topic.name)
+        for topic in COMMANDS:
+            self._rospy.Subscriber(
+                f"{namespace}/{topic.name}", self._types[topic.kind], self._listener(topic.name), tcp_nodelay=True
+            )
+        return uri
+
+    def _start_master(self, folder: str) -> str:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        uri = f"http://127.0.0.1:{port}"
+        with Path(folder, "master.log").open("wb") as log:
+            self._master = subprocess.Popen(
+                ["/usr/bin/rosmaster", "--core", "-p", str(port)],
+                env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+                | {"ROS_MASTER_URI": uri},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
+        return uri
+
+    def _advertise(self, topic: str) -> None:
+        self._publishers[topic] = self._rospy.Publisher(
+            f"{self._namespace}/{topic}", self._types[KINDS[topic]], queue_size=QUEUE, tcp_nodelay=True
+        )
+
+    def _listener(self, topic: str) -> Callable[[RosMessage], None]:
+        read, me = _READ[KINDS[topic]], self._rospy.get_name()
+
+        def hear(message: RosMessage) -> None:
+            arrival = time.time() - self._base
+            if message._connection_header.get("callerid") != me:
+                data: Data = (topic, arrival, read(message))
+                self._tell("heard", data)
+
+        return hear
+
+    def _parameter(self, name: str, value: bool | int | float | str) -> str:
+        self._rospy.set_param(name if name.startswith("/") else f"{self._namespace}/{name}", value)
+        return ""
+
+    def _kill(self) -> str:
+        if self._master is None:
+            raise SpidarError("the master is not of this link")
+        self._master.kill()
+        self._master.wait()
+        return ""
+
+
+def _find_ros() -> None:
+    """Debian's packages last, so that they hide nothing of this environment."""
+    if importlib.util.find_spec("rospy") is None:
+        sys.path.append(PACKAGES)
+
+
+def _message_types() -> dict[str, Any]:
+    """ROS type → class; those of `spinal` from our own definitions."""
+    dynamic = importlib.import_module("genpy.dynamic")
+    types = {}
+    for kind in set(KINDS.values()):
+        package, name = kind.split("/")
+        if package == "spinal":
+            types[kind] = dynamic.generate_dynamic(kind, (MESSAGES / f"{name}.msg").read_text("utf-8"))[kind]
+        else:
+            types[kind] = getattr(importlib.import_module(f"{package}.msg"), name)
+    return types
+
+
+def _await_master(uri: str, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            with ServerProxy(uri) as master:
+                master.getPid("/spidar_robot")
+            return
+        except OSError:
+            if time.monotonic() > end:
+                raise SpidarError(f"no master at {uri}") from None
+            time.sleep(0.02)
+
+
+def _fill_joints(message: RosMessage, values: dict[str, Any]) -> None:
+    message.name = values.get("name", [])
+    message.position, message.effort = values.get("position", []), values.get("effort", [])
+
+
+def _fill_imu(message: RosMessage, values: dict[str, Any]) -> None:
+    message.acc_data, message.gyro_data = values["acc"], values["gyro"]
+    message.angles = values.get("angles", [0.0, 0.0, 0.0])
+
+
+def _fill_pose(message: RosMessage, values: dict[str, Any]) -> None:
+    pose = message.pose
+    pose.position.x, pose.position.y, pose.position.z = values["position"]
+    pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z = values["quat"]
+
+
+def _fill_odometry(message: RosMessage, values: dict[str, Any]) -> None:
+    _fill_pose(message.pose, values)
+    twist = message.twist.twist
+    twist.linear.x, twist.linear.y, twist.linear.z = values["velocity"]
+    twist.angular.x, twist.angular.y, twist.angular.z = values["omega"]
+
+
+def _fill_thrust(message: RosMessage, values: dict[str, Any]) -> None:
+    message.base_thrust = values["thrust"]
+
+
+def _fill_number(message: RosMessage, values: dict[str, Any]) -> None:
+    message.data = values["data"]
+
+
+def _fill_config(message: RosMessage, values: dict[str, Any]) -> None:
+    message.cmd = values["cmd"]
+
+
+_FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
+    "sensor_msgs/JointState": _fill_joints,
+    "spinal/Imu": _fill_imu,
+    "geometry_msgs/PoseStamped": _fill_pose,
+    "nav_msgs/Odometry": _fill_odometry,
+    "std_msgs/UInt8": _fill_number,
+    "std_msgs/Float32": _fill_number,
+    "std_msgs/Empty": lambda message, values: None,
+    "spinal/FourAxisCommand": _fill_thrust,
+    "spinal/FlightConfigCmd": _fill_config,
+}
+_READ: dict[str, Callable[[RosMessage], dict[str, Any]]] = {
+    "sensor_msgs/JointState": lambda m: {
+        "name": list(m.name),
+        "position": list(m.position),
+        "effort": list(m.effort),
+    },
+    "std_msgs/Empty": lambda m: {},
+    "spinal/FourAxisCommand": lambda m: {"thrust": list(m.base_thrust)},
+    "spinal/FlightConfigCmd": lambda m: {"cmd": m.cmd},
+}

@@ -1,0 +1,141 @@
+"""The robot's end of the socket: collects messages into the runner's input, tick by tick, and waits for its answer."""
+
+import socket
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.row import model_hash
+from spidar_gym.control.structs import IMU_SAMPLES, POSE_FRAMES, interface_hash
+from spidar_gym.deploy.golden import log_layouts
+from spidar_gym.errors import SpidarError
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
+from spidar_gym.sitl.messages import FEEDBACK, STATE_NAMES, Message
+
+TOPIC_ORDER = ("joint_states", "imu", "mocap/pose", "uav/cog/odom", "flight_state")
+"""Topics of the contract in the runner's order."""
+SILENT, PUBLISH, FORCE_LANDING = range(3)
+"""What the runner asks the link to do."""
+PATIENCE = 10.0
+"""How long the runner may take to come, or to answer [s]."""
+
+
+class SocketLink:
+    """Lock-step: no clock but the robot's, so that a flight takes as long as it takes and ends the same every time."""
+
+    def __init__(self, *, model: str | None = None, names: tuple[str, ...] = STATE_NAMES) -> None:
+        """Listen on the loopback.
+
+        Args:
+            model: What the robot says its model is; the present one by default.
+            names: What it calls its angles.
+        """
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.settimeout(PATIENCE)
+        self._peer: socket.socket | None = None
+        self._hello = np.zeros((), log_layouts()["sim_hello"])
+        text = {"interface": interface_hash(), "model": model or model_hash()}
+        for field, word in text.items():
+            self._hello[field][: len(word)] = list(word.encode())
+        for row, name in zip(self._hello["names"], names, strict=False):
+            row[: len(name)] = list(name.encode())
+        self._hello["name_count"] = len(names)
+        rates = {topic.name: topic.rate for topic in FEEDBACK}
+        self._hello["rates"] = [rates[name] for name in TOPIC_ORDER]
+        self._input = np.zeros((), log_layouts()["loop_input"])
+        self._input["flight_state"], self._input["flight_state_time"] = -1, -np.inf
+        self._poses: list[Message] = []
+        self._imu: list[Message] = []
+        self.answer = np.zeros((), log_layouts()["loop_output"])
+        """The runner's last answer."""
+
+    @property
+    def place(self) -> str:
+        """HOST:PORT for the runner."""
+        host, port = self._server.getsockname()
+        return f"{host}:{port}"
+
+    def accept(self) -> None:
+        """Wait for the runner and say who the robot is (`SpidarError` when it does not come)."""
+        try:
+            self._peer, _ = self._server.accept()
+        except TimeoutError as error:
+            raise SpidarError(f"no runner came to {self.place} within {PATIENCE:g} s; valid: one that starts") from error
+        self._peer.settimeout(PATIENCE)
+        self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer.sendall(self._hello.tobytes())
+
+    def publish(self, message: Message) -> None:
+        """Keep a message for the runner's next tick."""
+        values, record = message.values, self._input
+        if message.topic == "mocap/pose":
+            self._poses.append(message)
+        elif message.topic == "imu":
+            self._imu.append(message)
+        elif message.topic == "joint_states":
+            m = record["measurement"]
+            position = np.asarray(values["position"], float)
+            m["encoder_time"] = message.stamp
+            m["joint_position"], m["vectoring"] = position[:N_JOINTS], position[N_JOINTS:]
+            m["joint_torque"] = np.asarray(values["effort"], float)[:N_JOINTS]
+        elif message.topic == "flight_state":
+            record["flight_state"], record["flight_state_time"] = values["data"], message.stamp
+        elif message.topic == "uav/cog/odom":
+            odometry = record["odometry"]
+            record["has_odometry"], odometry["time"] = 1, message.stamp
+            for field, name in (("position_w", "position"), ("quat_wb", "quat"), ("velocity_w", "velocity"), ("omega_b", "omega")):  # fmt: skip
+                odometry[field] = values[name]
+        elif message.topic == "four_axes/command":
+            record["has_thrust"], record["thrust"] = 1, values["thrust"]
+
+    def tick(self, time: float) -> list[Message] | None:
+        """Ask the runner; what it publishes, None when it has gone."""
+        m = self._input["measurement"]
+        self._input["time"] = m["time"] = time
+        m["pose_count"], m["imu_count"] = len(self._poses[-POSE_FRAMES:]), len(self._imu[-IMU_SAMPLES:])
+        for k, message in enumerate(self._poses[-POSE_FRAMES:]):
+            m["pose_time"][k] = message.stamp
+            m["pose_position_w"].reshape(POSE_FRAMES, 3)[k] = message.values["position"]
+            m["pose_quat_wb"].reshape(POSE_FRAMES, 4)[k] = message.values["quat"]
+        for k, message in enumerate(self._imu[-IMU_SAMPLES:]):
+            m["imu_time"][k] = message.stamp
+            m["gyro_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["gyro"]
+            m["specific_force_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["acc"]
+        self._poses, self._imu = [], []
+        size = self.answer.dtype.itemsize
+        data = b""
+        try:
+            assert self._peer is not None
+            self._peer.sendall(self._input.tobytes())
+            while len(data) < size:
+                part = self._peer.recv(size - len(data))
+                if not part:
+                    return None
+                data += part
+        except OSError:
+            return None
+        finally:
+            self._input["has_odometry"] = self._input["has_thrust"] = 0
+        self.answer = np.frombuffer(data, self.answer.dtype)[0]
+        return published(self.answer, time)
+
+    def close(self) -> None:
+        """Hang up."""
+        for end in (self._peer, self._server):
+            if end is not None:
+                end.close()
+
+
+def published(answer: Any, time: float) -> list[Message]:  # noqa: ANN401 - a numpy record
+    """What a link publishes of an answer."""
+    if answer["action"] == SILENT:
+        return []
+    if answer["action"] == FORCE_LANDING:
+        return [Message("flight_config_cmd", time, {"cmd": 2})]
+    c = answer["command"]
+    return [
+        Message("four_axes/command", time, {"thrust": c["thrust"].copy()}),
+        Message("gimbals_ctrl", time, {"name": GIMBAL_NAMES, "position": c["vectoring"].copy()}),
+        Message("joints_ctrl", time, {"name": JOINT_NAMES, "position": c["joint_position"].copy()}),
+        Message("joints_torque_ctrl", time, {"name": JOINT_NAMES, "effort": c["joint_torque_limit"].copy()}),
+    ]

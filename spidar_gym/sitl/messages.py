@@ -1,0 +1,63 @@
+"""What crosses the interface of the real robot: topics, their ROS types and rates, and one message of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
+
+STATE_NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
+"""Names of `joint_states`, in its order."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic, under the robot's namespace."""
+
+    name: str
+    """Without the namespace."""
+    kind: str
+    """ROS type."""
+    rate: float
+    """[Hz]; 0 where it comes when it comes."""
+    doc: str
+    """Contents and units."""
+
+
+FEEDBACK = (
+    Topic("joint_states", "sensor_msgs/JointState", 50.0, "position [rad] of 16 joints, 16 gimbals; effort [Nm]"),
+    Topic("imu", "spinal/Imu", 200.0, "acc [m/s²], gyro [rad/s], angles [rad]; torso axes"),
+    Topic("mocap/pose", "geometry_msgs/PoseStamped", 100.0, "pose of the flight controller in the world"),
+    Topic("uav/cog/odom", "nav_msgs/Odometry", 100.0, "CoG; velocity in the world, angular velocity in torso axes"),
+    Topic("uav/baselink/odom", "nav_msgs/Odometry", 100.0, "the same of the flight controller"),
+    Topic("flight_state", "std_msgs/UInt8", 40.0, "state of the flight stack"),
+    Topic("flight_config_ack", "std_msgs/UInt8", 0.0, "echo of a configuration command"),
+    Topic("battery_voltage_status", "std_msgs/Float32", 10.0, "[V]"),
+)
+"""What the robot says."""
+COMMANDS = (
+    Topic("four_axes/command", "spinal/FourAxisCommand", 40.0, "base_thrust: thrust of the 8 modules [N]"),
+    Topic("gimbals_ctrl", "sensor_msgs/JointState", 40.0, "position [rad] of 16 gimbals"),
+    Topic("joints_ctrl", "sensor_msgs/JointState", 40.0, "position [rad] of the joints named"),
+    Topic("joints_torque_ctrl", "sensor_msgs/JointState", 40.0, "effort: torque limit [Nm] of the joints named"),
+    Topic("flight_config_cmd", "spinal/FlightConfigCmd", 0.0, "0 ARM_ON, 1 ARM_OFF, 2 FORCE_LANDING"),
+    Topic("teleop_command/start", "std_msgs/Empty", 0.0, "arm"),
+    Topic("teleop_command/takeoff", "std_msgs/Empty", 0.0, "take off"),
+    Topic("teleop_command/land", "std_msgs/Empty", 0.0, "land"),
+    Topic("teleop_command/force_landing", "std_msgs/Empty", 0.0, "force the landing"),
+    Topic("teleop_command/halt", "std_msgs/Empty", 0.0, "stop at once"),
+)
+"""What the robot hears."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message."""
+
+    topic: str
+    """Its name, without the namespace."""
+    stamp: float
+    """The robot's clock [s]."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """By field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat` (w, x, y, z),
+    and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand); `data` (numbers); `cmd` (FlightConfigCmd)."""

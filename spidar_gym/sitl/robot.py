@@ -1,0 +1,240 @@
+"""The simulated robot behind the real one's interface: plant, sensors, board, servos and flight stack, 200 times a second."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from spidar_gym.control.estimator import Estimator
+from spidar_gym.control.footsteps import GaitConfig, lying_pose
+from spidar_gym.model.dynamics import Model
+from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.energy import voltage
+from spidar_gym.sim.plant import IMU_STEPS, Plant
+from spidar_gym.sim.sensors import IMU_POSITION_B
+from spidar_gym.sitl.board import Board
+from spidar_gym.sitl.messages import STATE_NAMES, Message
+from spidar_gym.sitl.stack import LANDING_FORM, Stack, State
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.state import Command, Measurement, RobotState
+
+DT = 0.005
+"""One step [s]."""
+TICK = 5
+"""Steps of a tick of the flight stack: 40 Hz."""
+ODOMETRY = 2
+"""Steps between two estimates of the flight stack: 100 Hz."""
+
+
+class Robot:
+    """One robot: `step` moves it by 5 ms and says what it publishes, `hear` takes what is published to it."""
+
+    def __init__(
+        self,
+        plant: PlantConfig | None = None,
+        *,
+        crawls: bool = False,
+        gait: GaitConfig | None = None,
+        joint_speed: float = ROBOT.joint_speed,
+        seed: int = 0,
+    ) -> None:
+        """Lay it on the floor.
+
+        Args:
+            plant: The robot; the described one with real sensors by default.
+            crawls: Whether it is brought up for the ground: it lies in the gait's first pose.
+            gait: Of that pose.
+            joint_speed: Largest speed of the joint servos [rad/s].
+            seed: Of noise.
+        """
+        config = replace(plant or PlantConfig(), substeps=IMU_STEPS, sense=True, joint_speed=joint_speed)
+        self.plant = Plant(config)
+        self.board, self.stack, self.model = Board(), Stack(crawls), Model()
+        form = lying_pose(gait or GaitConfig()) if crawls else LANDING_FORM
+        ground = config.ground
+        self.state = self.plant.reset(
+            ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth]),
+            joint_position=form,
+            rng=np.random.Generator(np.random.PCG64(seed)),
+        )
+        self._estimator = Estimator()
+        first = self.plant.measure()
+        indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
+        self._estimator.reset(replace(self.state, **indicated))
+        self.seen = self._estimator.update(first, self.state.thrust)
+        self.vectoring, self.joints = first.vectoring.copy(), form.copy()
+        self.torque_limit = np.full(N_JOINTS, ROBOT.max_joint_torque)
+        self.steps, self._encoder = 0, -1.0
+        self.driven_at = -math.inf
+        """When a runner commanded last [s]."""
+        self.first_driven = math.inf
+        """When it did first [s]."""
+        self._torques = np.zeros((3, N_ROTORS))
+        self._batch: list[Measurement] = []
+        self._words: dict[str, Callable[[Message], None]] = {
+            "four_axes/command": self._hear_thrust,
+            "gimbals_ctrl": self._hear_gimbals,
+            "joints_ctrl": self._hear_joints,
+            "joints_torque_ctrl": self._hear_limits,
+        }
+        self._echo: list[Message] = []
+        self._com_b: np.ndarray | None = None
+
+    @property
+    def time(self) -> float:
+        """The robot's clock [s]."""
+        return self.steps * DT
+
+    @property
+    def flight_state(self) -> int:
+        """As it is reported."""
+        return int(State.FORCE_LANDING if self.board.landing else self.stack.state)
+
+    def hear(self, message: Message) -> None:
+        """Take a command."""
+        if message.topic.startswith("teleop_command/"):
+            self.stack.teleop(message.topic.split("/")[1], self.time)
+        elif message.topic == "flight_config_cmd":
+            self._configure(int(message.values["cmd"]))
+        elif message.topic in self._words and self.drivable:
+            # Elsewhere the flight stack has the wheel: on the robot a multiplexer of the topics sees to that.
+            self._words[message.topic](message)
+
+    @property
+    def drivable(self) -> bool:
+        """Whether the state is one in which a runner may drive: HOVER in flight, ARM_ON on the ground."""
+        return self.stack.state == (State.ARM_ON if self.stack.crawls else State.HOVER) and not self.board.landing
+
+    def _hear_thrust(self, message: Message) -> None:
+        self.driven_at = self.time
+        self.first_driven = min(self.first_driven, self.time)
+        self.board.command(np.asarray(message.values["thrust"], float), self.time)
+
+    def _named(self, message: Message, names: tuple[str, ...], field: str, target: np.ndarray) -> None:
+        """Write values by name, all in order where there are no names; what does not fit is ignored."""
+        values = np.asarray(message.values[field], float)
+        given = list(message.values.get("name") or names)
+        if len(given) != len(values) or not np.isfinite(values).all():
+            return
+        for name, value in zip(given, values, strict=True):
+            if name in names:
+                target[names.index(name)] = value
+
+    def _hear_gimbals(self, message: Message) -> None:
+        flat = self.vectoring.reshape(-1).copy()
+        self._named(message, GIMBAL_NAMES, "position", flat)
+        self.vectoring = flat.reshape(N_ROTORS, 2)
+
+    def _hear_joints(self, message: Message) -> None:
+        joints = self.joints.copy()
+        self._named(message, JOINT_NAMES, "position", joints)
+        self.joints = np.clip(joints, -ROBOT.joint_limit, ROBOT.joint_limit)
+
+    def _hear_limits(self, message: Message) -> None:
+        limit = self.torque_limit.copy()
+        self._named(message, JOINT_NAMES, "effort", limit)
+        self.torque_limit = np.clip(limit, 0.0, ROBOT.max_joint_torque)
+
+    def _configure(self, command: int) -> None:
+        if self.board.configure(command):
+            self._echo.append(Message("flight_config_ack", self.time, {"data": command}))
+            self.stack.acknowledge(command, self.time)
+
+    @property
+    def driven(self) -> bool:
+        """Whether a runner has the wheel: it has commanded since the present state began, and the landing is not forced.
+
+        Once it drives, its silence is not made up for: the board's own timeout lands the robot.
+        """
+        return self.drivable and self.driven_at >= self.stack.since
+
+    def step(self) -> list[Message]:
+        """5 ms: what is published in them."""
+        if self.steps % TICK == 0:
+            self._decide()
+        R_wb = quat_to_matrix(self.state.quat_wb)
+        if self.board.landing and self.steps % TICK == 0:
+            self._torques = self._torque_map(R_wb)
+        thrust = self.board.tick(self.time, DT, R_wb, self.state.omega_b, self._torques)
+        self.state = self.plant.step(Command(thrust, self.vectoring, self.joints, self.torque_limit))
+        self.steps += 1
+        measurement = self.plant.measure()
+        messages, self._echo = self._echo, []
+        messages += self._say(measurement)
+        self._batch.append(measurement)
+        if self.steps % ODOMETRY == 0:
+            messages += self._odometry()
+        if self.steps % TICK == 0:
+            messages.append(Message("flight_state", self.time, {"data": self.flight_state}))
+        if self.steps % 20 == 0:
+            memory = self.plant.memory
+            messages.append(
+                Message("battery_voltage_status", self.time, {"data": float(voltage(memory.energy_wh, memory.power))})
+            )
+        return messages
+
+    def _decide(self) -> None:
+        """The flight stack's tick."""
+        stack, board = self.stack, self.board
+        command = None if board.landing else stack.tick(self.seen, board.base, driven=self.driven)
+        for wish in stack.wishes:
+            self._configure(wish)
+        stack.wishes = []
+        if command is not None:
+            board.command(command.thrust, self.time)
+            self.vectoring, self.joints = command.vectoring, command.joint_position
+            self.torque_limit = command.joint_torque_limit
+            self._echo.append(Message("four_axes/command", self.time, {"thrust": command.thrust}))
+
+    def _torque_map(self, R_wb: np.ndarray) -> np.ndarray:
+        """Angular acceleration per thrust with the rotors where they point, (3, 8) [rad/s²/N]."""
+        snapshot = self.model.snapshot(self.seen.joint_position, R_wb, self.seen.vectoring)
+        forces = vectoring_to_force(np.ones(N_ROTORS), self.seen.vectoring)
+        Q = thrust_map(snapshot.R_bl, snapshot.rotor_c)[3:].reshape(3, N_ROTORS, 3)
+        return np.linalg.solve(snapshot.inertia_c, np.einsum("ijk,jk->ij", Q, forces))
+
+    def _say(self, m: Measurement) -> list[Message]:
+        """What the sensors publish."""
+        messages = [
+            Message(
+                "imu", float(m.imu_time[k]),
+                {"acc": m.specific_force_b[k], "gyro": m.gyro_b[k], "angles": self._angles()},
+            )
+            for k in range(m.imu_count)
+        ]  # fmt: skip
+        for k in range(m.pose_count):
+            pose = {"position": m.pose_position_w[k], "quat": m.pose_quat_wb[k]}
+            messages.append(Message("mocap/pose", float(m.pose_time[k]), pose))
+        if m.encoder_time > self._encoder:
+            self._encoder = m.encoder_time
+            position = np.concatenate([m.joint_position, m.vectoring.reshape(-1)])
+            effort = np.concatenate([m.joint_torque, np.zeros(2 * N_ROTORS)])
+            values = {"name": STATE_NAMES, "position": position, "effort": effort}
+            messages.append(Message("joint_states", m.encoder_time, values))
+        return messages
+
+    def _angles(self) -> np.ndarray:
+        R = quat_to_matrix(self.seen.quat_wb)
+        return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(np.clip(R[2, 0], -1, 1)), math.atan2(R[1, 0], R[0, 0])])
+
+    def _odometry(self) -> list[Message]:
+        """The flight stack's own estimate, of CoG and flight controller."""
+        for measurement in self._batch:
+            self.seen = self._estimator.update(measurement, self.board.base)
+        self._batch = []
+        seen, R_wb = self.seen, quat_to_matrix(self.seen.quat_wb)
+        com_b = self.model.snapshot(seen.joint_position, R_wb, seen.vectoring).com_b
+        rate = np.zeros(3) if self._com_b is None else (com_b - self._com_b) / (ODOMETRY * DT)
+        self._com_b = com_b
+        messages = []
+        for topic, point, own in (
+            ("uav/cog/odom", com_b, rate), ("uav/baselink/odom", IMU_POSITION_B, np.zeros(3))
+        ):  # fmt: skip
+            velocity = seen.velocity_w + R_wb @ (np.cross(seen.omega_b, point) + own)
+            position = seen.position_w + R_wb @ point
+            values = {"position": position, "quat": seen.quat_wb, "velocity": velocity, "omega": seen.omega_b}
+            messages.append(Message(topic, seen.time, values))
+        return messages
