@@ -22,6 +22,7 @@ from spidar_gym.cli_deploy import export_
 from spidar_gym.cli_eval import board_app, eval_, scenarios
 from spidar_gym.cli_paper import PresetArg, paper_app
 from spidar_gym.cli_run import run
+from spidar_gym.cli_sitl import sitl_app
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.description import CAMERAS, assets_dir, generated_files
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
@@ -47,6 +48,7 @@ app.command(name="eval")(eval_)
 app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
 app.command(scenarios)
 app.command(name="export")(export_)
+app.command(sitl_app, name="sitl", help="The runner drives the simulated robot through ROS 1 or a socket.")
 
 
 @app.command

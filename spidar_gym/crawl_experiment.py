@@ -147,7 +147,7 @@ def crawl_paper(
             R_wb = quat_to_matrix(state.quat_wb)
             rows.append(
                 (
-                    len(rows) / CONTROL_RATE + 1.0 / CONTROL_RATE, tick.phase, state.position_w, _euler(R_wb),
+                    len(rows) / CONTROL_RATE + 1.0 / CONTROL_RATE, tick.phase, state.position_w, euler_angles(R_wb),
                     state.joint_position, state.joint_torque, state.vectoring, state.thrust, info["thrust_command"],
                     info["power_w"], tick.allocation.solve_time, info["qp_status"], env.plant.data.qpos.copy(),
                 )
@@ -167,7 +167,7 @@ def crawl_paper(
     )
 
 
-def _euler(R: np.ndarray) -> np.ndarray:
+def euler_angles(R: np.ndarray) -> np.ndarray:
     """Roll, pitch, yaw (z-y-x) of an attitude [rad]."""
     return np.array(
         [math.atan2(R[2, 1], R[2, 2]), math.asin(max(-1.0, min(1.0, -R[2, 0]))), math.atan2(R[1, 0], R[0, 0])]

@@ -30,6 +30,7 @@ NAMES = (
     "leaderboard",
     "scenarios",
     "export",
+    "sitl",
     "lost",
     "tune",
     "view",

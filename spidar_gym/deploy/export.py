@@ -65,14 +65,15 @@ def export(folder: Path) -> list[str]:
     parent = output_folder(folder.resolve().parent)
     with tempfile.TemporaryDirectory(dir=parent, prefix=f".{folder.name}.") as scratch:
         made = Path(scratch) / "made"
-        _write(files, made)
+        write_files(files, made)
         if folder.exists():
             os.replace(folder, Path(scratch) / "old")
         os.replace(made, folder)
     return sorted(files)
 
 
-def _write(files: dict[str, bytes], folder: Path) -> None:
+def write_files(files: dict[str, bytes], folder: Path) -> None:
+    """Write path → content under a folder."""
     for name, data in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,7 +99,7 @@ def build(path: Path | None = None) -> Path:
     output_folder(path.parent)
     with tempfile.TemporaryDirectory() as scratch:
         folder, made = Path(scratch), path.with_name(f".{path.name}.{os.getpid()}")
-        _write(export_files(golden=False), folder)
+        write_files(export_files(golden=False), folder)
         sources = [str(p) for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c"))]
         includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated")]
         command = [

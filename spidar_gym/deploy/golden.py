@@ -28,7 +28,10 @@ FLIGHT_TICKS, CRAWL_TICKS = 200, 500
 @cache
 def log_layouts() -> dict[str, np.dtype]:
     """Structs of the runner and its logs."""
-    files = (CORE / "spidar_core.h", *(RUNNER / name for name in ("mission.h", "log.h", "loop.h", "contract.h", "sim.h")))
+    files = (
+        CORE / "spidar_core.h",
+        *(RUNNER / name for name in ("mission.h", "log.h", "loop.h", "contract.h", "sim.h")),
+    )
     headers = [file.read_text(encoding="utf-8") for file in files]
     return layouts("\n".join(headers), core_layouts())
 

@@ -1,11 +1,13 @@
 """The robot's end in ROS 1: its topics through rospy, in a process of its own, so that many robots can live in one."""
 
+import ctypes
 import importlib
 import importlib.util
 import os
 import pickle
 import queue
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -15,14 +17,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 from xmlrpc.client import ServerProxy
 
 import numpy as np
 
 import spidar_gym
-from spidar_gym.errors import MissingDependencyError, SpidarError
+from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
 from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, Message
 
 MESSAGES = Path(spidar_gym.__file__).parent / "deploy" / "onboard" / "msg"
@@ -38,8 +39,6 @@ QUEUE = 32
 
 RosMessage = Any
 """A message of a class that rospy makes at run time."""
-Data = tuple[str, float, dict[str, Any]]
-"""A message as it crosses to the other process: topic, stamp [s], values."""
 
 
 class RosLink:
@@ -62,12 +61,15 @@ class RosLink:
         self._folder = Path(tempfile.mkdtemp(prefix="spidar-ros-"))
         self._lock, self._heard = threading.Lock(), deque[Message]()
         self._answers: queue.Queue[tuple[str, str]] = queue.Queue()
-        self._base = int(time.time())
+        self._base = time.time_ns()
+        self._wrong = ""
         self.lost = 0
         """Messages that the node was too slow to take."""
         self._node = self._spawn(master or "")
         assert self._node.stdin is not None
-        self._pipe: int = self._node.stdin.fileno()
+        assert self._node.stdout is not None
+        self._stdin, self._stdout = self._node.stdin, self._node.stdout
+        self._pipe: int = self._stdin.fileno()
         os.set_blocking(self._pipe, False)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -82,16 +84,24 @@ class RosLink:
         """Itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         """End the node."""
         self.close()
 
     def now(self) -> float:
         """The robot's clock [s]."""
-        return time.time() - self._base
+        return 1e-9 * (time.time_ns() - self._base)
+
+    def set_clock(self, seconds: float = 0.0) -> None:
+        """Let the robot's clock show this now; what is stamped otherwise reaches the runner as old or as to come."""
+        self._base = time.time_ns() - round(seconds * 1e9)
+        self._ask("clock", self._base)
 
     def publish(self, message: Message) -> None:
         """Say something; never waits. Commands may be said too, as the robot's own flight stack says them."""
+        require_name("topic", message.topic, KINDS)
+        if self._wrong:
+            raise SpidarError(f"ROS: {self._wrong}; valid: the values that `Message` lists for the topic")
         values = {name: np.asarray(value).tolist() for name, value in message.values.items()}
         data = pickle.dumps(("say", (message.topic, float(message.stamp), values)))
         try:
@@ -103,10 +113,7 @@ class RosLink:
 
     def heard(self) -> list[Message]:
         """The commands that came since the last call, in order, stamped with their arrival."""
-        messages = []
-        while self._heard:
-            messages.append(self._heard.popleft())
-        return messages
+        return [self._heard.popleft() for _ in range(len(self._heard))]
 
     def set_parameter(self, name: str, value: bool | int | float | str) -> None:
         """Set a ROS parameter; a name without a leading / lies under the robot's namespace."""
@@ -123,16 +130,14 @@ class RosLink:
     def close(self) -> None:
         """End node and master; again does nothing."""
         if self._node.returncode is None:
-            if self._node.stdin is not None:
-                self._node.stdin.close()
+            self._stdin.close()
             try:
                 self._node.wait(ANSWER)
             except subprocess.TimeoutExpired:
                 self._node.kill()
                 self._node.wait()
             self._reader.join(ANSWER)
-            if self._node.stdout is not None:
-                self._node.stdout.close()
+            self._stdout.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _spawn(self, master: str) -> subprocess.Popen[bytes]:
@@ -150,9 +155,7 @@ class RosLink:
 
     def _read(self) -> None:
         """In a thread: what the node says."""
-        assert self._node.stdout is not None
-        stream = os.fdopen(os.dup(self._node.stdout.fileno()), "rb")
-        with stream:
+        with os.fdopen(os.dup(self._stdout.fileno()), "rb") as stream:
             while True:
                 try:
                     kind, data = pickle.load(stream)
@@ -161,11 +164,15 @@ class RosLink:
                     return
                 if kind == "heard":
                     self._heard.append(Message(*data))
+                elif kind == "wrong":
+                    self._wrong = data
                 else:
                     self._answers.put((kind, data))
 
     def _ask(self, *words: object, seconds: float = ANSWER) -> str:
         with self._lock:
+            while not self._answers.empty():  # of a question that was given up
+                self._answers.get_nowait()
             try:
                 os.write(self._pipe, pickle.dumps(words))
                 kind, answer = self._answers.get(timeout=seconds)
@@ -191,20 +198,20 @@ def _environment(uri: str, folder: Path) -> dict[str, str]:
 
 def _serve() -> None:
     """The child: do what is asked until the pipe closes."""
-    hear: BinaryIO = sys.stdin.buffer
     say = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what rospy prints must not come between
     node = _Node(say)
-    while True:
-        try:
-            kind, *words = pickle.load(hear)
-        except (EOFError, OSError):
-            break
-        if kind == "say":
-            node.publish(*words[0])
-        else:
-            node.answer(kind, words)
-    node.close()
+    try:
+        while True:
+            kind, *words = pickle.load(sys.stdin.buffer)
+            if kind == "say":
+                node.publish(*words[0])
+            else:
+                node.answer(kind, words)
+    except (EOFError, OSError):
+        pass  # the other end has closed, or died
+    finally:
+        node.close()
 
 
 class _Node:
@@ -220,22 +227,27 @@ class _Node:
 
     def answer(self, kind: str, words: list[Any]) -> None:
         try:
-            asked = {"start": self._start, "parameter": self._parameter, "kill": self._kill}
+            asked = {"start": self._start, "parameter": self._parameter, "kill": self._kill, "clock": self._clock}
             self._tell("done", asked[kind](*words))
         except ImportError as error:
             self._tell("missing", str(error.name or error))
         except FileNotFoundError as error:
             self._tell("missing", str(error.filename))
         except Exception as error:  # whatever it is, the other end has to know
-            self._tell("failed", f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
+            self._tell("failed", _words(error))
 
     def publish(self, topic: str, stamp: float, values: dict[str, Any]) -> None:
+        try:
+            self._publish(topic, stamp, values)
+        except Exception as error:  # as above
+            self._tell("wrong", f"{topic}: {_words(error)}")
+
+    def _publish(self, topic: str, stamp: float, values: dict[str, Any]) -> None:
         if topic not in self._publishers:
             self._advertise(topic)
         message = self._types[KINDS[topic]]()
         _FILL[KINDS[topic]](message, values)
-        nanoseconds = round(stamp * 1e9)
-        time_ = self._rospy.Time(self._base + nanoseconds // 10**9, nanoseconds % 10**9)
+        time_ = self._rospy.Time(*divmod(self._base + round(stamp * 1e9), 10**9))
         if hasattr(message, "header"):
             message.header.stamp, message.header.frame_id = time_, "world"
         elif hasattr(message, "stamp"):
@@ -258,7 +270,9 @@ class _Node:
 
     def _start(self, namespace: str, master: str | None, base: int, folder: str) -> str:
         self._namespace, self._base = namespace, base
-        _find_ros()
+        tempfile.tempdir = folder  # what rospy leaves behind goes with it
+        if importlib.util.find_spec("rospy") is None:
+            sys.path.append(PACKAGES)  # last, so that it hides nothing of this environment
         self._rospy = importlib.import_module("rospy")
         self._types = _message_types()
         uri = master or self._start_master(folder)
@@ -288,6 +302,7 @@ class _Node:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
+                preexec_fn=_die_with_parent,
             )
         return uri
 
@@ -300,15 +315,18 @@ class _Node:
         read, me = _READ[KINDS[topic]], self._rospy.get_name()
 
         def hear(message: RosMessage) -> None:
-            arrival = time.time() - self._base
+            arrival = 1e-9 * (time.time_ns() - self._base)
             if message._connection_header.get("callerid") != me:
-                data: Data = (topic, arrival, read(message))
-                self._tell("heard", data)
+                self._tell("heard", (topic, arrival, read(message)))
 
         return hear
 
     def _parameter(self, name: str, value: bool | int | float | str) -> str:
         self._rospy.set_param(name if name.startswith("/") else f"{self._namespace}/{name}", value)
+        return ""
+
+    def _clock(self, base: int) -> str:
+        self._base = base
         return ""
 
     def _kill(self) -> str:
@@ -319,10 +337,13 @@ class _Node:
         return ""
 
 
-def _find_ros() -> None:
-    """Debian's packages last, so that they hide nothing of this environment."""
-    if importlib.util.find_spec("rospy") is None:
-        sys.path.append(PACKAGES)
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+
+
+def _die_with_parent() -> None:
+    """In a new master: a node that is killed must not leave it behind (PR_SET_PDEATHSIG of Linux)."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
 def _message_types() -> dict[str, Any]:
@@ -374,16 +395,8 @@ def _fill_odometry(message: RosMessage, values: dict[str, Any]) -> None:
     twist.angular.x, twist.angular.y, twist.angular.z = values["omega"]
 
 
-def _fill_thrust(message: RosMessage, values: dict[str, Any]) -> None:
-    message.base_thrust = values["thrust"]
-
-
-def _fill_number(message: RosMessage, values: dict[str, Any]) -> None:
-    message.data = values["data"]
-
-
-def _fill_config(message: RosMessage, values: dict[str, Any]) -> None:
-    message.cmd = values["cmd"]
+def _copy(field: str, key: str) -> Callable[[RosMessage, dict[str, Any]], None]:
+    return lambda message, values: setattr(message, field, values[key])
 
 
 _FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
@@ -391,18 +404,14 @@ _FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
     "spinal/Imu": _fill_imu,
     "geometry_msgs/PoseStamped": _fill_pose,
     "nav_msgs/Odometry": _fill_odometry,
-    "std_msgs/UInt8": _fill_number,
-    "std_msgs/Float32": _fill_number,
+    "std_msgs/UInt8": _copy("data", "data"),
+    "std_msgs/Float32": _copy("data", "data"),
     "std_msgs/Empty": lambda message, values: None,
-    "spinal/FourAxisCommand": _fill_thrust,
-    "spinal/FlightConfigCmd": _fill_config,
+    "spinal/FourAxisCommand": _copy("base_thrust", "thrust"),
+    "spinal/FlightConfigCmd": _copy("cmd", "cmd"),
 }
 _READ: dict[str, Callable[[RosMessage], dict[str, Any]]] = {
-    "sensor_msgs/JointState": lambda m: {
-        "name": list(m.name),
-        "position": list(m.position),
-        "effort": list(m.effort),
-    },
+    "sensor_msgs/JointState": lambda m: {key: list(getattr(m, key)) for key in ("name", "position", "effort")},
     "std_msgs/Empty": lambda m: {},
     "spinal/FourAxisCommand": lambda m: {"thrust": list(m.base_thrust)},
     "spinal/FlightConfigCmd": lambda m: {"cmd": m.cmd},

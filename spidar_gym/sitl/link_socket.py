@@ -14,6 +14,8 @@ from spidar_gym.sitl.messages import FEEDBACK, STATE_NAMES, Message
 
 TOPIC_ORDER = ("joint_states", "imu", "mocap/pose", "uav/cog/odom", "flight_state")
 """Topics of the contract in the runner's order."""
+ODOMETRY_FIELDS = {"position_w": "position", "quat_wb": "quat", "velocity_w": "velocity", "omega_b": "omega"}
+"""Members of the runner's odometry, and what they are called in a message."""
 SILENT, PUBLISH, FORCE_LANDING = range(3)
 """What the runner asks the link to do."""
 PATIENCE = 10.0
@@ -60,7 +62,9 @@ class SocketLink:
         try:
             self._peer, _ = self._server.accept()
         except TimeoutError as error:
-            raise SpidarError(f"no runner came to {self.place} within {PATIENCE:g} s; valid: one that starts") from error
+            raise SpidarError(
+                f"no runner came to {self.place} within {PATIENCE:g} s; valid: one that starts"
+            ) from error
         self._peer.settimeout(PATIENCE)
         self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._peer.sendall(self._hello.tobytes())
@@ -83,7 +87,7 @@ class SocketLink:
         elif message.topic == "uav/cog/odom":
             odometry = record["odometry"]
             record["has_odometry"], odometry["time"] = 1, message.stamp
-            for field, name in (("position_w", "position"), ("quat_wb", "quat"), ("velocity_w", "velocity"), ("omega_b", "omega")):  # fmt: skip
+            for field, name in ODOMETRY_FIELDS.items():
                 odometry[field] = values[name]
         elif message.topic == "four_axes/command":
             record["has_thrust"], record["thrust"] = 1, values["thrust"]

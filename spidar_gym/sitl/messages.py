@@ -59,5 +59,5 @@ class Message:
     stamp: float
     """The robot's clock [s]."""
     values: Mapping[str, Any] = field(default_factory=dict)
-    """By field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat` (w, x, y, z),
-    and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand); `data` (numbers); `cmd` (FlightConfigCmd)."""
+    """By field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat` (w, x, y,
+    z), and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand); `data` (numbers); `cmd` (FlightConfigCmd)."""

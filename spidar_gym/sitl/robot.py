@@ -1,4 +1,4 @@
-"""The simulated robot behind the real one's interface: plant, sensors, board, servos and flight stack, 200 times a second."""
+"""The simulated robot behind the real one's interface: plant, sensors, board and flight stack at 200 Hz."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from spidar_gym.sitl.board import Board
 from spidar_gym.sitl.messages import STATE_NAMES, Message
 from spidar_gym.sitl.stack import LANDING_FORM, Stack, State
 from spidar_gym.so3 import quat_to_matrix
-from spidar_gym.state import Command, Measurement, RobotState
+from spidar_gym.state import Command, Measurement
 
 DT = 0.005
 """One step [s]."""
@@ -145,7 +145,7 @@ class Robot:
 
     @property
     def driven(self) -> bool:
-        """Whether a runner has the wheel: it has commanded since the present state began, and the landing is not forced.
+        """Whether a runner has the wheel: it has commanded since the present state began, and no landing is forced.
 
         Once it drives, its silence is not made up for: the board's own timeout lands the robot.
         """
@@ -218,7 +218,9 @@ class Robot:
 
     def _angles(self) -> np.ndarray:
         R = quat_to_matrix(self.seen.quat_wb)
-        return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(np.clip(R[2, 0], -1, 1)), math.atan2(R[1, 0], R[0, 0])])
+        return np.array(
+            [math.atan2(R[2, 1], R[2, 2]), -math.asin(np.clip(R[2, 0], -1, 1)), math.atan2(R[1, 0], R[0, 0])]
+        )
 
     def _odometry(self) -> list[Message]:
         """The flight stack's own estimate, of CoG and flight controller."""

@@ -1,4 +1,4 @@
-"""The robot's own flight stack: its state machine, take-off and landing; what a runner takes over from and gives back to."""
+"""The robot's own flight stack: state machine, take-off, landing; a runner takes over from it and gives back."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -65,7 +65,7 @@ class Stack:
         self._trim: np.ndarray | None = None
 
     def teleop(self, word: str, time: float) -> None:
-        """A word of the operator: start, takeoff, land, force_landing, halt. What the state does not allow is ignored."""
+        """A word of the operator: start, takeoff, land, force_landing, halt; ignored where not allowed."""
         allowed = {
             "start": self.state == State.ARM_OFF,
             "takeoff": self.state == State.ARM_ON and not self.crawls,

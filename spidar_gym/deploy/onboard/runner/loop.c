@@ -8,7 +8,7 @@
 
 static const char *const FAULTS[SP_FAULTS] = {
     "none", "the tick came late", "the flight state is stale", "the pose is stale", "the inertial unit is stale",
-    "the joint states are stale", "a sample is not finite", "a sample is out of range", "a sample is out of order",
+    "the joint states are stale", "a sample is not finite", "a sample is out of range", "a sample is out of order", "the pose jumps",
     "the torso tilts too far", "the robot is outside its fence", "another node commands the rotors",
     "no allocation for too long", "a command is out of bounds",
 };

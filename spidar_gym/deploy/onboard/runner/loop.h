@@ -12,7 +12,7 @@ enum {
 /* What is wrong. */
 typedef enum {
     SP_FINE, SP_LATE, SP_NO_STATE, SP_NO_POSE, SP_NO_IMU, SP_NO_JOINTS, SP_NOT_FINITE, SP_OUT_OF_RANGE, SP_OUT_OF_ORDER,
-    SP_TILTED, SP_OUTSIDE, SP_CONTENDED, SP_NO_ALLOCATION, SP_BAD_COMMAND, SP_FAULTS
+    SP_JUMPED, SP_TILTED, SP_OUTSIDE, SP_CONTENDED, SP_NO_ALLOCATION, SP_BAD_COMMAND, SP_FAULTS
 } sp_fault;
 
 /* Where the runner is: it drives once in its life, and gives back for good. */

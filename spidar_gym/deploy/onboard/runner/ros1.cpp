@@ -39,6 +39,7 @@ const int LANDINGS = 5;             /* how often the landing is commanded on the
 const double LISTEN = 2.0, WAIT = 5.0, LEAST = 1.0; /* to the topics at start; for a missing one; to it then [s] */
 const int PRIORITY = 50;            /* of SCHED_FIFO */
 const int64_t SECOND = 1000000000;  /* [ns] */
+const char *const NODE = "spidar_runner";
 
 volatile sig_atomic_t signalled = 0;
 volatile sig_atomic_t dismissed = 0; /* by `rosnode kill`, or by another node of our name */
@@ -157,6 +158,9 @@ public:
 
     bool dry() const { return dry_; }
 
+    /* Another runner that drives already; empty without. */
+    const std::string &rival() const { return rival_; }
+
 private:
     ros::NodeHandle in_, out_;
     const bool dry_, odometry_;
@@ -172,7 +176,7 @@ private:
     std::vector<std::string> names_; /* of `joint_states`, as at start */
     std::vector<const char *> words_;
     std::vector<double *> positions_, efforts_; /* where each of them goes; NULL nowhere */
-    std::string model_;
+    std::string model_, rival_;
     bool changed_; /* whether a message since the last tick had other names than at start */
 
     double seconds(const ros::Time &t) const { return (double)((int64_t)t.sec - base_) + 1e-9 * (double)t.nsec; }
@@ -337,8 +341,10 @@ private:
     void on_thrust(const ros::MessageEvent<spinal::FourAxisCommand const> &event)
     {
         const spinal::FourAxisCommand &message = *event.getMessage();
+        const std::string &from = event.getPublisherName();
         /* The robot ignores a command for another number of rotors, and so is it here. */
-        if (event.getPublisherName() == ros::this_node::getName() || message.base_thrust.size() != SP_ROTORS) return;
+        if (from == ros::this_node::getName() || message.base_thrust.size() != SP_ROTORS) return;
+        if (from.find(std::string("/") + NODE + "_") != std::string::npos) rival_ = from;
         input_.has_thrust = 1;
         for (int i = 0; i < SP_ROTORS; i++) input_.thrust[i] = message.base_thrust[i];
     }
@@ -417,6 +423,8 @@ int serve(sp_run *run, const char *robot_ns, const char *out_ns)
     if (ros::Time::isSimTime()) return refuse("the ROS parameter /use_sim_time is set; valid: a robot with its own clock");
     Robot robot(robot_ns, out_ns, run->loop.mission);
     if (!robot.listen()) return refuse("ended before it had heard the robot");
+    if (!robot.dry() && !robot.rival().empty())
+        return refuse((robot.rival() + " drives the robot already; valid: one runner at a time").c_str());
     const sp_robot found = robot.found();
     if (!sp_agree(&found, run->loop.mission.odometry, reason, sizeof reason)) return refuse(reason);
     /* What is there now: memory that comes later must not fail for want of a right to lock it. */
@@ -437,7 +445,7 @@ extern "C" int sp_ros1(const char *mission, const char *robot_ns, const char *ou
     if (!sp_run_open(&run, mission, log, residual)) return 2;
     try {
         /* Anonymous: a second runner of the same name would throw out the first, in flight. */
-        ros::init(ros::M_string(), "spidar_runner",
+        ros::init(ros::M_string(), NODE,
                   ros::init_options::NoSigintHandler | ros::init_options::NoRosout | ros::init_options::AnonymousName);
         handle_signals();
         if (ros::master::check()) code = serve(&run, robot_ns, out_ns);

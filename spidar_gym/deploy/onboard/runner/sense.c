@@ -9,6 +9,8 @@
 #define MAX_SPEED 30.0     /* [m/s] */
 #define MAX_RATE 35.0      /* of the gyroscope, 2000°/s [rad/s] */
 #define MAX_FORCE 200.0    /* of the accelerometer [m/s²] */
+#define JUMP 0.1           /* what a pose may be off from one to the next, besides … [m] */
+#define JUMP_SPEED 1.0     /* … what the robot may fly in between [m/s] */
 #define AHEAD 0.05         /* a stamp may be so far in the future [s] */
 
 static int outside(const double *x, int n, double limit)
@@ -37,6 +39,14 @@ static int is_attitude(const double *quat)
     return norm > 0.9 && norm < 1.1;
 }
 
+/* A tracking system that takes one marker for another jumps. */
+static int jumps(const sp_sense *s, double time, const double *position, const double *last)
+{
+    double way = 0.0;
+    for (int i = 0; i < 3; i++) way += (position[i] - last[i]) * (position[i] - last[i]);
+    return s->has_pose && sqrt(way) > JUMP + JUMP_SPEED * (time - s->pose_time);
+}
+
 static void hear_poses(sp_sense *s, const sp_measurement *m, sp_measurement *clean, sp_fault *fault)
 {
     for (int k = 0; k < m->pose_count; k++) {
@@ -44,6 +54,7 @@ static void hear_poses(sp_sense *s, const sp_measurement *m, sp_measurement *cle
         sp_fault found = judge(m->pose_time[k], m->time, s->pose_time, p, 3, MAX_POSITION);
         if (found == SP_FINE && !sp_finite(q, 4)) found = SP_NOT_FINITE;
         if (found == SP_FINE && !is_attitude(q)) found = SP_OUT_OF_RANGE;
+        if (found == SP_FINE && jumps(s, m->pose_time[k], p, s->pose_position_w)) found = SP_JUMPED;
         first_of(fault, found);
         if (found != SP_FINE) continue;
         int to = clean->pose_count++;
@@ -92,6 +103,7 @@ static void hear_odometry(sp_sense *s, const sp_odometry *o, double now, sp_faul
     if (found == SP_FINE) found = judge(o->time, now, s->odometry.time, o->omega_b, 3, MAX_RATE);
     if (found == SP_FINE && !sp_finite(o->quat_wb, 4)) found = SP_NOT_FINITE;
     if (found == SP_FINE && !is_attitude(o->quat_wb)) found = SP_OUT_OF_RANGE;
+    if (found == SP_FINE && jumps(s, o->time, o->position_w, s->odometry.position_w)) found = SP_JUMPED;
     first_of(fault, found);
     if (found != SP_FINE) return;
     s->odometry = *o;

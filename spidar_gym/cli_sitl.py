@@ -1,0 +1,125 @@
+"""`spidar sitl`: the very runner that would drive SPIDAR drives the simulation, through ROS 1 or a socket."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tqdm import tqdm
+
+from spidar_gym import viz
+from spidar_gym.cli_paper import CrawlPresetArg, PresetArg
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.errors import MissingDependencyError, SpidarError, require_least, require_name
+from spidar_gym.files import json_text, output_folder, write_text
+from spidar_gym.sitl import report
+from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission
+from spidar_gym.sitl.play import LINKS, faults_of, figures_of, play, play_faults, table_of
+
+sitl_app = tyro.extras.SubcommandApp()
+LinkArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LINKS) + "}")]
+
+
+def _play(mission: Mission, link: str, seed: int, out: Path, json: bool) -> None:
+    require_least(0, seed=seed)
+    require_name("link", link, LINKS)
+    folder = output_folder(out)
+    with tqdm(unit="tick", desc=f"{mission.name} over {link}", file=sys.__stderr__) as bar:
+        played = play(mission, link, seed=seed, log=folder / "run.log", on_tick=bar.update)
+    write_text(folder / "mission.txt", mission.text)
+    for line in played.run.words:
+        print(line, file=sys.__stderr__)
+    if played.run.board:
+        raise SpidarError(f"the landing was forced after {played.run.landing_at:.2f} s: {played.run.board}")
+    figures = figures_of(played)
+    text = json_text({mission.name: figures})
+    write_text(folder / f"{mission.name}.json", text)
+    print(text if json else table_of(played, figures))
+    if not json:
+        t = figures["timing"]
+        print(
+            f"\nrunner: {t['ticks']} ticks, computing {t['compute_median_us']:.0f} µs (worst {t['compute_max_us']:.0f})"
+        )
+        if "wait_median_us" in t:
+            print(f"ticks begin {t['wait_median_us']:.0f} µs after they are due (p99 {t['wait_p99_us']:.0f}, worst "
+                  f"{t['wait_max_us']:.0f}); longest period {t['period_max_ms']:.1f} ms")  # fmt: skip
+    try:
+        if mission.crawls:
+            viz.crawl_figure(report.crawl_log(played.run, played.log, mission), folder / "crawl.png")
+        else:
+            viz.flight_figure(report.flight_log(played.run, played.log, mission), folder / "flight.png")
+    except MissingDependencyError as error:
+        print(f"no figure: {error}", file=sys.__stderr__)
+    if not json:
+        print(f"written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+
+
+@sitl_app.command(is_default=True)
+def flight(
+    link: LinkArg = "ros",
+    preset: PresetArg = "as_flown",
+    odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    seed: int = 0,
+    out: Path = Path("out/sitl-flight"),
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Arm, take off, hand over to the runner, fly the paper's flight, hand back, land; print its figures.
+
+    Args:
+        link: ros: through ROS 1 on the loopback in real time (70 s); socket: in lock-step, faster and without ROS.
+        preset: Controller of the runner.
+        odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        seed: Of the robot's noise and asymmetry.
+        out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_name("preset", preset, PRESETS)
+    _play(flight_mission(preset, odometry=odometry), link, seed, out, json)
+
+
+@sitl_app.command
+def crawl(
+    link: LinkArg = "ros",
+    preset: CrawlPresetArg = "published",
+    odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    seed: int = 0,
+    out: Path = Path("out/sitl-crawl"),
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Arm, let the runner crawl the paper's 0.6 m, disarm; print its figures.
+
+    Args:
+        link: ros: through ROS 1 on the loopback in real time (40 s); socket: in lock-step, faster and without ROS.
+        preset: Crawler of the runner.
+        odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        seed: Of the robot's noise and asymmetry.
+        out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_name("preset", preset, CRAWL_PRESETS)
+    _play(crawl_mission(preset, odometry=odometry), link, seed, out, json)
+
+
+@sitl_app.command
+def faults(
+    link: LinkArg = "ros",
+    seed: int = 0,
+    out: Path = Path("out/sitl-faults"),
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Put every fault into a hover: what the runner and the flight controller make of it; a table of reactions.
+
+    Args:
+        link: ros: in real time (20 s a fault); socket: in lock-step, without the fault of ROS itself.
+        seed: Of the robot's noise and of what is drawn.
+        out: Folder for faults.json.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_least(0, seed=seed)
+    require_name("link", link, LINKS)
+    folder = output_folder(out)
+    with tqdm(total=len(faults_of(link)), unit="fault", desc=f"faults over {link}", file=sys.__stderr__) as bar:
+        rows = play_faults(link, seed=seed, on_fault=bar.update)
+    text = json_text({"faults": rows})
+    write_text(folder / "faults.json", text)
+    print(text if json else report.fault_table(rows))

@@ -1,0 +1,128 @@
+"""Missions played against the simulated robot: build the runner, run it, read what it wrote."""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.presets import CRAWL_PRESETS
+from spidar_gym.crawl_experiment import crawl_figures, crawl_robot, crawl_table
+from spidar_gym.deploy.runner import build_runner
+from spidar_gym.errors import require_name
+from spidar_gym.experiments import flight_figures, flight_table, noisy_robot
+from spidar_gym.sitl.faults import FAULTS, Injector, find_fault
+from spidar_gym.sitl.missions import Mission, hover_mission
+from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
+from spidar_gym.sitl.robot import Robot
+from spidar_gym.sitl.session import Run, Session, ros_session, socket_session
+
+LINKS = ("ros", "socket")
+"""How robot and runner talk: ROS 1 in real time, or a socket in lock-step."""
+FAULT_AFTER = 5.0
+"""When a fault begins, since the take-over [s]."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """A mission played."""
+
+    mission: Mission
+    """Which."""
+    run: Run
+    """What really happened."""
+    log: RunnerLog
+    """What the runner wrote."""
+
+
+def make_robot(mission: Mission, seed: int = 0) -> Robot:
+    """The robot of the in-process experiments with noise: real sensors, delay, unequal rotors."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    if not mission.crawls:
+        return Robot(noisy_robot(rng), seed=seed)
+    config = CRAWL_PRESETS[mission.preset]
+    return Robot(crawl_robot(rng), crawls=True, gait=config.gait, joint_speed=config.joint_speed, seed=seed)
+
+
+def play(
+    mission: Mission,
+    link: str = "socket",
+    *,
+    seed: int = 0,
+    fault: str | None = None,
+    runner: Path | None = None,
+    log: Path | None = None,
+    on_tick: Callable[[], object] = lambda: None,
+) -> Played:
+    """Play a mission.
+
+    Args:
+        mission: What the runner is told.
+        link: `ros` or `socket`.
+        seed: Of the robot and its noise.
+        fault: Name of a fault, from 5 s after the take-over on.
+        runner: The runner's program; that of the present sources by default.
+        log: Where the runner's log goes; nowhere in the end by default.
+        on_tick: Called 40 times a second of the robot, for progress.
+
+    Raises:
+        UnknownNameError: For a link or fault that does not exist.
+        MissingDependencyError: Without a compiler, or without ROS.
+        SpidarError: When the runner refuses the robot.
+    """
+    require_name("link", link, LINKS)
+    injector = None
+    if fault is not None:
+        injector = Injector(find_fault(fault), FAULT_AFTER, np.random.Generator(np.random.PCG64(seed)))
+    runner = runner or build_for(link)
+    session = Session(make_robot(mission, seed), mission, injector, on_tick)
+    with tempfile.TemporaryDirectory() as scratch:
+        text, written = Path(scratch) / "mission.txt", log or Path(scratch) / "run.log"
+        text.write_text(mission.text, encoding="utf-8")
+        if link == "socket":
+            run = socket_session(session, runner, text, written)
+        else:
+            from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
+
+            run = ros_session(session, runner, text, written, RosLink())
+        return Played(mission, run, read_runner_log(written))
+
+
+def build_for(link: str) -> Path:
+    """The runner for a link."""
+    if link == "socket":
+        return build_runner()
+    from spidar_gym.sitl.build_ros import build_ros_runner
+
+    return build_runner(build_ros_runner, "spidar-runner-ros1")
+
+
+def figures_of(played: Played) -> dict[str, Any]:
+    """The experiment's figures, and how the runner kept its deadlines."""
+    make = crawl_figures if played.mission.crawls else flight_figures
+    read = crawl_log if played.mission.crawls else flight_log
+    return {**make(read(played.run, played.log, played.mission)), "timing": timing(played.log)}  # type: ignore[operator]
+
+
+def table_of(played: Played, figures: dict[str, Any]) -> str:
+    """The experiment's table, as `spidar paper` prints it."""
+    return crawl_table(figures) if played.mission.crawls else flight_table(figures)
+
+
+def play_faults(
+    link: str = "socket", names: tuple[str, ...] = (), *, seed: int = 0, on_fault: Callable[[], object] = lambda: None
+) -> list[dict[str, Any]]:
+    """Every fault that a link allows, each in a hover of its own: figures of each."""
+    rows, runner = [], build_for(link)
+    for name in names or faults_of(link):
+        played = play(hover_mission(seconds=60.0), link, seed=seed, fault=name, runner=runner)
+        rows.append(fault_figures(name, played.run, played.log))
+        on_fault()
+    return rows
+
+
+def faults_of(link: str) -> tuple[str, ...]:
+    """Faults that a link allows."""
+    return tuple(name for name, fault in FAULTS.items() if link == "ros" or not fault.ros)

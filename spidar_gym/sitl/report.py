@@ -1,0 +1,245 @@
+"""What a run against the simulated robot was like: the experiments' own figures, and the table of faults."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.control.core import STATUS
+from spidar_gym.control.footsteps import Move
+from spidar_gym.control.gait import nominal_time
+from spidar_gym.control.phases import PHASES
+from spidar_gym.control.planar import planar_pose
+from spidar_gym.control.presets import crawler_config
+from spidar_gym.crawl_experiment import CrawlLog, euler_angles
+from spidar_gym.deploy.golden import log_layouts
+from spidar_gym.envs.crawl_task import CrawlProgress
+from spidar_gym.errors import SpidarError
+from spidar_gym.experiments import FLIGHT_SECONDS, FlightLog
+from spidar_gym.model.dynamics import Model
+from spidar_gym.robot import GRAVITY, ROBOT
+from spidar_gym.sim.ground import Touch
+from spidar_gym.sitl.faults import find_fault
+from spidar_gym.sitl.missions import Mission
+from spidar_gym.sitl.session import AFTER_FAULT, Row, Run
+from spidar_gym.sitl.stack import State
+from spidar_gym.so3 import log as so3_log
+from spidar_gym.so3 import quat_to_matrix
+
+STAGES = ("waiting", "driving", "holding", "forcing the landing", "released")
+"""Of the runner, in its order."""
+
+
+@dataclass(frozen=True)
+class RunnerLog:
+    """What the runner wrote, tick by tick."""
+
+    inputs: np.ndarray
+    """(n,) records of `sp_loop_input`."""
+    outputs: np.ndarray
+    """… of `sp_loop_output`."""
+    clock: np.ndarray
+    """… of `sp_log_clock`."""
+
+
+def read_runner_log(path: Path) -> RunnerLog:
+    """The log of a run (`SpidarError` for anything else); an incomplete tick at its end is left out."""
+    types = log_layouts()
+    head, mission = types["log_head"], types["mission"]
+    data = path.read_bytes()
+    start = head.itemsize + mission.itemsize
+    if len(data) < start or data[:8] != b"SPIDAR01" or np.frombuffer(data, head, 1)["kind"][0] != 2:
+        raise SpidarError(f"{path} is no log of a run; valid: what `runner sim --log` or `runner ros1 --log` wrote")
+    tick = np.dtype([("input", types["loop_input"]), ("output", types["loop_output"]), ("clock", types["log_clock"])])
+    ticks = np.frombuffer(data, tick, (len(data) - start) // tick.itemsize, start)
+    return RunnerLog(ticks["input"], ticks["output"], ticks["clock"])
+
+
+def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
+    """Rows of the drive, and for each the runner's tick whose command acted in it.
+
+    Over ROS the two clocks differ by whole seconds and what a message takes; over the socket they are one.
+    """
+    driving = np.flatnonzero(log.outputs["stage"] > 0)
+    if not len(driving) or not math.isfinite(run.first_driven):
+        raise SpidarError("the runner never drove; valid: a run whose runner says `driving`")
+    times = log.inputs["time"][driving]
+    times = times - round(float(times[0]) - run.first_driven)
+    rows = [row for row in run.rows if run.first_driven < row.time <= times[-1] + 1.0 / CONTROL_RATE]
+    at = np.searchsorted(times, [row.time - 1.0 / CONTROL_RATE + 1e-9 for row in rows], side="right") - 1
+    return rows, driving[np.clip(at, 0, len(driving) - 1)]
+
+
+def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
+    """The experiment's part of a flight, with the true errors against the runner's own reference."""
+    rows, at = _driven(run, log)
+    model, kept = Model(), []
+    for row, tick in zip(rows, at.tolist(), strict=True):
+        time = row.time - run.first_driven - mission.begins
+        if not 0.0 < time <= FLIGHT_SECONDS + 1e-9:
+            continue
+        s, answer, compute = row.state, log.outputs[tick], log.clock[tick]["compute_us"]
+        R_wb, R_d = quat_to_matrix(s.quat_wb), quat_to_matrix(answer["reference"]["quat_wb"])
+        com_w = s.position_w + R_wb @ model.snapshot(s.joint_position, R_wb, s.vectoring).com_b
+        kept.append(
+            (
+                time, answer["reference"]["position_w"] - com_w, so3_log(R_wb.T @ R_d), s.joint_position,
+                answer["joint_torques"], s.vectoring, s.thrust, 1e-6 * compute, str(STATUS[answer["status"]]),
+                row.air_force, row.power, row.qpos,
+            )
+        )  # fmt: skip
+    if len(kept) < round(FLIGHT_SECONDS * CONTROL_RATE) - 2:
+        raise SpidarError(
+            f"the flight ended after {len(kept) / CONTROL_RATE:.1f} s of the experiment; valid: a whole one"
+        )
+    return FlightLog(mission.preset, *(np.array(column) for column in zip(*kept, strict=True)), noise=True)
+
+
+def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
+    """The crawl, with the true errors and what the environment would have said of it."""
+    rows, at = _driven(run, log)
+    config = crawler_config(mission.preset)
+    assert mission.way is not None
+    first = rows[0].state
+    start = planar_pose(first.position_w, quat_to_matrix(first.quat_wb))
+    seconds = nominal_time(
+        config.gait, [Move(mission.way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE
+    )  # fmt: skip
+    progress = CrawlProgress(start @ mission.way, seconds, np.zeros(3))
+    kept, contacts, energy = [], [], 0.0
+    for row, tick in zip(rows, at.tolist(), strict=True):
+        s, answer = row.state, log.outputs[tick]
+        R_wb, phase = quat_to_matrix(s.quat_wb), PHASES[answer["phase"]]
+        assert isinstance(row.touch, Touch)
+        progress.look(s.position_w, R_wb)
+        if not kept:
+            progress.whole = progress.rest
+        command = float(answer["command"]["thrust"].sum())
+        progress.advance(row.touch, phase, command, s.joint_torque, config.joint_torque_limit, row.tilt)
+        progress.timeouts = int(answer["timeouts"])
+        kept.append(
+            (
+                row.time - run.first_driven, phase, s.position_w, euler_angles(R_wb), s.joint_position, s.joint_torque,
+                s.vectoring, s.thrust, answer["command"]["thrust"], row.power,
+                1e-6 * log.clock[tick]["compute_us"], str(STATUS[answer["status"]]), row.qpos,
+            )
+        )  # fmt: skip
+        contacts.append(row.contacts)
+        energy = row.energy_wh - rows[0].energy_wh
+        if answer["finished"]:
+            progress.finished = progress.time
+            break
+    info = {
+        "time_s": progress.finished or progress.time,
+        "thrust_fraction_mean": progress.thrust / progress.counted,
+        "thrust_fraction_peak": progress.thrust_peak,
+        "foot_slip_m": float(progress.foot_slip.max()),
+        "peg_slip_m": float(progress.peg_slip.max()),
+        "airborne_share": progress.airborne,
+        "duct_clearance_m": progress.duct_clearance,
+        "saturation_share": progress.saturation / progress.counted,
+        "timeouts": progress.timeouts,
+        "energy_wh": energy,
+        "cost_of_transport": 3600.0 * energy / (ROBOT.total_mass * GRAVITY * max(progress.whole - progress.rest, 1e-3)),
+        "is_success": not progress.shortfalls(),
+        "shortfalls": ", ".join(progress.shortfalls()),
+    }
+    columns = [np.array(column) for column in zip(*kept, strict=True)]
+    return CrawlLog(
+        mission.preset,
+        config.joint_speed,
+        True,
+        *columns,
+        contacts=contacts,
+        goal_error=progress.error.copy(),
+        info=info,
+    )
+
+
+def timing(log: RunnerLog) -> dict[str, float]:
+    """How the runner kept its deadlines: computing, start after the due time, ticks missed [µs]."""
+    compute, wait = log.clock["compute_us"], log.clock["wait_us"]
+    periods = np.diff(log.inputs["time"])
+    figures = {"compute_median_us": float(np.median(compute)), "compute_max_us": float(compute.max())}
+    if (wait >= 0.0).any():
+        figures |= {"wait_median_us": float(np.median(wait)), "wait_p99_us": float(np.percentile(wait, 99)),
+                    "wait_max_us": float(wait.max())}  # fmt: skip
+    return {**figures, "period_max_ms": 1e3 * float(periods.max()) if len(periods) else 0.0, "ticks": len(compute)}
+
+
+def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
+    """What a fault led to.
+
+    `reaction` is what was specified for it, `as_specified` whether that is what happened: who landed the robot, or that
+    nobody did; that a hold lasted 100 ms at most; that no command was out of bounds.
+    """
+    end = run.fault_at + AFTER_FAULT if run.landing_at == math.inf else math.inf
+    after = [row for row in run.rows if run.fault_at <= row.time <= end]
+    drive = log.outputs["stage"] > 0
+    held = _longest(log.outputs["stage"] == 2) / CONTROL_RATE
+    thrust = log.outputs["command"]["thrust"][drive]
+    joints = np.abs(log.outputs["command"]["joint_position"][drive])
+    bounded = bool(
+        np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
+        and joints.max() <= ROBOT.joint_limit + 1e-6
+    )  # fmt: skip
+    if run.board == "commanded":
+        happened = "lands"
+    elif run.board:
+        happened = "board lands"
+    else:
+        happened = "flies on" if after and after[-1].flight_state == State.HOVER else "lost"
+    specified = find_fault(name)
+    fall = [row for row in after if row.time >= run.landing_at]
+    touch = next((k for k, row in enumerate(fall) if row.in_contact), None)
+    fault = int(log.outputs["fault"][-1]) if len(log.outputs) else 0
+    if not fault:
+        fault = int(log.outputs["fault"].max(initial=0))
+    return {
+        "fault": name,
+        "doc": specified.doc,
+        "reaction": specified.reaction,
+        "happened": happened,
+        "runner_fault": fault,
+        "runner_words": next((line for line in run.words if "holding" in line or "forcing" in line), ""),
+        "held_ms": 1e3 * held,
+        "landing_after_ms": None if run.landing_at == math.inf else 1e3 * (run.landing_at - run.fault_at),
+        "peak_tilt_rad": max((row.tilt for row in after[: None if touch is None else touch + 1]), default=0.0),
+        "touchdown_speed_m_s": None if touch is None else float(-fall[max(touch - 1, 0)].state.velocity_w[2]),
+        "largest_thrust_n": float(thrust.max()) if len(thrust) else 0.0,
+        "bounded": bounded,
+        "as_specified": happened == specified.reaction and bounded and held <= 0.1 + 1e-9,
+    }
+
+
+def _longest(flags: np.ndarray) -> int:
+    """Longest run of true values."""
+    best = now = 0
+    for flag in flags.tolist():
+        now = now + 1 if flag else 0
+        best = max(best, now)
+    return best
+
+
+def fault_table(rows: list[dict[str, Any]]) -> str:
+    """The table of faults, as text."""
+
+    def number(value: float | None, digits: int) -> str:
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    head = ("fault", "what", "specified", "happened", "held [ms]", "landing after [ms]", "peak tilt [rad]",
+            "touchdown [m/s]", "largest λ [N]", "as specified")  # fmt: skip
+    lines = [
+        (
+            r["fault"], r["doc"], r["reaction"], r["happened"], number(r["held_ms"], 0),
+            number(r["landing_after_ms"], 0), number(r["peak_tilt_rad"], 3), number(r["touchdown_speed_m_s"], 2),
+            number(r["largest_thrust_n"], 1), "yes" if r["as_specified"] else "NO",
+        )
+        for r in rows
+    ]  # fmt: skip
+    widths = [max(len(line[k]) for line in (head, *lines)) for k in range(len(head))]
+    text = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in (head, *lines)]
+    return "\n".join([text[0], "  ".join("─" * w for w in widths), *text[1:]])
