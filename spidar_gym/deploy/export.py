@@ -21,8 +21,10 @@ from spidar_gym.files import output_folder
 
 ONBOARD = CORE.parent
 """Sources of everything that runs on the robot."""
-PARTS = ("core", "runner")
-"""Folders of hand-written sources."""
+PARTS = {"core": "*.[ch]", "runner": "*.[ch]*", "msg": "*.msg"}
+"""Folders of hand-written sources, and which of their files."""
+PAGES = ("CMakeLists.txt", "package.xml", "README.md")
+"""Files beside them."""
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Compiler flags: without contraction every machine rounds alike."""
 
@@ -34,10 +36,10 @@ def export_files(*, golden: bool = True) -> dict[str, bytes]:
         golden: With recorded inputs and the reference's outputs.
     """
     files: dict[str, bytes] = {}
-    for part in PARTS:
-        for source in sorted((ONBOARD / part).glob("*.[ch]")):
+    for part, pattern in PARTS.items():
+        for source in sorted((ONBOARD / part).glob(pattern)):
             files[f"{part}/{source.name}"] = source.read_bytes()
-    for name in ("CMakeLists.txt", "README.md"):
+    for name in PAGES:
         files[name] = (ONBOARD / name).read_bytes()
     files["generated/spidar_structs.h"] = structs_header().encode()
     files["generated/spidar_model.h"] = model_header().encode()

@@ -24,6 +24,7 @@ from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import find_fault
 from spidar_gym.sitl.missions import Mission
+from spidar_gym.sitl.robot import DT
 from spidar_gym.sitl.session import AFTER_FAULT, Row, Run
 from spidar_gym.sitl.stack import State
 from spidar_gym.so3 import log as so3_log
@@ -59,15 +60,15 @@ def read_runner_log(path: Path) -> RunnerLog:
 
 
 def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
-    """Rows of the drive, and for each the runner's tick whose command acted in it.
-
-    Over ROS the two clocks differ by whole seconds and what a message takes; over the socket they are one.
-    """
+    """Rows of the drive, and for each the runner's tick whose command acted in it."""
     driving = np.flatnonzero(log.outputs["stage"] > 0)
     if not len(driving) or not math.isfinite(run.first_driven):
         raise SpidarError("the runner never drove; valid: a run whose runner says `driving`")
     times = log.inputs["time"][driving]
-    times = times - round(float(times[0]) - run.first_driven)
+    # Over ROS the two clocks begin at different times; the robot stamps with whole steps of its own.
+    stamp = float(log.inputs["measurement"]["encoder_time"][driving[0]])
+    apart = stamp - DT * round((stamp - float(times[0]) + run.first_driven) / DT)
+    times = times - apart
     rows = [row for row in run.rows if run.first_driven < row.time <= times[-1] + 1.0 / CONTROL_RATE]
     at = np.searchsorted(times, [row.time - 1.0 / CONTROL_RATE + 1e-9 for row in rows], side="right") - 1
     return rows, driving[np.clip(at, 0, len(driving) - 1)]

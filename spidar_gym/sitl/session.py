@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from spidar_gym.benchmark.row import model_hash
 from spidar_gym.errors import SpidarError
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import LONG_STALL, STALL, Injector
@@ -226,7 +227,7 @@ class Session:
 
 
 def _tilt(state: RobotState) -> float:
-    w, x, y, z = state.quat_wb
+    _, x, y, _ = state.quat_wb
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
 
 
@@ -271,9 +272,11 @@ def ros_session(
 ) -> Run:
     """Run through ROS 1 in real time: two clocks, two processes and whatever the machine does in between."""
     command = [str(runner_path), "ros1", str(mission_path), "--log", str(log)]
-    runner = Runner(command, link.environment())
     robot, wake = session.robot, np.inf
-    start = clock.monotonic()
+    link.set_parameter("spidar_model_sha256", model_hash())
+    runner = Runner(command, link.environment())
+    link.set_clock(robot.time)
+    start = clock.monotonic() - robot.time
     try:
         while not session.over:
             session.operate(runner)

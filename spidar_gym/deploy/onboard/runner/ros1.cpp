@@ -83,8 +83,8 @@ struct Arrivals {
 class Robot {
 public:
     Robot(const std::string &robot_ns, const std::string &out_ns, const sp_mission &mission)
-        : in_(robot_ns), out_(out_ns), dry_(in_.getNamespace() != out_.getNamespace()), odometry_(mission.odometry != 0),
-          base_(ros::Time::now().sec), changed_(false)
+        : in_(robot_ns), out_(out_ns), dry_(in_.getNamespace() != out_.getNamespace()),
+          odometry_(mission.odometry != 0), base_(ros::Time::now().sec), heard_until_(0), changed_(false)
     {
         std::memset(&input_, 0, sizeof input_);
         std::memset(arrivals_, 0, sizeof arrivals_);
@@ -420,7 +420,7 @@ int serve(sp_run *run, const char *robot_ns, const char *out_ns)
     ros::start();
     ros::XMLRPCManager::instance()->unbind("shutdown");
     ros::XMLRPCManager::instance()->bind("shutdown", on_shutdown);
-    if (ros::Time::isSimTime()) return refuse("the ROS parameter /use_sim_time is set; valid: a robot with its own clock");
+    if (ros::Time::isSimTime()) return refuse("ROS parameter /use_sim_time is set; valid: a robot with its own clock");
     Robot robot(robot_ns, out_ns, run->loop.mission);
     if (!robot.listen()) return refuse("ended before it had heard the robot");
     if (!robot.dry() && !robot.rival().empty())

@@ -6,7 +6,8 @@
 extern "C" {
 #endif
 /* Drive the robot of `robot_ns` after a mission's file until it is given back; commands go out under `out_ns`, which is
- * `robot_ns` or, for a dry run, another. `log` may be NULL. The exit status: of `sp_run_close`, or 2 where nothing began. */
+ * `robot_ns` or, for a dry run, another. `log` may be NULL. The exit status: of `sp_run_close`, or 2 where nothing
+ * began. */
 int sp_ros1(const char *mission, const char *robot_ns, const char *out_ns, const char *log, int residual);
 #ifdef __cplusplus
 }
