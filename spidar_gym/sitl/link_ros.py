@@ -123,6 +123,10 @@ class RosLink:
         """End the master that this link has started, without a word to anybody."""
         self._ask("kill")
 
+    def prefer(self, niceness: int) -> None:
+        """Set the priority of the node (`PermissionError` where that is not allowed)."""
+        os.setpriority(os.PRIO_PROCESS, self._node.pid, niceness)
+
     def environment(self) -> dict[str, str]:
         """Environment of a process that is to meet this robot."""
         return _environment(self.uri, self._folder)

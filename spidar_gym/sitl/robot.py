@@ -179,7 +179,10 @@ class Robot:
     def _decide(self) -> None:
         """The flight stack's tick."""
         stack, board = self.stack, self.board
+        before = stack.state
         command = None if board.landing else stack.tick(self.seen, board.base, driven=self.driven)
+        if stack.state != before:  # whoever drives learns of it before the stack's own commands
+            self._echo.append(Message("flight_state", self.time, {"data": self.flight_state}))
         for wish in stack.wishes:
             self._configure(wish)
         stack.wishes = []

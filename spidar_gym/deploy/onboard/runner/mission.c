@@ -21,7 +21,7 @@ static const preset CONTROLLERS[] = {SP_CONTROLLER_PRESETS(ROW)};
 static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
 
 static const sp_limits LIMITS = {
-    1.0, 0.2, 0.06, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
+    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
 };
 
 /* A word as a number; 0 where it is none. */

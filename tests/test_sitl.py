@@ -1,0 +1,322 @@
+"""Pins software in the loop: the runner flies and crawls the simulated robot, and every fault ends as specified."""
+
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spidar_gym.cli import main
+from spidar_gym.control.estimator import Estimator
+from spidar_gym.crawl_experiment import crawl_figures
+from spidar_gym.deploy.runner import build_runner
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.experiments import PAPER_FLIGHT, flight_figures, fly_paper
+from spidar_gym.robot import JOINT_NAMES, N_ROTORS, ROBOT
+from spidar_gym.sitl.board import COMMAND_TIMEOUT, LANDING_RATE, LANDING_THRUST, Board
+from spidar_gym.sitl.faults import FAULTS
+from spidar_gym.sitl.messages import FEEDBACK, Message
+from spidar_gym.sitl.missions import PREPARE, crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.play import fault_figures, faults_of, make_robot, play
+from spidar_gym.sitl.report import crawl_log, fault_table, flight_log, read_runner_log
+from spidar_gym.sitl.robot import Robot
+from spidar_gym.sitl.stack import LANDING_FORM, State
+
+pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
+ROS = shutil.which("rosmaster") is not None and shutil.which("pkg-config") is not None
+ros = [pytest.mark.ros, pytest.mark.slow, pytest.mark.skipif(not ROS, reason="no ROS 1: apt-get install ros-core")]
+LEVEL, STILL = np.eye(3), np.zeros(3)
+
+
+# The board
+
+
+def board_at(thrust=20.0, time=0.0):
+    board = Board()
+    assert board.configure(0)
+    board.command(np.full(N_ROTORS, thrust), time)
+    return board
+
+
+def tilted(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+TORQUES = np.vstack([np.tile([1.0, -1.0], 4), np.tile([1.0, 1.0, -1.0, -1.0], 2), np.repeat([0.1, -0.1], 4)])
+
+
+def test_a_board_that_is_not_armed_turns_no_rotor():
+    board = Board()
+    board.command(np.full(N_ROTORS, 20.0), 0.0)
+    assert (board.tick(0.0, 0.005, LEVEL, STILL, TORQUES) == 0.0).all()
+    assert not board.configure(77)
+    board = board_at()
+    assert (board.tick(0.0, 0.005, LEVEL, STILL, TORQUES) == 20.0).all()
+    board.configure(1)
+    assert (board.tick(0.0, 0.005, LEVEL, STILL, TORQUES) == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("thrust", "kept"), [(np.full(7, 10.0), 20.0), (np.full(8, np.nan), 20.0), (np.full(8, 10.0), 10.0)]
+)
+def test_commands_of_the_wrong_length_or_that_are_no_numbers_are_ignored(thrust, kept):
+    board = board_at()
+    board.command(thrust, 0.1)
+    assert (board.base == kept).all()
+
+
+def test_silence_a_tilt_and_a_command_force_the_landing_and_disarming_ends_it():
+    silent, tipped, told = board_at(), board_at(), board_at()
+    silent.tick(COMMAND_TIMEOUT, 0.005, LEVEL, STILL, TORQUES)
+    assert not silent.landing
+    silent.tick(COMMAND_TIMEOUT + 0.005, 0.005, LEVEL, STILL, TORQUES)
+    assert (silent.landing, silent.reason) == (True, "no command for 0.5 s")
+    tipped.tick(0.0, 0.005, tilted(0.99), STILL, TORQUES)
+    assert not tipped.landing
+    tipped.tick(0.0, 0.005, tilted(-1.01), STILL, TORQUES)
+    assert tipped.landing
+    told.configure(2)
+    assert told.landing
+    told.configure(1)
+    assert not told.landing
+    assert not told.armed
+
+
+def test_a_forced_landing_shrinks_the_thrusts_in_proportion_at_the_boards_rate_down_to_its_floor():
+    board = board_at()
+    board.command(np.linspace(16.0, 24.0, N_ROTORS), 0.0)
+    board.configure(2)
+    for k in range(400):
+        board.tick(0.005 * k, 0.005, LEVEL, STILL, TORQUES)
+    assert board.base.mean() == pytest.approx(20.0 - 2.0 * LANDING_RATE, abs=1e-9)
+    assert board.base / board.base.mean() == pytest.approx(np.linspace(0.8, 1.2, N_ROTORS), abs=1e-12)
+    for k in range(4000):
+        board.tick(2.0 + 0.005 * k, 0.005, LEVEL, STILL, TORQUES)
+    assert board.base.mean() == pytest.approx(LANDING_THRUST, abs=1e-9)
+    board.command(np.full(N_ROTORS, LANDING_THRUST - 1.0), 30.0)
+    assert board.base.mean() == pytest.approx(LANDING_THRUST, abs=1e-9)
+
+
+def test_in_a_forced_landing_the_board_turns_the_robot_back_and_stays_within_the_rotors():
+    board = board_at()
+    board.configure(2)
+    for angle in (0.2, -0.4):
+        thrust = board.tick(0.0, 0.005, tilted(angle), STILL, TORQUES)
+        assert (TORQUES @ thrust)[0] * angle < 0.0
+        assert thrust.min() >= 0.0
+        assert thrust.max() <= ROBOT.max_thrust + 1e-9
+
+
+# The robot
+
+
+def run_robot(robot, seconds, each=lambda robot: None):
+    said = []
+    for _ in range(round(seconds / 0.005)):
+        said += robot.step()
+        each(robot)
+    return said
+
+
+def teleop(robot, word):
+    robot.hear(Message(f"teleop_command/{word}", robot.time))
+
+
+def test_every_topic_comes_at_its_rate_and_stamps_go_forward():
+    said = run_robot(Robot(), 4.0)
+    for topic in FEEDBACK:
+        stamps = [message.stamp for message in said if message.topic == topic.name]
+        if topic.rate:
+            assert len(stamps) / 4.0 == pytest.approx(topic.rate, rel=0.1), topic.name
+        assert (np.diff(stamps) > 0.0).all()
+
+
+def test_the_robot_takes_off_hovers_and_lands_by_itself_and_reports_its_states_in_order():
+    robot, states = make_robot(hover_mission()), []
+
+    def watch(robot):
+        if not states or states[-1] != robot.flight_state:
+            states.append(robot.flight_state)
+        if robot.flight_state == State.HOVER and robot.time > robot.stack.since + 2.0 and State.LAND not in states:
+            heights.append(robot.state.position_w[2])
+            teleop(robot, "land")
+
+    heights = []
+    teleop(robot, "takeoff")  # nothing happens: it is not armed
+    run_robot(robot, 0.5, watch)
+    assert states == [State.ARM_OFF]
+    teleop(robot, "start")
+    run_robot(robot, 0.2, watch)
+    teleop(robot, "takeoff")
+    run_robot(robot, 20.0, watch)
+    expected = [State.ARM_OFF, State.START, State.ARM_ON, State.TAKEOFF, State.HOVER, State.LAND, State.HOVER,
+                State.LAND, State.STOP, State.ARM_OFF]  # fmt: skip
+    assert [s for s in expected if s in states or s in (State.START, State.STOP)] == expected
+    assert [s for s in states if s not in (State.START, State.STOP)] == [
+        s for s in expected if s not in (State.START, State.STOP)
+    ]
+    assert heights[0] == pytest.approx(1.0, abs=0.06)
+    assert robot.state.position_w[2] == pytest.approx(ROBOT.peg_depth, abs=0.01)
+    assert np.abs(robot.state.joint_position - LANDING_FORM).max() < 0.1
+
+
+def test_the_ground_bring_up_never_takes_off_and_land_disarms_it():
+    robot = make_robot(crawl_mission())
+    teleop(robot, "start")
+    run_robot(robot, 0.2)
+    assert robot.flight_state == State.ARM_ON
+    teleop(robot, "takeoff")
+    run_robot(robot, 1.0)
+    assert robot.flight_state == State.ARM_ON
+    teleop(robot, "land")
+    run_robot(robot, 0.1)
+    assert robot.flight_state == State.ARM_OFF
+
+
+def test_commands_count_only_in_the_state_in_which_a_runner_may_drive():
+    robot = make_robot(hover_mission())
+    before = robot.joints.copy()
+    for state in State:
+        if state in (State.HOVER, State.LOW_BATTERY, State.FORCE_LANDING):
+            continue
+        robot.stack.state = state
+        robot.hear(Message("joints_ctrl", 0.0, {"name": JOINT_NAMES, "position": np.full(16, 0.3)}))
+        assert (robot.joints == before).all()
+    robot.stack.state = State.HOVER
+    robot.hear(Message("joints_ctrl", 0.0, {"name": JOINT_NAMES[2:4], "position": np.array([0.1, 9.0])}))
+    assert robot.joints[2] == pytest.approx(0.1)
+    assert robot.joints[3] == pytest.approx(ROBOT.joint_limit)
+    assert (np.delete(robot.joints, [2, 3]) == np.delete(before, [2, 3])).all()
+    robot.hear(Message("joints_ctrl", 0.0, {"name": JOINT_NAMES[:3], "position": np.zeros(2)}))
+    robot.hear(Message("joints_ctrl", 0.0, {"name": JOINT_NAMES, "position": np.full(16, np.nan)}))
+    assert robot.joints[2] == pytest.approx(0.1)
+
+
+def test_the_robots_odometry_is_that_of_the_cog():
+    robot = make_robot(hover_mission())
+    teleop(robot, "start")
+    run_robot(robot, 0.5)
+    teleop(robot, "takeoff")
+    said = run_robot(robot, 5.0)
+    cog = [m for m in said if m.topic == "uav/cog/odom"][-1]
+    data = robot.plant.data
+    assert np.linalg.norm(cog.values["position"] - data.subtree_com[1]) < 0.01
+    assert isinstance(robot._estimator, Estimator)
+
+
+# Missions over the socket
+
+
+@pytest.fixture(scope="module")
+def runner():
+    return build_runner()
+
+
+@pytest.mark.slow
+def test_the_papers_flight_through_the_runner_has_the_figures_of_the_flight_in_process(runner, tmp_path):
+    played = play(flight_mission(), runner=runner, log=tmp_path / "run.log")
+    log = flight_log(played.run, played.log, played.mission)
+    ours, theirs = flight_figures(log), flight_figures(fly_paper(noise=True))
+    for key in ("rmse_position_m", "rmse_attitude_rad"):
+        assert (np.array(ours[key]) < PAPER_FLIGHT[key]).all()
+        assert (np.array(ours[key]) < np.array(theirs[key]) + 0.01).all()
+    assert ours["theta_form3_rad"] == pytest.approx(theirs["theta_form3_rad"], abs=0.02)
+    assert ours["tau2_form3_nm"] == pytest.approx(theirs["tau2_form3_nm"], abs=0.3)
+    assert ours["sink_m"] == pytest.approx(theirs["sink_m"], abs=0.08)
+    assert all(t is not None and t < 2.5 for t in ours["recovery_s"])
+    assert ours["qp"]["unsolved"] == 0
+    assert (played.run.status, played.run.board) == (0, "")
+    assert played.run.rows[-1].flight_state == State.ARM_OFF
+    # The log is the flight: replayed, it gives the same bytes.
+    again = tmp_path / "again.log"
+    done = subprocess.run([runner, "replay", tmp_path / "run.log", again], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert again.read_bytes() == (tmp_path / "run.log").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["published", "overlapped"])
+def test_the_papers_crawl_through_the_runner_is_a_success(runner, preset):
+    played = play(crawl_mission(preset), runner=runner)
+    log = crawl_log(played.run, played.log, played.mission)
+    figures = crawl_figures(log)
+    assert log.info["shortfalls"] == ""
+    assert np.abs(figures["final_position_error_m"]).max() < 0.010
+    assert figures["thrust_fraction_mean"] < 0.5
+    assert figures["qp"]["unsolved"] == 0
+
+
+def test_the_runner_flies_on_the_robots_own_estimate_too(runner):
+    played = play(hover_mission(seconds=6.0, odometry=True), runner=runner)
+    outputs, last = played.log.outputs, played.run.rows
+    end = played.run.first_driven + 5.5
+    row = min(last, key=lambda row: abs(row.time - end))
+    tick = np.searchsorted(played.log.inputs["time"], end)
+    assert outputs["stage"].max() >= 1
+    assert np.linalg.norm(outputs["state"]["position_w"][tick] - row.state.position_w) < 0.02
+    assert row.tilt < 0.02
+    assert abs(row.state.position_w[2] - 1.0) < 0.1
+
+
+def test_a_run_is_the_same_bytes_every_time(runner, tmp_path):
+    for name in ("a", "b"):
+        play(hover_mission(seconds=0.5), seed=3, runner=runner, log=tmp_path / name)
+    types = [read_runner_log(tmp_path / name) for name in ("a", "b")]
+    assert types[0].outputs.tobytes() == types[1].outputs.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", faults_of("socket"))
+def test_every_fault_ends_as_specified(runner, fault):
+    played = play(hover_mission(seconds=60.0), fault=fault, runner=runner)
+    figures = fault_figures(fault, played.run, played.log)
+    assert figures["as_specified"], fault_table([figures])
+    assert figures["peak_tilt_rad"] < 0.1
+    if FAULTS[fault].reaction == "lands":
+        assert played.run.status == 1
+        assert figures["landing_after_ms"] <= 700.0
+        # After the landing command nothing is published any more.
+        actions = played.log.outputs["action"]
+        first = int(np.flatnonzero(actions == 2)[0])
+        assert (actions[first:] != 1).all()
+        assert actions[-1] == 0
+
+
+def test_a_wrong_report_would_be_noticed(runner):
+    played = play(hover_mission(seconds=60.0), fault="none", runner=runner)
+    assert fault_figures("none", played.run, played.log)["as_specified"]
+    assert not fault_figures("pose_stops", played.run, played.log)["as_specified"]
+    log = replace(played.log, outputs=played.log.outputs.copy())
+    log.outputs["command"]["thrust"][-5] = 50.0
+    assert not fault_figures("none", played.run, log)["as_specified"]
+
+
+def test_bad_words_are_refused(tmp_path, capsys):
+    with pytest.raises(UnknownNameError, match="ros, socket"):
+        play(hover_mission(), "carrier pigeon")
+    with pytest.raises(UnknownNameError, match="pose_stops"):
+        play(hover_mission(), fault="gremlins")
+    with pytest.raises(UnknownNameError, match="as_flown"):
+        flight_mission("gentle")
+    with pytest.raises(InvalidValueError):
+        crawl_mission(way=replace(crawl_mission().way, x=-50.0, y=1e9))
+    with pytest.raises(SpidarError, match="no log of a run"):
+        (tmp_path / "x").write_bytes(b"nothing")
+        read_runner_log(tmp_path / "x")
+    for words in (["--link", "x"], ["--preset", "x"], ["--seed", "-1"]):
+        with pytest.raises(SystemExit):
+            main(["sitl", "flight", *words, "--out", str(tmp_path)])
+    assert "valid" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_command_line_prints_the_table_and_writes_what_it_says(tmp_path, capsys):
+    main(["sitl", "crawl", "--link", "socket", "--out", str(tmp_path), "--json"])
+    figures = json.loads(capsys.readouterr().out)["crawl"]
+    assert figures["is_success"]
+    assert {"crawl.json", "crawl.png", "mission.txt", "run.log"} <= {p.name for p in tmp_path.iterdir()}
+    assert "crawl published" in (tmp_path / "mission.txt").read_text()
+    assert PREPARE > 0.0
