@@ -120,9 +120,11 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 11, "paper crawl": 4, "bench": 1, "eval": 1}.get(" ".join(command), 0)
+    assert len(quantities) == {"run": 11, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}.get(
+        " ".join(command), 0
+    )
     # A strength has no unit, but a range; friction has neither.
-    unit = r"\[(s|rad/s|m/s|N|m|degrees)\]|0 … 1\b|Sliding friction|like the next two"
+    unit = r"\[(s|1/s|rad/s|m/s|N|m|degrees)\]|0 … 1\b|Sliding friction|like the next two"
     assert all(re.search(unit, option) for option in quantities)
 
 

@@ -10,11 +10,13 @@ from importlib.metadata import version
 from pathlib import Path
 
 import spidar_gym
+from spidar_gym.benchmark.artifact import read_artifact
 from spidar_gym.control.core import core_path
 from spidar_gym.control.layout import CORE
 from spidar_gym.control.structs import interface_hash, structs_header
 from spidar_gym.deploy.golden import golden_files
 from spidar_gym.deploy.header import model_header, presets_header
+from spidar_gym.deploy.policy import RATE, policy_header
 from spidar_gym.deploy.solvers import generate_solvers
 from spidar_gym.errors import MissingDependencyError, SpidarError
 from spidar_gym.files import output_folder
@@ -29,13 +31,29 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Compiler flags: without contraction every machine rounds alike."""
 
 
-def export_files(*, golden: bool = True) -> dict[str, bytes]:
+def export_files(*, golden: bool = True, residual: Path | None = None, rate: float = RATE) -> dict[str, bytes]:
     """Path → content of the exported folder, the same at every call.
 
     Args:
         golden: With recorded inputs and the reference's outputs.
+        residual: Artifact of a learned policy that adds to the controller.
+        rate: Largest change of every entry of its action in a second [1/s].
+
+    Raises:
+        SpidarError: For an artifact that cannot be read, or that adds to no controller.
     """
     files: dict[str, bytes] = {}
+    artifact, origin = None, None
+    if residual is not None:
+        artifact = read_artifact(residual)
+        origin = {
+            "name": artifact.name,
+            "sha256": hashlib.sha256(residual.read_bytes()).hexdigest(),
+            "env_id": artifact.env_id,
+            "arguments": dict(artifact.arguments),
+            "rate": rate,
+        }
+    files["generated/spidar_policy.h"] = policy_header(artifact, rate).encode()
     for part, pattern in PARTS.items():
         for source in sorted((ONBOARD / part).glob(pattern)):
             files[f"{part}/{source.name}"] = source.read_bytes()
@@ -53,17 +71,21 @@ def export_files(*, golden: bool = True) -> dict[str, bytes]:
             "spidar-gym": spidar_gym.__version__,
             **{name: version(name) for name in ("osqp", "pin", "numpy")},
         },
+        "residual": origin,
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
     }
     files["MANIFEST.json"] = (json.dumps(manifest, indent=1) + "\n").encode()
     return files
 
 
-def export(folder: Path) -> list[str]:
-    """Write the folder, whole or not at all; the names of its files (`SpidarError` where something else is there)."""
+def export(folder: Path, *, residual: Path | None = None, rate: float = RATE) -> list[str]:
+    """Write the folder, whole or not at all; the names of its files (`SpidarError` where something else is there).
+
+    `residual` and `rate` are as for `export_files`.
+    """
     if folder.exists() and any(folder.iterdir()) and not (folder / "MANIFEST.json").is_file():
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
-    files = export_files()
+    files = export_files(residual=residual, rate=rate)
     parent = output_folder(folder.resolve().parent)
     with tempfile.TemporaryDirectory(dir=parent, prefix=f".{folder.name}.") as scratch:
         made = Path(scratch) / "made"
@@ -90,8 +112,10 @@ def compiler() -> str:
     return found
 
 
-def build(path: Path | None = None) -> Path:
+def build(path: Path | None = None, *, residual: Path | None = None, rate: float = RATE) -> Path:
     """Compile the core as a shared library for `control="core"`; where it lies.
+
+    `residual` and `rate` are as for `export_files`.
 
     Raises:
         MissingDependencyError: Without a C compiler.
@@ -101,7 +125,7 @@ def build(path: Path | None = None) -> Path:
     output_folder(path.parent)
     with tempfile.TemporaryDirectory() as scratch:
         folder, made = Path(scratch), path.with_name(f".{path.name}.{os.getpid()}")
-        write_files(export_files(golden=False), folder)
+        write_files(export_files(golden=False, residual=residual, rate=rate), folder)
         sources = [str(p) for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c"))]
         includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated")]
         command = [

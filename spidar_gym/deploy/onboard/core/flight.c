@@ -85,8 +85,8 @@ static void fresh_compensation(sp_compensation_memory *m, const double *joint_po
     sp_copy(m->servo_position, joint_position, SP_JOINTS);
 }
 
-/* h (3) of the legs about the CoG by the servo model's joint velocity. */
-static void leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
+/* h (3) of the legs about the CoG by a joint velocity. */
+void sp_leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
 {
     for (int i = 0; i < 3; i++) {
         double sum = 0.0;
@@ -111,7 +111,7 @@ static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, con
                             const sp_compensation_config *c, double dt)
 {
     double h[3], gyro[3], share = c->momentum_filter > 0.0 ? 1.0 - exp(-dt / c->momentum_filter) : 1.0;
-    leg_momentum(s, m->servo_velocity, h);
+    sp_leg_momentum(s, m->servo_velocity, h);
     sp_cross(omega_b, h, gyro);
     for (int i = 0; i < 3; i++) {
         double wanted = (m->has_momentum ? (h[i] - m->momentum[i]) / dt : 0.0) + gyro[i];
@@ -128,7 +128,7 @@ static void observe_wrench(const sp_snapshot *s, sp_compensation_memory *m, cons
 {
     double L[3], h[3], momentum[6], asked[6];
     sp_apply(s->inertia_c, omega_b, L);
-    leg_momentum(s, m->servo_velocity, h);
+    sp_leg_momentum(s, m->servo_velocity, h);
     for (int i = 0; i < 3; i++) L[i] += h[i], momentum[i] = s->mass * velocity_w[i];
     sp_apply(R_wb, L, momentum + 3);
     sp_apply(R_wb, allocated, asked);

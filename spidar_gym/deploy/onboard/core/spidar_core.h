@@ -17,6 +17,9 @@
 #define SP_UNKNOWNS 36 /* … and the floor's forces on the feet */
 #define SP_MAX_N 80    /* unknowns of the largest softened program */
 #define SP_MAX_M 80    /* rows of the largest program */
+#define SP_MAX_OBSERVATION 512 /* numbers that a policy sees, */
+#define SP_MAX_ACTION 24       /* and that it answers, */
+#define SP_MAX_WIDTH 1024      /* and of the widest layer between them */
 #define SP_INFINITY 1e30
 
 /* Model quantities at one configuration, torso axes. */
@@ -233,6 +236,29 @@ typedef struct {
     double encoder_time, angles[SP_ANGLES], rates[SP_ANGLES];
 } sp_estimator;
 
+/* What the entries of a policy's action are: channels, in this order. */
+typedef enum {
+    SP_CHANNEL_WRENCH = 1,
+    SP_CHANNEL_JOINT_OFFSET = 2,
+    SP_CHANNEL_JOINT_SPEED_SCALE = 4,
+    SP_CHANNEL_FORCES = 8,
+    SP_CHANNEL_GAIT = 16, /* phase rate, raise, stride, lift height */
+    SP_CHANNEL_LEG_FORCES = 32
+} sp_channel;
+
+/* What a policy in flight is told of the plan. */
+typedef struct {
+    double joint_target[SP_JOINTS], next_form[SP_JOINTS]; /* to reach now, and after it (the same if none) [rad] */
+    double time_to_next;                                  /* until then; 60 if there is none [s] */
+} sp_preview;
+
+/* What a learned policy remembers: its last action, as it was applied. */
+typedef struct {
+    int32_t has_momentum;
+    double action[SP_MAX_ACTION], leg_momentum[3]; /* in [−1, 1]; [Nms] */
+    float observation[SP_MAX_OBSERVATION];         /* what it saw last */
+} sp_policy;
+
 /* tree.c */
 void sp_tree(const double *q, const double *R_wb, const double *vectoring, sp_snapshot *snapshot);
 
@@ -273,6 +299,7 @@ void sp_project(const sp_mode *projection, const sp_demand *demand, const double
 void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
 void sp_flight_reset(sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
 void sp_rest_vectoring(const sp_controller_config *config, const double *q, double *vectoring);
+void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
 void sp_perceive(const sp_robot_state *state, const sp_reference *reference, sp_percept *percept);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_percept *percept, sp_command *command);
@@ -305,13 +332,22 @@ void sp_estimator_update(sp_estimator *estimator, const sp_measurement *measurem
                          sp_robot_state *state);
 
 /* observe.c */
-#define SP_MAX_OBSERVATION 512
 int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_percept *percept, const double *thrust,
                const double *joint_velocity, const double *leg_momentum, const double *leg_momentum_rate,
                const double *joint_target, const double *next_form, double time_to_next, const double *previous_action,
                int action_size, const double *bound, float *observation);
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
                      const double *previous_action, int action_size, const double *bound, float *observation);
+
+/* policy.c: called before the controller's step, which gets the residual, or NULL where the policy is switched off;
+ * reset whenever it is switched on. */
+enum { SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1 };
+int sp_policy_kind(void); /* one of these */
+void sp_policy_reset(sp_policy *policy);
+void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
+                      const sp_percept *percept, const sp_preview *preview, sp_residual *residual);
+void sp_policy_crawl(sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
+                     sp_residual *residual);
 
 /* about.c */
 const char *sp_interface(void);           /* digest of structs, robot and sources */
