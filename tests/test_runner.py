@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import threading
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -452,8 +451,6 @@ def fuzzed(inputs, rng, odds=0.7):
             q = rng.normal(size=(4, 4))
             m["pose_quat_wb"] = (q / np.linalg.norm(q, axis=1, keepdims=True)).reshape(-1)
         else:  # bytes
-            view = record.view(np.uint8) if record.dtype == np.uint8 else None
-            assert view is None
             raw = bytearray(m.tobytes())
             at = rng.integers(len(raw) - 8)
             raw[at : at + 8] = rng.bytes(8)
@@ -637,7 +634,7 @@ def test_presets_are_the_simulators_with_the_robots_iteration_cap(library, kind,
     field = "crawler" if kind == "crawl" else "controller"
     expected = np.zeros((), log_layouts()[f"{field}_config"])
     fill(expected, replace(config, allocator=replace(config.allocator, max_iter=ONBOARD_ITERATIONS)))
-    assert m[field].item() == pytest.approx(expected.item()) if False else m[field].tolist() == expected.tolist()
+    assert m[field].tobytes() == expected.tobytes()
     assert m[field]["allocator"]["max_iter"] == 300
 
 
@@ -721,9 +718,9 @@ def test_what_is_just_valid_is_read(library, text):
 
 def junk(rng):
     """A mission of words that it knows, numbers, and rubbish."""
-    words = ["flight", "crawl", "form", "move", "unrestricted", "estimate", "residual", "fence", "ages", "settle", "tilt",
-             "speed", "end", "paper", "robust", "tuned", "odometry", "on", "0", "1", "-1", "1e300", "-1e-300", "nan", "0.1",
-             "inf", "0x1p3", "#", "\t", "\r", "…", "2147483648", "%s%n", ZEROS]  # fmt: skip
+    words = ["flight", "crawl", "form", "move", "unrestricted", "estimate", "residual", "fence", "ages", "settle",
+             "tilt", "speed", "end", "paper", "robust", "tuned", "odometry", "on", "0", "1", "-1", "1e300", "-1e-300",
+             "nan", "0.1", "inf", "0x1p3", "#", "\t", "\r", "…", "2147483648", "%s%n", ZEROS]  # fmt: skip
     head = [["flight paper"], ["crawl published"], []][rng.integers(3)]
     lines = [" ".join(rng.choice(words, rng.integers(0, 26))) for _ in range(rng.integers(0, 12))]
     if rng.random() < 0.5:
@@ -1001,4 +998,3 @@ def test_with_the_labs_estimate_it_sees_the_robot_where_it_is(library, runner, f
         fast.append(np.abs(seen["velocity_w"] - state.velocity_w).max())
     assert max(where) < 0.02
     assert max(fast) < 0.1
-    assert Path(stream.path).exists()

@@ -294,7 +294,7 @@ def test_a_wrong_report_would_be_noticed(runner):
     assert not fault_figures("none", played.run, log)["as_specified"]
 
 
-def test_bad_words_are_refused(tmp_path, capsys):
+def test_bad_words_are_refused(tmp_path, capfd):
     with pytest.raises(UnknownNameError, match="ros, socket"):
         play(hover_mission(), "carrier pigeon")
     with pytest.raises(UnknownNameError, match="pose_stops"):
@@ -309,13 +309,13 @@ def test_bad_words_are_refused(tmp_path, capsys):
     for words in (["--link", "x"], ["--preset", "x"], ["--seed", "-1"]):
         with pytest.raises(SystemExit):
             main(["sitl", "flight", *words, "--out", str(tmp_path)])
-    assert "valid" in capsys.readouterr().err
+    assert capfd.readouterr().err.count("valid") >= 3
 
 
 @pytest.mark.slow
-def test_the_command_line_prints_the_table_and_writes_what_it_says(tmp_path, capsys):
+def test_the_command_line_prints_the_table_and_writes_what_it_says(tmp_path, capfd):
     main(["sitl", "crawl", "--link", "socket", "--out", str(tmp_path), "--json"])
-    figures = json.loads(capsys.readouterr().out)["crawl"]
+    figures = json.loads(capfd.readouterr().out)["crawl"]
     assert figures["is_success"]
     assert {"crawl.json", "crawl.png", "mission.txt", "run.log"} <= {p.name for p in tmp_path.iterdir()}
     assert "crawl published" in (tmp_path / "mission.txt").read_text()

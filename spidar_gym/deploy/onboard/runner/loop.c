@@ -5,6 +5,7 @@
 
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
 #define TRIM_SECONDS 0.5
+#define NO_NEXT_FORM 60.0 /* as in the environment [s] */
 
 static const char *const FAULTS[SP_FAULTS] = {
     "none", "the tick came late", "the flight state is stale", "the pose is stale", "the inertial unit is stale",
@@ -24,22 +25,25 @@ const char *sp_stage_words(int32_t stage)
     return STAGES[stage >= 0 && stage <= SP_RELEASED ? stage : 0];
 }
 
-int sp_loop_init(sp_loop *l, const sp_mission *mission)
+const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
 {
     memset(l, 0, sizeof *l);
     l->mission = *mission;
     sp_sense_init(&l->sense, mission);
     sp_flight_init(&l->flight, &mission->controller);
     sp_crawl_init(&l->crawl, &mission->crawler);
-    if (!mission->crawls) return 1;
+    if (mission->residual && sp_policy_kind() != (mission->crawls ? SP_POLICY_CRAWL : SP_POLICY_FLIGHT))
+        return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
+    if (!mission->crawls) return NULL;
     sp_robot_state nominal;
     memset(&nominal, 0, sizeof nominal);
     nominal.quat_wb[0] = 1.0;
     sp_lying_pose(&mission->crawler.gait, nominal.joint_position);
     sp_crawl_reset(&l->crawl, &nominal);
     for (int k = 0; k < mission->move_count; k++)
-        if (!sp_gait_move(&l->crawl, mission->moves[k].way, mission->moves[k].cycles)) return 0;
-    return 1;
+        if (!sp_gait_move(&l->crawl, mission->moves[k].way, mission->moves[k].cycles))
+            return "a move of the mission is out of reach; valid: shorter ones";
+    return NULL;
 }
 
 /* Where the robot is: whether that is still within the limits. */
@@ -82,20 +86,28 @@ static void take_over(sp_loop *l, const sp_loop_input *input)
     l->taken_over = input->time;
     memset(&l->command, 0, sizeof l->command);
     sp_give(input->thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
-    if (l->mission.crawls) {
-        sp_crawl_reset(&l->crawl, x);
-        for (int k = 0; k < l->mission.move_count; k++)
-            sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles);
-        return;
-    }
+    sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
     double R[9], lever[3];
-    sp_reference *r = &l->reference;
     sp_from_quat(x->quat_wb, R);
+    double yaw = atan2(R[3], R[0]);
+    if (l->mission.crawls) {
+        sp_crawl_reset(&l->crawl, x);
+        l->goal[0] = x->position_w[0], l->goal[1] = x->position_w[1], l->goal[2] = yaw;
+        for (int k = 0; k < l->mission.move_count; k++) {
+            sp_planar way = l->mission.moves[k].way;
+            double c = cos(l->goal[2]), s = sin(l->goal[2]);
+            sp_gait_move(&l->crawl, way, l->mission.moves[k].cycles);
+            l->goal[0] += c * way.x - s * way.y;
+            l->goal[1] += s * way.x + c * way.y;
+            l->goal[2] += way.yaw;
+        }
+        return;
+    }
+    sp_reference *r = &l->reference;
     sp_tree(x->joint_position, R, x->vectoring, &snapshot);
     sp_apply(R, snapshot.com_b, lever);
     memset(r, 0, sizeof *r);
-    double yaw = atan2(R[3], R[0]);
     r->quat_wb[0] = cos(0.5 * yaw);
     r->quat_wb[3] = sin(0.5 * yaw);
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
@@ -126,27 +138,49 @@ static int bounded(const sp_command *c)
     return 1;
 }
 
+/* What the learned residual adds to a flight. */
+static void advise(sp_loop *l, double t, sp_percept *percept, sp_residual *residual)
+{
+    const sp_mission *m = &l->mission;
+    sp_preview preview;
+    sp_copy(preview.joint_target, l->reference.joint_target, SP_JOINTS);
+    sp_copy(preview.next_form, l->reference.joint_target, SP_JOINTS);
+    preview.time_to_next = NO_NEXT_FORM;
+    for (int k = m->form_count - 1; k >= 0 && m->forms[k].start > t + 1e-9; k--) {
+        sp_copy(preview.next_form, m->forms[k].joint_target, SP_JOINTS);
+        preview.time_to_next = m->forms[k].start - t;
+    }
+    sp_perceive(&l->sense.state, &l->reference, percept);
+    sp_policy_flight(&l->policy, &l->flight, &l->sense.state, percept, &preview, residual);
+}
+
 /* One tick of the controller; what is wrong with it. */
 static sp_fault drive(sp_loop *l, const sp_loop_input *input)
 {
     const sp_robot_state *x = &l->sense.state;
     const sp_allocation *a;
     sp_command command;
+    sp_residual residual;
+    sp_percept percept;
+    int advised = l->mission.residual;
     if (l->mission.crawls) {
-        sp_crawl_step(&l->crawl, x, NULL, &command);
+        if (advised) sp_policy_crawl(&l->policy, &l->crawl, x, l->goal, &residual);
+        sp_crawl_step(&l->crawl, x, advised ? &residual : NULL, &command);
         l->finished = l->finished || (sp_gait_done(&l->crawl) && l->crawl.memory.gap == 0.0);
         a = &l->crawl.allocation;
         l->answer.phase = l->crawl.gait.phase;
         l->answer.timeouts = l->crawl.gait.timeouts;
     } else {
         refer(l, input->time - l->taken_over);
-        sp_flight_step(&l->flight, x, &l->reference, NULL, NULL, &command);
+        if (advised) advise(l, input->time - l->taken_over, &percept, &residual);
+        sp_flight_step(&l->flight, x, &l->reference, advised ? &residual : NULL, advised ? &percept : NULL, &command);
         a = &l->flight.allocation;
     }
     l->answer.status = a->status;
     l->answer.iterations = a->iterations;
     sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
     sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
+    sp_copy(l->answer.policy_action, l->policy.action, SP_MAX_ACTION);
     if (!bounded(&command)) return SP_BAD_COMMAND;
     l->command = command;
     return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;

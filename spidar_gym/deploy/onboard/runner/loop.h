@@ -53,7 +53,8 @@ typedef struct {
     sp_command command;
     sp_robot_state state;
     sp_reference reference;
-    double joint_torques[SP_JOINTS], forces_l[SP_FORCES], residual[6]; /* allocated; of the learned residual */
+    double joint_torques[SP_JOINTS], forces_l[SP_FORCES]; /* allocated */
+    double policy_action[SP_MAX_ACTION];                  /* of the learned residual, 0 where it is off */
 } sp_loop_output;
 
 /* What the runner makes of the samples. */
@@ -72,6 +73,8 @@ typedef struct {
     sp_sense sense;
     sp_flight flight;
     sp_crawl crawl;
+    sp_policy policy;
+    double goal[3]; /* of a crawl: x, y [m], yaw [rad], world */
     sp_reference reference;
     sp_command command;
     sp_loop_output answer; /* the last one */
@@ -85,7 +88,7 @@ void sp_sense_init(sp_sense *sense, const sp_mission *mission);
 sp_fault sp_sense_update(sp_sense *sense, const sp_mission *mission, const sp_loop_input *input, const double *thrust);
 
 /* loop.c */
-int sp_loop_init(sp_loop *loop, const sp_mission *mission); /* 0 where the gait cannot plan a move */
+const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
 void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);

@@ -13,7 +13,7 @@ static const char *const MESSAGES[] = {
     "no log; valid: one that `spidar export` or this runner wrote",
     "the log is of another interface or robot; valid: one of this export",
     "the log ends early; valid: a whole one",
-    "a move of the log is out of reach; valid: moves that the gait can plan",
+    "the log asks for what this export cannot do; valid: one of this very export",
     "cannot write the output; valid: a path in a writable folder",
     "an output differs from the golden one by more than 1e-6",
     "the run replays otherwise; valid: the runner that wrote it",

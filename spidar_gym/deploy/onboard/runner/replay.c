@@ -26,7 +26,7 @@ static int replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, 
     if (mission.form_count < 0 || mission.form_count > SP_MAX_FORMS || mission.window_count < 0 ||
         mission.window_count > SP_MAX_WINDOWS || mission.move_count < 0 || mission.move_count > SP_MAX_MOVES)
         return 3;
-    if (!sp_loop_init(&loop, &mission)) return 4;
+    if (sp_loop_init(&loop, &mission) != NULL) return 4;
     if (fwrite(head, sizeof *head, 1, out) != 1 || fwrite(&mission, sizeof mission, 1, out) != 1) return 5;
     while (READ(input)) {
         if (!READ(was) || !READ(clock)) return 3;

@@ -43,7 +43,8 @@ int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
     free(text);
     if (!whole) return refuse("", reason);
     if (residual) read.residual = 1;
-    if (!sp_loop_init(&run->loop, &read)) return refuse("", "a move of the mission is out of reach; valid: shorter ones");
+    const char *why = sp_loop_init(&run->loop, &read);
+    if (why != NULL) return refuse("", why);
     if (log == NULL) return 1;
     sp_log_head head;
     memset(&head, 0, sizeof head);
