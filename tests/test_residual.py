@@ -71,7 +71,7 @@ def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(2
 def compiled(tmp_path_factory):
     """Artifact, or none → the core with it as a shared library; all but the policy is compiled once."""
     folder = tmp_path_factory.mktemp("core")
-    exporting._write(export_files(golden=False), folder)
+    exporting.write_files(export_files(golden=False), folder)
     flags = [*FLAGS, "-fPIC", *(f"-I{folder / part}" for part in ("core", "osqp", "generated"))]
     sources = [p for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c")) if p.name != "policy.c"]
     subprocess.run([compiler(), *flags, "-c", *map(str, sources)], cwd=folder, check=True)

@@ -35,7 +35,7 @@ NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
 TOPICS = ("joint_states", "imu", "mocap/pose", "uav/cog/odom", "flight_state")
 RATES = (50.0, 200.0, 100.0, 100.0, 40.0)
 ZEROS = " ".join(["0"] * 16)
-CHECKED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+CHECKED = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 def compile_(folder, out, *flags):
@@ -62,13 +62,15 @@ def runner(folder):
 
 @pytest.fixture(scope="module")
 def checked(folder):
-    """The runner with sanitizers."""
+    """The runner with sanitizers, not optimised."""
     return compile_(folder, folder.parent / "checked", *CHECKED)
 
 
 @pytest.fixture(scope="module")
 def library(folder):
-    return ctypes.CDLL(str(compile_(folder, folder.parent / "librunner.so", "-fPIC", "-shared")))
+    library = ctypes.CDLL(str(compile_(folder, folder.parent / "librunner.so", "-O1", "-fPIC", "-shared")))
+    library.sp_loop_init.restype = ctypes.c_char_p
+    return library
 
 
 def read_mission(library, text):
@@ -86,7 +88,7 @@ class Loop:
         self.library, self.record = library, np.zeros((), log_layouts()["loop"])
         pointer = ctypes.c_void_p(self.record.ctypes.data)
         if mission is not None:
-            assert self.library.sp_loop_init(pointer, ctypes.c_void_p(mission.ctypes.data))
+            assert self.library.sp_loop_init(pointer, ctypes.c_void_p(mission.ctypes.data)) is None
 
     def copy(self):
         other = Loop(self.library, None)
@@ -109,6 +111,10 @@ class Stream:
         self.path, self.run, self.played = path, played.run, played.log
         self.mission = read_mission(library, played.mission.text)
         self.inputs = played.log.inputs.copy()
+        size = [log_layouts()[name].itemsize for name in ("loop_input", "loop_output", "log_clock")]
+        raw = path.read_bytes()[log_layouts()["log_head"].itemsize + self.mission.nbytes :]
+        self.answers = [raw[at + size[0] : at + size[0] + size[1]] for at in range(0, len(raw), sum(size))]
+        """What it answered, byte for byte."""
         self.wanted = ARM_ON if self.mission["crawls"] else HOVER
         self.hovers = int(np.argmax(self.inputs["flight_state"] == self.wanted))
         self.drives = int(np.argmax(played.log.outputs["stage"] == DRIVING))
@@ -213,11 +219,11 @@ def test_a_runner_that_is_started_in_hover_waits_too(library, stream):
     assert out["stage"][42] == DRIVING
 
 
+@pytest.mark.parametrize("at", [-10, 10], ids=["before", "in the wait"])
 @pytest.mark.parametrize("time", [np.nan, np.inf, -np.inf])
-def test_a_clock_that_is_no_number_starts_no_drive(library, stream, time):
-    inputs = stream.inputs[: stream.hovers + 20].copy()
-    inputs["time"][stream.hovers - 10] = time
-    inputs["time"][stream.hovers + 10] = time
+def test_a_clock_that_is_no_number_starts_no_drive(library, stream, time, at):
+    inputs = stream.inputs[: stream.hovers + 25].copy()
+    inputs["time"][stream.hovers + at] = time
     out = Loop(library, stream.mission).run(inputs)
     assert (out["action"] == SILENT).all()
     assert (out["stage"] == WAITING).all()
@@ -291,6 +297,7 @@ AT_ONCE = {
     "state stale": (old_state, NO_STATE),
     "state never": (tell(flight_state_time=-np.inf), NO_STATE),
     "state time nan": (tell(flight_state_time=np.nan), NO_STATE),
+    "state ahead": (tell(flight_state_time=1e6), NO_STATE),
     "pose jumps": (move("pose_position_w", 0.5), JUMPED),
     "contended": (tell(has_thrust=1), CONTENDED),
 }  # fmt: skip
@@ -381,14 +388,26 @@ def test_ticks_that_come_late_are_faults(driving):
     check_landing(many.run(inputs[5::5][:16]), before["command"], LATE)
 
 
-def test_a_command_out_of_bounds_never_leaves(driving):
+@pytest.mark.parametrize(("field", "value"), [("joint_position", np.nan), ("vectoring", 1e4), ("joint_position", 7.0)])
+def test_a_command_out_of_bounds_never_leaves(driving, field, value):
     loop, inputs = driving
     loop = loop.copy()
     before = loop(inputs[0])
-    loop.record["flight"]["config"]["joint_speed"] = 1e300
-    loop.record["mission"]["forms"]["joint_target"] = 7.0
+    loop.record["flight"]["memory"][field] = value
     out = loop.run(inputs[1:21])
-    check_landing(out, before["command"], BAD_COMMAND)
+    check_bounds(out)
+    if value != 7.0:
+        check_landing(out, before["command"], BAD_COMMAND)
+
+
+def test_without_an_allocation_it_holds_and_lands(driving):
+    loop, inputs = driving
+    loop = loop.copy()
+    loop.record["flight"]["memory"]["position_integral_w"] = np.nan
+    out = loop.run(inputs[:20])
+    check_bounds(out)
+    assert out["stage"].tolist() == [HOLDING] * HOLD + [LANDING] * LAND + [RELEASED] * 6
+    assert set(out["fault"].tolist()) == {NO_ALLOCATION}
 
 
 def test_contention_is_none_right_after_the_take_over(library, hover):
@@ -406,6 +425,8 @@ def test_what_others_tell_the_rotors_is_never_taken_over_where_it_is_no_thrust(l
     out = Loop(library, hover.mission).run(inputs)
     check_bounds(out)
     assert not (out["action"] == FORCE_LANDING).any()
+    told = hover.inputs["thrust"][hover.drives].sum()
+    assert out["command"]["thrust"][out["stage"] == DRIVING][0].sum() == pytest.approx(told, rel=0.02)
 
 
 # Bounds, purity.
@@ -517,22 +538,20 @@ def said(*words):
 def test_the_same_inputs_give_the_same_bytes(library, stream):
     a, b = Loop(library, stream.mission), Loop(library, stream.mission)
     one = [a(record).tobytes() for record in stream.inputs]
+    assert one == stream.answers
     a = Loop(library, stream.mission)
     rest = wild_stream(stream, 7, 90)
     for k, (record, expected) in enumerate(zip(stream.inputs, one, strict=True)):
         b(rest[k % len(rest)])  # another robot's ticks in between
         assert a(record).tobytes() == expected
-    assert np.frombuffer(b"".join(one), stream.played.outputs.dtype).tobytes() == stream.played.outputs.tobytes()
 
 
-def test_a_run_replays_to_its_very_bytes_and_without_optimisation(folder, runner, stream, tmp_path):
-    plain = folder.parent / "plain"
-    plain = plain if plain.exists() else compile_(folder, plain, "-O0")
-    for program in (runner, plain):
-        done = said(program, "replay", stream.path, tmp_path / "out")
-        assert done.returncode == 0, done.stderr
-        assert done.stdout == f"{len(stream.inputs)} ticks of a run, 0 answered otherwise than then\n"
-        assert (tmp_path / "out").read_bytes() == stream.path.read_bytes()
+@pytest.mark.parametrize("program", ["runner", "checked"])
+def test_a_run_replays_to_its_very_bytes_and_without_optimisation(request, stream, tmp_path, program):
+    done = said(request.getfixturevalue(program), "replay", stream.path, tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{len(stream.inputs)} ticks of a run, 0 answered otherwise than then\n"
+    assert (tmp_path / "out").read_bytes() == stream.path.read_bytes()
 
 
 def test_a_log_with_another_input_is_reported(hover, runner, tmp_path):
@@ -570,14 +589,14 @@ def test_a_log_with_counts_that_no_link_makes_is_refused(library, hover, checked
     inputs["measurement"][field][40] = count
     hover.write(tmp_path / "log", inputs, out)
     done = said(checked, "replay", tmp_path / "log", tmp_path / "out")
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
+    assert (done.returncode, done.stderr) == (2, "runner: the log ends early; valid: a whole one\n")
 
 
 def test_a_log_is_not_replayed_onto_itself(hover, runner, tmp_path):
     shutil.copyfile(hover.path, tmp_path / "log")
     done = said(runner, "replay", tmp_path / "log", tmp_path / "log")
     assert done.returncode == 2
+    assert (tmp_path / "log").is_file()
     assert (tmp_path / "log").read_bytes() == hover.path.read_bytes()
 
 
@@ -761,7 +780,7 @@ def test_a_move_out_of_reach_is_refused_before_anybody_is_asked(runner, tmp_path
     assert (done.returncode, done.stderr) == (2, "runner: a move of the mission is out of reach; valid: shorter ones\n")
 
 
-@pytest.mark.parametrize("size", [65536, 200_000])
+@pytest.mark.parametrize("size", [70_000, 200_000])
 def test_a_mission_that_is_too_long_is_not_cut(runner, tmp_path, size):
     text = "flight paper\n" + ("#" + "x" * 998 + "\n") * (size // 1000) + "nonsense\n"
     (tmp_path / "mission").write_text(text)
@@ -855,20 +874,24 @@ def refused(runner, tmp_path, words, **robot):
     """End to end: one line, and status 2."""
     (tmp_path / "mission").write_text("flight paper\n")
     link = SocketLink(**robot)
-    accept = threading.Thread(target=link.accept)
-    accept.start()
+
+    def greet():
+        link.accept()
+        link.close()  # who is satisfied with the robot waits no longer
+
+    robot_side = threading.Thread(target=greet)
+    robot_side.start()
     done = said(runner, "sim", link.place, tmp_path / "mission")
-    accept.join()
-    link.close()
+    robot_side.join()
     assert done.returncode == 2
     assert done.stderr.startswith(f"runner: {words}")
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
 
 
-def ask(runner, tmp_path, inputs, hello=None, log=None):
+def ask(runner, tmp_path, inputs, hello=None, log=None, seconds=3.0):
     """The runner's answers to inputs over the socket, and what it said."""
-    (tmp_path / "mission").write_text(hover_mission(seconds=3.0).text)
+    (tmp_path / "mission").write_text(hover_mission(seconds=seconds).text)
     link = SocketLink()
     if hello is not None:
         link._hello[...] = hello(link._hello)
@@ -915,7 +938,7 @@ def test_counts_over_the_socket_that_no_link_makes_read_no_memory(checked, hover
 
 def test_the_deadline_statistics_add_up(runner, hover, tmp_path):
     answers, status, out, words = ask(runner, tmp_path, hover.inputs, log=tmp_path / "log")
-    assert b"".join(answers) == hover.played.outputs.tobytes()
+    assert answers == hover.answers
     assert status == 0
     line = re.search(r"computing a tick +(\d+) +median < +(\d+) +p99 < +(\d+) +worst +([\d.]+) us", out)
     assert int(line[1]) == len(answers)
@@ -923,7 +946,6 @@ def test_the_deadline_statistics_add_up(runner, hover, tmp_path):
     assert "tick after its due time" not in out, "lock-step has no due time"
     assert f"{len(answers)} ticks, 0 later than a period; released; last fault: none\n" in out
     assert re.search(r"^runner: [\d.]+ s: driving$", words, re.M)
-    assert "the mission is over" in words
     assert (tmp_path / "log").stat().st_size == hover.path.stat().st_size
 
 
@@ -931,11 +953,12 @@ def test_a_fault_that_lands_is_named_and_is_the_exit_status(runner, hover, tmp_p
     inputs = hover.inputs[: hover.drives + 60].copy()
     for record in inputs[hover.drives + 30 :]:
         nan_pose(record, 0)
-    _, status, out, words = ask(runner, tmp_path, inputs)
+    _, status, out, words = ask(runner, tmp_path, inputs, seconds=0.5)
     assert status == 1
+    assert re.search(r"^runner: [\d.]+ s: the mission is over$", words, re.M)
     assert "released; landing forced: a sample is not finite\n" in out
     stages = re.findall(r"s: ([a-z ]+)(?:, a sample is not finite)?$", words, re.M)
-    assert stages == ["driving", "holding", "forcing the landing", "released"]
+    assert stages == ["driving", "the mission is over", "holding", "forcing the landing", "released"]
 
 
 @pytest.mark.parametrize(
@@ -985,12 +1008,13 @@ def test_about_says_what_it_was_compiled_for(runner):
 # The lab's own estimate.
 
 
+@pytest.mark.slow
 def test_with_the_labs_estimate_it_sees_the_robot_where_it_is(library, runner, folder):
-    stream = played(library, runner, folder, "odometry", hover_mission(seconds=3.0, odometry=True))
+    stream = played(library, runner, folder, "odometry", hover_mission(seconds=1.5, odometry=True))
     assert stream.mission["odometry"] == 1
     truth = {round(row.time, 6): row.state for row in stream.run.rows}
     on = np.flatnonzero(stream.played.outputs["stage"] == DRIVING)
-    assert len(on) > 100
+    assert len(on) > 50
     where, fast = [], []
     for tick in on:
         seen, state = stream.played.outputs["state"][tick], truth[round(float(stream.inputs["time"][tick]), 6)]

@@ -143,3 +143,8 @@ def test_axis_rotations_turn_the_next_axis_to_the_one_after(k):
     e, rotation = np.eye(3), AXIS_ROTATIONS[k]
     close(rotation(math.pi / 2) @ e[(k + 1) % 3], e[(k + 2) % 3], atol=1e-15)
     close(rotation(0.7), so3.exp(0.7 * e[k]), atol=1e-15)
+
+
+def test_the_cross_product_has_the_very_numbers_of_numpy():
+    for a, b in np.random.default_rng(7).normal(size=(200, 2, 3)):
+        np.testing.assert_array_equal(so3.cross(a, b), np.cross(a, b))

@@ -113,7 +113,7 @@ class CoreCrawler(Core):
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
         """Forget everything; as `Crawler.reset`."""
-        self._state.load(state)
+        self.see(state)
         self._tick = None
         self.library.sp_crawl_reset(self._crawl.pointer, self._state.pointer)
         for command in commands:
@@ -138,7 +138,7 @@ class CoreCrawler(Core):
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
         """One control tick; as `Crawler.step`."""
-        self._state.load(state)
+        self.see(state)
         start = time.perf_counter()
         self.library.sp_crawl_step(
             self._crawl.pointer, self._state.pointer, self.residual_pointer(residual), self._command.pointer
@@ -151,7 +151,7 @@ class CoreCrawler(Core):
         self, state: RobotState, goal: Planar, thrust: RotorVector, previous_action: np.ndarray, *, bound: np.ndarray
     ) -> np.ndarray:
         """The observation; as `control.crawl_observation.observe_crawl`."""
-        self._state.load(state)
+        self.see(state)
         pose = np.array([goal.x, goal.y, goal.yaw])
         size = self.library.sp_observe_crawl(
             self._crawl.pointer, self._state.pointer, pointer(pose), pointer(thrust), pointer(previous_action),

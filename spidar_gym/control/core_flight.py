@@ -97,7 +97,7 @@ class CoreController(Core):
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
         """Forget everything; as `Controller.reset`."""
-        self._state.load(state)
+        self.see(state)
         self._tick = None
         given = [None if x is None else np.ascontiguousarray(x, float) for x in (joint_position, trim)]
         pointers = [None if x is None else pointer(x) for x in given]
@@ -118,7 +118,7 @@ class CoreController(Core):
 
     def perceive(self, state: RobotState, reference: Reference) -> Percept:
         """What the controller makes of a state; its arrays are overwritten by the next call but one."""
-        self._state.load(state)
+        self.see(state)
         self._refer(reference)
         sight = self._sights[self._turn]
         self._turn = 1 - self._turn
@@ -133,7 +133,7 @@ class CoreController(Core):
         percept: Percept | None = None,
     ) -> Command:
         """One control tick; as `Controller.step`."""
-        self._state.load(state)
+        self.see(state)
         self._refer(reference)
         known = next((sight.struct.pointer for sight in self._sights if sight.percept is percept), None)
         start = time.perf_counter()
@@ -158,7 +158,7 @@ class CoreController(Core):
         bound: np.ndarray,
     ) -> np.ndarray:
         """The observation; as `control.observation.observe`."""
-        self._state.load(state)
+        self.see(state)
         sight = next(sight for sight in self._sights if sight.percept is percept)
         arrays = (thrust, joint_velocity, legs.value, legs.rate, preview.joint_target, preview.next_form)
         size = self.library.sp_observe(

@@ -10,7 +10,7 @@ import numpy as np
 
 from spidar_gym.arrays import Matrix3, RotorVector, Vector3
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
+from spidar_gym.so3 import cross, exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
 
 LEVER_B = np.array(ROBOT.flight_controller)
@@ -119,7 +119,7 @@ class Estimator:
             time=measurement.time,
             position_w=memory.position_w - memory.R_wb @ LEVER_B,
             quat_wb=matrix_to_quat(memory.R_wb),
-            velocity_w=memory.velocity_w - memory.R_wb @ np.cross(memory.omega_b, LEVER_B),
+            velocity_w=memory.velocity_w - memory.R_wb @ cross(memory.omega_b, LEVER_B),
             omega_b=memory.omega_b.copy(),
             joint_position=angles[:N_JOINTS],
             joint_velocity=memory.rates[:N_JOINTS].copy(),

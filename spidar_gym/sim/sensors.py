@@ -7,7 +7,7 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
+from spidar_gym.so3 import cross, exp, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
 
 POSE_PERIOD, IMU_PERIOD, ENCODER_PERIOD = 0.010, 0.005, 0.020
@@ -205,4 +205,4 @@ class Sensors:
 
 def _imu_velocity(state: RobotState, R_wb: np.ndarray) -> np.ndarray:
     """Velocity of the inertial unit, world [m/s]."""
-    return state.velocity_w + R_wb @ np.cross(state.omega_b, IMU_POSITION_B)
+    return state.velocity_w + R_wb @ cross(state.omega_b, IMU_POSITION_B)

@@ -21,7 +21,7 @@ from spidar_gym.sitl.session import Run, Session, ros_session, socket_session
 
 LINKS = ("ros", "socket")
 """How robot and runner talk: ROS 1 in real time, or a socket in lock-step."""
-FAULT_AFTER = 5.0
+FAULT_AFTER = 3.0
 """When a fault begins, since the take-over [s]."""
 
 
@@ -62,7 +62,7 @@ def play(
         mission: What the runner is told.
         link: `ros` or `socket`.
         seed: Of the robot and its noise.
-        fault: Name of a fault, from 5 s after the take-over on.
+        fault: Name of a fault, from 3 s after the take-over on.
         runner: The runner's program; that of the present sources by default.
         log: Where the runner's log goes; nowhere in the end by default.
         on_tick: Called 40 times a second of the robot, for progress.

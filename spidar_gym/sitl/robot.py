@@ -18,7 +18,7 @@ from spidar_gym.sim.sensors import IMU_POSITION_B
 from spidar_gym.sitl.board import Board
 from spidar_gym.sitl.messages import STATE_NAMES, Message
 from spidar_gym.sitl.stack import LANDING_FORM, Stack, State
-from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.so3 import cross, quat_to_matrix
 from spidar_gym.state import Command, Measurement
 
 DT = 0.005
@@ -238,7 +238,7 @@ class Robot:
         for topic, point, own in (
             ("uav/cog/odom", com_b, rate), ("uav/baselink/odom", IMU_POSITION_B, np.zeros(3))
         ):  # fmt: skip
-            velocity = seen.velocity_w + R_wb @ (np.cross(seen.omega_b, point) + own)
+            velocity = seen.velocity_w + R_wb @ (cross(seen.omega_b, point) + own)
             position = seen.position_w + R_wb @ point
             values = {"position": position, "quat": seen.quat_wb, "velocity": velocity, "omega": seen.omega_b}
             messages.append(Message(topic, seen.time, values))

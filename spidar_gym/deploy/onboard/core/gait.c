@@ -3,9 +3,7 @@
  * Nothing here knows a force: what it sees is the torso's pose and the joint angles, and touchdown is a threshold on
  * them, because neither feet nor torso have a touch sensor.
  */
-#include "spidar_core.h"
-#include "spidar_math.h"
-#include "spidar_model.h"
+#include "ground.h"
 
 #define FILTER_TIME 0.1
 #define SLOW_TIME 0.25
@@ -14,155 +12,12 @@
 #define STILL 0.05
 #define MAX_DEPTH 0.05
 #define RESPONSE_TIME 0.17
-#define UPPER (SP_YAW_TO_PITCH + SP_PITCH_TO_YAW)
-#define LOWER SP_PITCH_TO_FOOT
 
 static const int PHASES[3][10] = {
     {SP_SPOOL, SP_RAISE, SP_SWING, SP_LOWER, SP_BRACE, SP_UP, SP_FORWARD, SP_DOWN, SP_SETTLE, -1},
     {SP_SPOOL, SP_RAISE, SP_HOLD, SP_LOWER, SP_SETTLE, -1},
     {SP_BRACE, SP_UP, SP_HOLD, SP_DOWN, SP_SETTLE, -1},
 };
-
-/* ---- planar poses ---- */
-
-/* This pose, then `next` seen from it. */
-static sp_planar then(sp_planar pose, sp_planar next)
-{
-    double c = cos(pose.yaw), s = sin(pose.yaw);
-    sp_planar sum = {pose.x + c * next.x - s * next.y, pose.y + s * next.x + c * next.y, pose.yaw + next.yaw};
-    return sum;
-}
-
-static sp_planar inverse(sp_planar pose)
-{
-    double c = cos(pose.yaw), s = sin(pose.yaw);
-    sp_planar back = {-c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw};
-    return back;
-}
-
-/* The pose after a share of the arc of constant curvature that leads to this pose. */
-static sp_planar arc(sp_planar pose, double share)
-{
-    if (fabs(pose.yaw) < 1e-9) {
-        sp_planar part = {share * pose.x, share * pose.y, share * pose.yaw};
-        return part;
-    }
-    double half = 0.5 * pose.yaw, k = half / tan(half);
-    double vx = k * pose.x + half * pose.y, vy = -half * pose.x + k * pose.y, a = share * pose.yaw;
-    double s = sin(a) / pose.yaw, c = (1.0 - cos(a)) / pose.yaw;
-    sp_planar part = {s * vx - c * vy, c * vx + s * vy, a};
-    return part;
-}
-
-/* Points (4, 3) seen from this pose, seen from the origin, `dz` higher. */
-static void move_points(sp_planar pose, const double *points, double dz, double *moved)
-{
-    double c = cos(pose.yaw), s = sin(pose.yaw);
-    for (int i = 0; i < SP_LEGS; i++) {
-        double x = points[3 * i], y = points[3 * i + 1];
-        moved[3 * i] = c * x - s * y + pose.x;
-        moved[3 * i + 1] = s * x + c * y + pose.y;
-        moved[3 * i + 2] = points[3 * i + 2] + dz;
-    }
-}
-
-static sp_planar planar_pose(const double *position_w, const double *R)
-{
-    sp_planar pose = {position_w[0], position_w[1], atan2(R[3], R[0])};
-    return pose;
-}
-
-static double length(double x, double y) { return sqrt(x * x + y * y); }
-
-static double wrapped(double angle) { return remainder(angle, SP_TWO_PI); }
-
-/* ---- legs ---- */
-
-static double azimuth(int leg) { return SP_PI / 4.0 + leg * SP_HALF_PI; }
-
-/* Joint angles that put the feet there, knees up, outer yaw 0; 0 out of reach. */
-int sp_leg_angles(const double *feet_b, double *q)
-{
-    double found[SP_JOINTS];
-    sp_zero(found, SP_JOINTS);
-    for (int leg = 0; leg < SP_LEGS; leg++) {
-        double a = azimuth(leg), dx = feet_b[3 * leg] - SP_YAW_AXIS_RADIUS * cos(a);
-        double dy = feet_b[3 * leg + 1] - SP_YAW_AXIS_RADIUS * sin(a), yaw = wrapped(atan2(dy, dx) - a);
-        double out = sqrt(dx * dx + dy * dy) - SP_YAW_TO_PITCH, down = SP_YAW_AXIS_Z - feet_b[3 * leg + 2];
-        double cosine = (out * out + down * down - UPPER * UPPER - LOWER * LOWER) / (2.0 * UPPER * LOWER);
-        if (!(cosine >= -1.0 && cosine <= 1.0)) return 0;
-        double outer = acos(cosine);
-        double inner = atan2(down, out) - atan2(LOWER * sin(outer), UPPER + LOWER * cosine);
-        if (sp_max(sp_max(fabs(yaw), fabs(inner)), fabs(outer)) > SP_JOINT_LIMIT) return 0;
-        found[4 * leg] = yaw, found[4 * leg + 1] = inner, found[4 * leg + 3] = outer;
-    }
-    sp_copy(q, found, SP_JOINTS);
-    return 1;
-}
-
-/* Centres of the feet, outer yaw joints included. */
-void sp_feet_at(const double *q, double *feet_b)
-{
-    for (int leg = 0; leg < SP_LEGS; leg++) {
-        double yaw = q[4 * leg], inner = q[4 * leg + 1], twist = q[4 * leg + 2], outer = q[4 * leg + 3];
-        double a = azimuth(leg), reach = SP_YAW_TO_PITCH + SP_PITCH_TO_FOOT * cos(outer);
-        double x = SP_PITCH_TO_YAW + reach * cos(twist), y = reach * sin(twist), z = -SP_PITCH_TO_FOOT * sin(outer);
-        double out = SP_YAW_TO_PITCH + x * cos(inner) + z * sin(inner), down = -x * sin(inner) + z * cos(inner);
-        double c = cos(a + yaw), s = sin(a + yaw);
-        feet_b[3 * leg] = SP_YAW_AXIS_RADIUS * cos(a) + out * c - y * s;
-        feet_b[3 * leg + 1] = SP_YAW_AXIS_RADIUS * sin(a) + out * s + y * c;
-        feet_b[3 * leg + 2] = SP_YAW_AXIS_Z + down;
-    }
-}
-
-/* Where the feet stand under a torso on its pegs. */
-void sp_home(const sp_gait_config *c, double *home_b)
-{
-    double reach = SP_YAW_AXIS_RADIUS + SP_YAW_TO_PITCH + UPPER * cos(c->inner) + LOWER * cos(c->inner + c->outer);
-    for (int leg = 0; leg < SP_LEGS; leg++) {
-        home_b[3 * leg] = reach * cos(azimuth(leg));
-        home_b[3 * leg + 1] = reach * sin(azimuth(leg));
-        home_b[3 * leg + 2] = -SP_PEG_DEPTH + SP_FOOT_RADIUS;
-    }
-}
-
-/* Joint angles of the robot at rest. */
-int sp_lying_pose(const sp_gait_config *config, double *q)
-{
-    double home[3 * SP_LEGS];
-    sp_home(config, home);
-    return sp_leg_angles(home, q);
-}
-
-static int centred(const sp_gait_config *c) { return c->stride == SP_GAIT_CONFIG_STRIDE_CENTRED; }
-
-/* Whether one cycle can go this way: every foot in reach at start and end, torso down and lifted. */
-int sp_stride_fits(const sp_gait_config *c, const double *home_b, sp_planar way, double lift_height)
-{
-    sp_planar zero = {0.0, 0.0, 0.0}, ends[2] = {way, zero};
-    double heights[2] = {-c->press, lift_height}, feet[3 * SP_LEGS], q[SP_JOINTS];
-    if (centred(c)) ends[0] = arc(way, 0.5), ends[1] = arc(way, -0.5);
-    for (int e = 0; e < 2; e++)
-        for (int h = 0; h < 2; h++) {
-            move_points(ends[e], home_b, -heights[h], feet);
-            if (!sp_leg_angles(feet, q)) return 0;
-        }
-    return 1;
-}
-
-/* Largest share of `way` that one cycle can go by the legs' reach, up to 20. */
-static double largest_stride(const sp_crawl *crawl, sp_planar way)
-{
-    const sp_gait_config *c = &crawl->config.gait;
-    double low = 0.0, high = 1.0;
-    while (high < 20.0 && sp_stride_fits(c, crawl->home_b, arc(way, high), c->lift_height)) low = high, high *= 2.0;
-    for (int i = 0; i < 24; i++) {
-        double middle = 0.5 * (low + high);
-        if (sp_stride_fits(c, crawl->home_b, arc(way, middle), c->lift_height)) low = middle;
-        else high = middle;
-    }
-    return low;
-}
 
 /* ---- commands ---- */
 
@@ -180,7 +35,7 @@ int sp_gait_move(sp_crawl *crawl, sp_planar way, int cycles)
     sp_gait_memory *m = &crawl->gait;
     double numbers[3] = {way.x, way.y, way.yaw};
     if (!sp_finite(numbers, 3) || cycles < 0) return 0;
-    double share = largest_stride(crawl, way), distance = length(way.x, way.y);
+    double share = sp_largest_stride(crawl, way), distance = length(way.x, way.y);
     if (share <= 0.0) return 0;
     if (cycles == 0) {
         const sp_gait_config *c = &crawl->config.gait;

@@ -304,12 +304,15 @@ void sp_perceive(const sp_robot_state *state, const sp_reference *reference, sp_
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_percept *percept, sp_command *command);
 
-/* gait.c */
+/* legs.c */
 int sp_leg_angles(const double *feet_b, double *q);
 void sp_feet_at(const double *q, double *feet_b);
 void sp_home(const sp_gait_config *config, double *home_b);
 int sp_lying_pose(const sp_gait_config *config, double *q);
 int sp_stride_fits(const sp_gait_config *config, const double *home_b, sp_planar way, double lift_height);
+double sp_largest_stride(const sp_crawl *crawl, sp_planar way); /* as a share of the way */
+
+/* gait.c */
 void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q);
 int sp_gait_move(sp_crawl *crawl, sp_planar way, int cycles);
 int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seconds);

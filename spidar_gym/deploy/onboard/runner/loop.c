@@ -1,7 +1,6 @@
 /* The stages: wait, drive, hold for at most 100 ms, force the landing, silence. */
 #include "loop.h"
-#include "spidar_math.h"
-#include "spidar_model.h"
+#include "ground.h"
 
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
 #define TRIM_SECONDS 0.5
@@ -93,15 +92,12 @@ static void take_over(sp_loop *l, const sp_loop_input *input)
     double yaw = atan2(R[3], R[0]);
     if (l->mission.crawls) {
         sp_crawl_reset(&l->crawl, x);
-        l->goal[0] = x->position_w[0], l->goal[1] = x->position_w[1], l->goal[2] = yaw;
+        sp_planar goal = planar_pose(x->position_w, R);
         for (int k = 0; k < l->mission.move_count; k++) {
-            sp_planar way = l->mission.moves[k].way;
-            double c = cos(l->goal[2]), s = sin(l->goal[2]);
-            sp_gait_move(&l->crawl, way, l->mission.moves[k].cycles);
-            l->goal[0] += c * way.x - s * way.y;
-            l->goal[1] += s * way.x + c * way.y;
-            l->goal[2] += way.yaw;
+            sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles);
+            goal = then(goal, l->mission.moves[k].way);
         }
+        l->goal[0] = goal.x, l->goal[1] = goal.y, l->goal[2] = goal.yaw;
         return;
     }
     sp_reference *r = &l->reference;
