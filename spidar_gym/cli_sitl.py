@@ -10,6 +10,9 @@ from tqdm import tqdm
 from spidar_gym import viz
 from spidar_gym.cli_paper import CrawlPresetArg, PresetArg
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.planar import Planar
+from spidar_gym.crawl_experiment import CRAWL_DISTANCE
+from spidar_gym.envs.crawl_task import CrawlTask
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.sitl import report
@@ -82,27 +85,31 @@ def crawl(
     link: LinkArg = "ros",
     preset: CrawlPresetArg = "published",
     odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    distance: float = CRAWL_DISTANCE,
     seed: int = 0,
     out: Path = Path("out/sitl-crawl"),
     json: tyro.conf.FlagCreatePairsOff[bool] = False,
 ) -> None:
-    """Arm, let the runner crawl the paper's 0.6 m, disarm; print its figures.
+    """Arm, let the runner crawl the paper's 0.6 m or another way, disarm; print its figures.
 
     Args:
         link: ros: through ROS 1 on the loopback in real time (40 s); socket: in lock-step, faster and without ROS.
         preset: Crawler of the runner.
         odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        distance: How far, straight ahead [m].
         seed: Of the robot's noise and asymmetry.
         out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
         json: Print one JSON object on stdout and nothing else there.
     """
     require_name("preset", preset, CRAWL_PRESETS)
-    _play(crawl_mission(preset, odometry=odometry), link, seed, out, json)
+    CrawlTask(distance=distance)  # refuses what cannot be crawled
+    _play(crawl_mission(preset, Planar(distance), odometry=odometry), link, seed, out, json)
 
 
 @sitl_app.command
 def faults(
     link: LinkArg = "ros",
+    only: tuple[str, ...] = (),
     seed: int = 0,
     out: Path = Path("out/sitl-faults"),
     json: tyro.conf.FlagCreatePairsOff[bool] = False,
@@ -111,6 +118,7 @@ def faults(
 
     Args:
         link: ros: in real time (20 s a fault); socket: in lock-step, without the fault of ROS itself.
+        only: Names of the faults; all that the link allows if none is given.
         seed: Of the robot's noise and of what is drawn.
         out: Folder for faults.json.
         json: Print one JSON object on stdout and nothing else there.
@@ -118,8 +126,11 @@ def faults(
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
     folder = output_folder(out)
-    with tqdm(total=len(faults_of(link)), unit="fault", desc=f"faults over {link}", file=sys.__stderr__) as bar:
-        rows = play_faults(link, seed=seed, on_fault=bar.update)
+    names = only or faults_of(link)
+    for name in names:
+        require_name(f"fault over {link}", name, faults_of(link))
+    with tqdm(total=len(names), unit="fault", desc=f"faults over {link}", file=sys.__stderr__) as bar:
+        rows = play_faults(link, names, seed=seed, on_fault=bar.update)
     text = json_text({"faults": rows})
     write_text(folder / "faults.json", text)
     print(text if json else report.fault_table(rows))

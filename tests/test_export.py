@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from needs import marked
 
 from spidar_gym.cli import main
 from spidar_gym.control.structs import interface_hash
@@ -19,6 +20,7 @@ from spidar_gym.errors import SpidarError
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
 LOGS = ("flight", "crawl")
 ARM, QEMU = "aarch64-linux-gnu-gcc", "qemu-aarch64"
+cross = marked("cross")
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +86,7 @@ def test_without_optimisation_it_gives_the_same_bytes(folder, runner, log, tmp_p
     assert replayed(plain, source, tmp_path / "a") == replayed(runner, source, tmp_path / "b")
 
 
-@pytest.mark.cross
-@pytest.mark.skipif(not (shutil.which(ARM) and shutil.which(QEMU)), reason=f"needs {ARM} and {QEMU} (Debian)")
+@cross
 def test_on_the_robots_processor_it_gives_the_same_bytes(folder, tmp_path):
     here = compile_runner(folder, tmp_path / "here", "-static")
     there = [QEMU, *compile_runner(folder, tmp_path / "there", "-static", cc=ARM)]
@@ -194,7 +195,7 @@ def test_an_export_that_fails_leaves_the_old_one(folder, monkeypatch):
         place.mkdir()
         raise OSError("disk full")
 
-    monkeypatch.setattr(exporting, "_write", broken)
+    monkeypatch.setattr(exporting, "write_files", broken)
     with pytest.raises(OSError, match="disk full"):
         export(folder)
     assert (folder / "MANIFEST.json").read_bytes() == before

@@ -362,18 +362,19 @@ def test_what_goes_stale_or_drifts_away_lands(driving, spoil, fault, seconds):
 def test_a_short_fault_is_survived_and_forgotten(driving, spoil, fault, ticks):
     loop, inputs = driving
     loop = loop.copy()
-    for start in (0, 6):  # the second has as long a hold as the first
+    second = 2 * ticks + 2
+    for start in (0, second):  # after as many good ticks the second has as long a hold as the first
         inputs = inputs.copy()
         for k in range(ticks):
             spoil(inputs[start + k], k)
     out = loop.run(inputs[:30])
-    bad = [k for k in range(30) if k < ticks or 6 <= k < 6 + ticks]
+    bad = [k for k in range(30) if k < ticks or second <= k < second + ticks]
     assert np.flatnonzero(out["stage"] == HOLDING).tolist() == bad
     assert (np.delete(out["stage"], bad) == DRIVING).all()
     assert set(out["fault"][bad].tolist()) == {fault}
     assert (np.delete(out["fault"], bad) == FINE).all()
     assert (out["action"] == PUBLISH).all()
-    commands = out["command"]["thrust"][12:]
+    commands = out["command"]["thrust"][second + ticks :]
     assert (np.abs(np.diff(commands, axis=0)).max(1) > 0.0).all(), "it goes on"
 
 
@@ -383,9 +384,22 @@ def test_ticks_that_come_late_are_faults(driving):
     out = one.run(np.delete(inputs, slice(10, 14))[:30])  # 125 ms
     assert np.flatnonzero(out["stage"] == HOLDING).tolist() == [10]
     assert out["fault"][10] == LATE
+    # Old commands are in force between late ticks: two of them are 150 ms.
     many = loop.copy()
-    before = many(inputs[0])
-    check_landing(many.run(inputs[5::5][:16]), before["command"], LATE)
+    many(inputs[0])
+    out = many.run(inputs[5::5][:16])
+    assert out["stage"][:2].tolist() == [HOLDING, LANDING]
+    assert out["fault"][0] == LATE
+    assert out["stage"][-1] == RELEASED
+
+
+def test_a_fault_that_comes_and_goes_ends_in_the_landing_too(driving):
+    loop, inputs = driving
+    loop, inputs = loop.copy(), inputs[:60].copy()
+    inputs["measurement"]["joint_position"][np.arange(60) % 3 < 2, 0] = np.nan
+    out = loop.run(inputs)
+    assert (out["stage"] == LANDING).any()
+    assert out["stage"][-1] == RELEASED
 
 
 @pytest.mark.parametrize(("field", "value"), [("joint_position", np.nan), ("vectoring", 1e4), ("joint_position", 7.0)])
@@ -683,9 +697,9 @@ REFUSED = {
     "crawl robust\nmove 0.1 0 0 -1": "move X Y [m] YAW [rad] CYCLES",
     "crawl robust\nmove inf 0 0 1": "move X Y [m] YAW [rad] CYCLES",
     "crawl robust\nmove 0.1 0 0 1e9": "move X Y [m] YAW [rad] CYCLES",
-    f"crawl robust\nform 0 {ZEROS}": "forms for a flight, moves for a crawl",
-    "crawl robust\nunrestricted 1 2": "forms for a flight, moves for a crawl",
-    "flight paper\nmove 0.1 0 0 1": "forms for a flight, moves for a crawl",
+    f"crawl robust\nform 0 {ZEROS}": "form, unrestricted, end for a flight; move for a crawl",
+    "crawl robust\nunrestricted 1 2": "form, unrestricted, end for a flight; move for a crawl",
+    "flight paper\nmove 0.1 0 0 1": "form, unrestricted, end for a flight; move for a crawl",
     "flight paper\nestimate": "line 2; valid: estimate mocap, or estimate odometry",
     "flight paper\nestimate gps": "estimate mocap, or estimate odometry",
     "flight paper\nresidual yes": "residual on, or residual off",
@@ -981,7 +995,7 @@ def test_what_cannot_be_read_written_or_reached_is_refused_in_one_line(runner, t
     mission, sim = tmp_path / "mission", ("sim", "127.0.0.1:1")
     mission.write_text("flight paper\n")
     for words, expected in (
-        ((*sim, tmp_path / "none"), f"{tmp_path / 'none'}: no mission; valid: a text file, see README.md"),
+        ((*sim, tmp_path / "none"), f"{tmp_path / 'none'}: no mission; valid: a text file of at most 65535 characters, see README.md"),
         ((*sim, tmp_path), "valid: "),
         ((*sim, mission, "--log", tmp_path / "no" / "log"), f"{tmp_path / 'no' / 'log'}: cannot be written; valid: "),
         ((*sim, mission, "--log", tmp_path), f"{tmp_path}: cannot be written; valid: "),

@@ -124,7 +124,7 @@ class RosLink:
         self._ask("kill")
 
     def prefer(self, niceness: int) -> None:
-        """Set the priority of the node (`PermissionError` where that is not allowed)."""
+        """Set the node's priority (`PermissionError` where not allowed)."""
         os.setpriority(os.PRIO_PROCESS, self._node.pid, niceness)
 
     def environment(self) -> dict[str, str]:

@@ -175,7 +175,8 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     """What a fault led to.
 
     `reaction` is what was specified for it, `as_specified` whether that is what happened: who landed the robot, or that
-    nobody did; that a hold lasted 100 ms at most; that no command was out of bounds.
+    nobody did; that a hold lasted 100 ms at most; that no command was out of bounds; that nothing was published after
+    the landing was commanded.
     """
     end = run.fault_at + AFTER_FAULT if run.landing_at == math.inf else math.inf
     after = [row for row in run.rows if run.fault_at <= row.time <= end]
@@ -187,6 +188,9 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
         and joints.max() <= ROBOT.joint_limit + 1e-6
     )  # fmt: skip
+    actions = log.outputs["action"]
+    landing = np.flatnonzero(actions == 2)
+    silent = not len(landing) or bool((actions[landing[0] :] != 1).all() and actions[-1] == 0)
     if run.board == "commanded":
         happened = "lands"
     elif run.board:
@@ -212,7 +216,8 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         "touchdown_speed_m_s": None if touch is None else float(-fall[max(touch - 1, 0)].state.velocity_w[2]),
         "largest_thrust_n": float(thrust.max()) if len(thrust) else 0.0,
         "bounded": bounded,
-        "as_specified": happened == specified.reaction and bounded and held <= 0.1 + 1e-9,
+        "silent_after_landing": silent,
+        "as_specified": happened == specified.reaction and bounded and silent and held <= 0.1 + 1e-9,
     }
 
 

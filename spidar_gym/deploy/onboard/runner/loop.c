@@ -2,6 +2,8 @@
 #include "loop.h"
 #include "ground.h"
 
+#define PERIOD 0.025   /* of the ticks [s] */
+#define AHEAD 0.05     /* a stamp may be so far in the future [s] */
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
 #define TRIM_SECONDS 0.5
 #define NO_NEXT_FORM 60.0 /* as in the environment [s] */
@@ -58,9 +60,18 @@ static sp_fault watch(const sp_loop *l, double now)
     return l->has_last && now - l->last > limits->gap ? SP_LATE : SP_FINE;
 }
 
+/* Whether rotors can do that. */
+static int can(const double *thrust)
+{
+    for (int i = 0; i < SP_ROTORS; i++)
+        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_MAX_THRUST + 1e-6)) return 0;
+    return 1;
+}
+
 /* What hovering takes besides the weight, from what the robot's own stack tells the rotors: our integrals' start. */
 static void learn_trim(sp_loop *l, const sp_loop_input *input)
 {
+    if (!can(input->thrust)) return;
     sp_snapshot snapshot;
     double R[9], Q[6 * SP_FORCES], forces[SP_FORCES], rate = (input->time - l->last) / TRIM_SECONDS;
     const sp_robot_state *x = &l->sense.state;
@@ -77,14 +88,14 @@ static void learn_trim(sp_loop *l, const sp_loop_input *input)
     l->has_trim = 1;
 }
 
-/* Become the one who drives. */
-static void take_over(sp_loop *l, const sp_loop_input *input)
+/* Become the one who drives; 0 where the mission cannot begin here. */
+static int take_over(sp_loop *l, const sp_loop_input *input)
 {
     const sp_robot_state *x = &l->sense.state;
     l->stage = SP_DRIVING;
     l->taken_over = input->time;
     memset(&l->command, 0, sizeof l->command);
-    sp_give(input->thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
+    sp_give(can(input->thrust) ? input->thrust : l->command.thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
     sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
     double R[9], lever[3];
@@ -94,11 +105,11 @@ static void take_over(sp_loop *l, const sp_loop_input *input)
         sp_crawl_reset(&l->crawl, x);
         sp_planar goal = planar_pose(x->position_w, R);
         for (int k = 0; k < l->mission.move_count; k++) {
-            sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles);
+            if (!sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
             goal = then(goal, l->mission.moves[k].way);
         }
         l->goal[0] = goal.x, l->goal[1] = goal.y, l->goal[2] = goal.yaw;
-        return;
+        return 1;
     }
     sp_reference *r = &l->reference;
     sp_tree(x->joint_position, R, x->vectoring, &snapshot);
@@ -109,6 +120,7 @@ static void take_over(sp_loop *l, const sp_loop_input *input)
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
     sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
     sp_flight_reset(&l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
+    return 1;
 }
 
 /* What the mission asks at a time. */
@@ -127,8 +139,7 @@ static void refer(sp_loop *l, double t)
 /* Whether a command may leave. */
 static int bounded(const sp_command *c)
 {
-    for (int i = 0; i < SP_ROTORS; i++)
-        if (!(c->thrust[i] >= -1e-9 && c->thrust[i] <= SP_MAX_THRUST + 1e-6)) return 0;
+    if (!can(c->thrust)) return 0;
     for (int j = 0; j < SP_JOINTS; j++)
         if (!(fabs(c->joint_position[j]) <= SP_JOINT_LIMIT + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
     return 1;
@@ -182,19 +193,37 @@ static sp_fault drive(sp_loop *l, const sp_loop_input *input)
     return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
 }
 
+/* Old commands may be in force for 100 ms; good ticks give back as much as they last, so that a fault which comes and goes
+ * ends in the landing too. */
+static void hold(sp_loop *l, double time, sp_fault fault)
+{
+    double since = l->has_last ? sp_clip(time - l->last, 0.0, 1.0) : PERIOD;
+    if (fault == SP_FINE) l->held = sp_max(0.0, l->held - sp_min(since, PERIOD));
+    else l->held += l->stage == SP_HOLDING ? sp_max(since, PERIOD) : PERIOD;
+    l->stage = fault == SP_FINE ? SP_DRIVING : SP_HOLDING;
+    l->fault = fault;
+    if (fault != SP_FINE && l->held > l->mission.limits.hold_ticks * PERIOD + 0.5 * PERIOD) l->stage = SP_LANDING;
+}
+
 /* From one stage to the next. */
 static void advance(sp_loop *l, const sp_loop_input *input, sp_fault fault)
 {
     const sp_limits *limits = &l->mission.limits;
     int wanted = input->flight_state == (l->mission.crawls ? SP_ARM_ON : SP_HOVER);
     double age = input->time - input->flight_state_time;
-    if (fault == SP_FINE && !(age <= limits->state_age)) fault = SP_NO_STATE;
+    if (fault == SP_FINE && !(age <= limits->state_age && age >= -AHEAD)) fault = SP_NO_STATE;
     if (l->stage == SP_WAITING) {
-        if (fault != SP_FINE || !wanted || !l->sense.started) l->good_since = input->time;
-        else if (!l->mission.crawls && input->has_thrust) learn_trim(l, input);
         l->fault = fault;
-        if (input->time - l->good_since < limits->settle - 1e-9) return;
-        take_over(l, input);
+        if (fault != SP_FINE || !wanted || !l->sense.started || !l->has_last) {
+            l->good_since = input->time;
+            return;
+        }
+        if (!l->mission.crawls && input->has_thrust) learn_trim(l, input);
+        if (!(input->time - l->good_since >= limits->settle - 1e-9)) return;
+        if (!take_over(l, input)) {
+            l->fault = SP_BAD_COMMAND;
+            l->stage = SP_RELEASED;
+        }
     }
     if (l->stage == SP_DRIVING || l->stage == SP_HOLDING) {
         if (!wanted) { /* the robot's own stack, or the operator, has taken it back */
@@ -203,10 +232,7 @@ static void advance(sp_loop *l, const sp_loop_input *input, sp_fault fault)
         }
         if (fault == SP_FINE && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
         if (fault == SP_FINE) fault = drive(l, input);
-        l->held = fault == SP_FINE ? 0 : l->held + 1;
-        l->stage = fault == SP_FINE ? SP_DRIVING : SP_HOLDING;
-        l->fault = fault;
-        if (l->held > limits->hold_ticks) l->stage = SP_LANDING;
+        hold(l, input->time, fault);
     }
     if (l->stage == SP_LANDING && ++l->landing > limits->landing_ticks) l->stage = SP_RELEASED;
 }

@@ -79,8 +79,9 @@ typedef struct {
     sp_command command;
     sp_loop_output answer; /* the last one */
     double last, good_since, taken_over; /* [s] */
+    double held;                         /* how long old commands have been in force [s] */
     double trim[6];                      /* what the robot's own stack adds to the weight to hover [N, Nm] */
-    int32_t has_last, stage, fault, held, landing, has_trim, finished;
+    int32_t has_last, stage, fault, landing, has_trim, finished;
 } sp_loop;
 
 /* sense.c: check the samples, estimate the state; what is wrong. */

@@ -11,6 +11,7 @@
 #include "spidar_presets.h"
 
 #define WORDS 24
+#define MAX_SPEED 1.62 /* of a joint without load [rad/s] [ROBOTIS] */
 
 typedef struct {
     const char *name;
@@ -125,13 +126,14 @@ static const char *read_limit(sp_mission *m, char **words, int count)
     else if (strcmp(name, "end") == 0) m->end = v[0];
     else m->controller.joint_speed = m->crawler.joint_speed = v[0];
     if (!(v[0] > 0.0)) return "a number above 0";
+    if (strcmp(name, "speed") == 0 && v[0] > MAX_SPEED) return "speed within 0 … 1.62 rad/s, what the servos can do";
     return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: from there the flight controller lands by itself";
 }
 
 static const char *read_window(sp_mission *m, char **words, int count)
 {
     double v[2];
-    if (!numbers(words, count, 2, v) || !(v[0] < v[1])) return "unrestricted START END [s]";
+    if (!numbers(words, count, 2, v) || !(v[0] >= 0.0 && v[0] < v[1])) return "unrestricted START END [s]";
     if (m->window_count == SP_MAX_WINDOWS) return "at most 8 windows";
     m->windows[m->window_count].start = v[0];
     m->windows[m->window_count++].end = v[1];
@@ -180,7 +182,9 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
             memcpy(line, text, length);
             line[length] = 0;
             size_t skip = strspn(line, " \t");
-            int kind = strncmp(line + skip, "flight ", 7) == 0 || strncmp(line + skip, "crawl ", 6) == 0;
+            size_t word = strcspn(line + skip, " \t\r#");
+            int kind = (word == 6 && strncmp(line + skip, "flight", 6) == 0) ||
+                       (word == 5 && strncmp(line + skip, "crawl", 5) == 0);
             valid = read_line(m, line);
             kinds += kind;
             if (valid == NULL && kinds == 0 && line[skip] != 0) valid = "flight PRESET or crawl PRESET first";
@@ -189,8 +193,8 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
         text += length + (text[length] != 0);
     }
     if (valid == NULL && kinds == 0) valid = "flight PRESET or crawl PRESET first";
-    if (valid == NULL && (m->crawls ? m->form_count + m->window_count > 0 : m->move_count > 0))
-        valid = "forms for a flight, moves for a crawl";
+    if (valid == NULL && (m->crawls ? m->form_count + m->window_count > 0 || m->end > 0.0 : m->move_count > 0))
+        valid = "form, unrestricted, end for a flight; move for a crawl";
     if (valid == NULL) return 1;
     snprintf(reason, size, "mission, line %d; valid: %s", number_of_line, valid);
     return 0;

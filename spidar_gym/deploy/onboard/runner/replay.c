@@ -28,8 +28,10 @@ static int replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, 
         return 3;
     if (sp_loop_init(&loop, &mission) != NULL) return 4;
     if (fwrite(head, sizeof *head, 1, out) != 1 || fwrite(&mission, sizeof mission, 1, out) != 1) return 5;
-    while (READ(input)) {
-        if (!READ(was) || !READ(clock)) return 3;
+    for (;;) {
+        size_t got = fread(&input, 1, sizeof input, in);
+        if (got == 0) break;
+        if (got < sizeof input || !READ(was) || !READ(clock)) return 3;
         if (input.measurement.pose_count < 0 || input.measurement.pose_count > 4 || input.measurement.imu_count < 0 ||
             input.measurement.imu_count > 8)
             return 3;

@@ -9,6 +9,8 @@
 #include "log.h"
 #include "spidar_model.h"
 
+#define MOST 65535 /* characters of a mission */
+
 static double now(void)
 {
     struct timespec t;
@@ -26,9 +28,13 @@ static int refuse(const char *what, const char *why)
 static char *read_text(const char *path)
 {
     FILE *in = fopen(path, "rb");
-    char *text = in == NULL ? NULL : calloc(1, 65536);
-    if (text != NULL && fread(text, 1, 65535, in) == 0) text[0] = 0;
+    char *text = in == NULL ? NULL : calloc(1, MOST + 2);
+    size_t size = text == NULL ? 0 : fread(text, 1, MOST + 1, in);
     if (in != NULL) fclose(in);
+    if (text != NULL && (size > MOST || strlen(text) != size)) { /* a part of a mission is another mission */
+        free(text);
+        return NULL;
+    }
     return text;
 }
 
@@ -38,7 +44,7 @@ int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
     char reason[256];
     char *text = read_text(mission);
     memset(run, 0, sizeof *run);
-    if (text == NULL) return refuse(mission, ": no mission; valid: a text file, see README.md");
+    if (text == NULL) return refuse(mission, ": no mission; valid: a text file of at most 65535 characters, see README.md");
     int whole = sp_read_mission(text, &read, reason, sizeof reason);
     free(text);
     if (!whole) return refuse("", reason);
@@ -46,15 +52,23 @@ int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
     const char *why = sp_loop_init(&run->loop, &read);
     if (why != NULL) return refuse("", why);
     if (log == NULL) return 1;
+    run->log = fopen(log, "ab"); /* a run that is refused leaves an older log as it is */
+    run->path = log;
+    return run->log != NULL ? 1 : refuse(log, ": cannot be written; valid: a path in a writable folder");
+}
+
+/* Begin the log, with the mission that the loop has. */
+static int begin(sp_run *run)
+{
     sp_log_head head;
     memset(&head, 0, sizeof head);
     memcpy(head.magic, SP_LOG_MAGIC, sizeof head.magic);
     memcpy(head.interface, SP_INTERFACE, sizeof head.interface);
     head.kind = SP_LOG_RUN;
-    run->log = fopen(log, "wb");
-    if (run->log == NULL || fwrite(&head, sizeof head, 1, run->log) != 1 || fwrite(&read, sizeof read, 1, run->log) != 1)
-        return refuse(log, ": cannot be written; valid: a path in a writable folder");
-    return 1;
+    fclose(run->log);
+    run->log = fopen(run->path, "wb");
+    return run->log != NULL && fwrite(&head, sizeof head, 1, run->log) == 1 &&
+           fwrite(&run->loop.mission, sizeof run->loop.mission, 1, run->log) == 1;
 }
 
 static void count(int32_t *bins, double microseconds, double *worst)
@@ -82,8 +96,10 @@ void sp_run_tick(sp_run *run, const sp_loop_input *input, sp_loop_output *output
     run->stage = output->stage;
     run->finished = output->finished;
     if (output->fault != SP_FINE) run->fault = output->fault;
+    int whole = run->log == NULL || run->ticks > 1 || begin(run);
+    run->lost |= !whole;
     if (run->log != NULL) { /* at once: a runner that is killed leaves whole ticks */
-        if (fwrite(input, sizeof *input, 1, run->log) != 1 || fwrite(output, sizeof *output, 1, run->log) != 1 ||
+        if (!whole || fwrite(input, sizeof *input, 1, run->log) != 1 || fwrite(output, sizeof *output, 1, run->log) != 1 ||
             fwrite(&clock, sizeof clock, 1, run->log) != 1 || fflush(run->log) != 0) {
             fprintf(stderr, "runner: the log cannot be written any more; driving goes on\n");
             fclose(run->log);

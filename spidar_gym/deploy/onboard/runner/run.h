@@ -12,6 +12,7 @@
 typedef struct {
     sp_loop loop;
     FILE *log; /* NULL where nobody wants one */
+    const char *path; /* … its */
     int32_t ticks, late, stage, fault, finished, lost; /* lost: the log ends before the run */
     double worst, worst_wait;      /* of a tick's computing, of a tick's start after its due time [us] */
     int32_t times[SP_BINS], waits[SP_BINS]; /* histograms, 10 us a bin */

@@ -3,6 +3,8 @@
 #include "spidar_math.h"
 #include "spidar_model.h"
 
+#define MAX_POSES ((int)(sizeof ((sp_measurement *)0)->pose_time / sizeof(double)))
+#define MAX_IMU ((int)(sizeof ((sp_measurement *)0)->imu_time / sizeof(double)))
 #define MAX_ANGLE 3.3      /* of a joint, as its encoder says [rad] */
 #define MAX_TURN 40.0      /* of a vectoring angle, ± 6π and some [rad] */
 #define MAX_POSITION 100.0 /* [m] */
@@ -47,11 +49,11 @@ static int jumps(const sp_sense *s, double time, const double *position, const d
     return s->has_pose && sqrt(way) > JUMP + JUMP_SPEED * (time - s->pose_time);
 }
 
-static void hear_poses(sp_sense *s, const sp_measurement *m, sp_measurement *clean, sp_fault *fault)
+static void hear_poses(sp_sense *s, const sp_measurement *m, double now, sp_measurement *clean, sp_fault *fault)
 {
-    for (int k = 0; k < m->pose_count; k++) {
+    for (int k = 0; k < m->pose_count && k < MAX_POSES; k++) {
         const double *p = m->pose_position_w + 3 * k, *q = m->pose_quat_wb + 4 * k;
-        sp_fault found = judge(m->pose_time[k], m->time, s->pose_time, p, 3, MAX_POSITION);
+        sp_fault found = judge(m->pose_time[k], now, s->pose_time, p, 3, MAX_POSITION);
         if (found == SP_FINE && !sp_finite(q, 4)) found = SP_NOT_FINITE;
         if (found == SP_FINE && !is_attitude(q)) found = SP_OUT_OF_RANGE;
         if (found == SP_FINE && jumps(s, m->pose_time[k], p, s->pose_position_w)) found = SP_JUMPED;
@@ -67,12 +69,12 @@ static void hear_poses(sp_sense *s, const sp_measurement *m, sp_measurement *cle
     }
 }
 
-static void hear_imu(sp_sense *s, const sp_measurement *m, sp_measurement *clean, sp_fault *fault)
+static void hear_imu(sp_sense *s, const sp_measurement *m, double now, sp_measurement *clean, sp_fault *fault)
 {
-    for (int k = 0; k < m->imu_count; k++) {
+    for (int k = 0; k < m->imu_count && k < MAX_IMU; k++) {
         const double *gyro = m->gyro_b + 3 * k, *force = m->specific_force_b + 3 * k;
-        sp_fault found = judge(m->imu_time[k], m->time, s->imu_time, gyro, 3, MAX_RATE);
-        if (found == SP_FINE) found = judge(m->imu_time[k], m->time, s->imu_time, force, 3, MAX_FORCE);
+        sp_fault found = judge(m->imu_time[k], now, s->imu_time, gyro, 3, MAX_RATE);
+        if (found == SP_FINE) found = judge(m->imu_time[k], now, s->imu_time, force, 3, MAX_FORCE);
         first_of(fault, found);
         if (found != SP_FINE) continue;
         int to = clean->imu_count++;
@@ -82,11 +84,11 @@ static void hear_imu(sp_sense *s, const sp_measurement *m, sp_measurement *clean
     }
 }
 
-static void hear_joints(sp_sense *s, const sp_measurement *m, sp_measurement *clean, sp_fault *fault)
+static void hear_joints(sp_sense *s, const sp_measurement *m, double now, sp_measurement *clean, sp_fault *fault)
 {
-    sp_fault found = judge(m->encoder_time, m->time, s->joint_time, m->joint_position, SP_JOINTS, MAX_ANGLE);
+    sp_fault found = judge(m->encoder_time, now, s->joint_time, m->joint_position, SP_JOINTS, MAX_ANGLE);
     if (found == SP_FINE)
-        found = judge(m->encoder_time, m->time, s->joint_time, m->vectoring, 2 * SP_ROTORS, MAX_TURN);
+        found = judge(m->encoder_time, now, s->joint_time, m->vectoring, 2 * SP_ROTORS, MAX_TURN);
     first_of(fault, found);
     if (found != SP_FINE) return;
     clean->encoder_time = s->joint_time = m->encoder_time;
@@ -107,6 +109,8 @@ static void hear_odometry(sp_sense *s, const sp_odometry *o, double now, sp_faul
     first_of(fault, found);
     if (found != SP_FINE) return;
     s->odometry = *o;
+    sp_copy(s->pose_position_w, o->position_w, 3);
+    sp_copy(s->pose_quat_wb, o->quat_wb, 4);
     s->pose_time = o->time;
     s->has_pose = 1;
 }
@@ -175,18 +179,19 @@ sp_fault sp_sense_update(sp_sense *s, const sp_mission *mission, const sp_loop_i
         sp_copy(clean.vectoring, s->state.vectoring, 2 * SP_ROTORS);
         sp_copy(clean.joint_torque, s->state.joint_torque, SP_JOINTS);
     }
-    if (m->encoder_time > 0.0 || !sp_finite(&m->encoder_time, 1)) hear_joints(s, m, &clean, &fault);
+    if (m->encoder_time > 0.0 || !sp_finite(&m->encoder_time, 1)) hear_joints(s, m, now, &clean, &fault);
     if (mission->odometry) {
         if (input->has_odometry) hear_odometry(s, &input->odometry, now, &fault);
     } else {
-        hear_poses(s, m, &clean, &fault);
-        hear_imu(s, m, &clean, &fault);
+        hear_poses(s, m, now, &clean, &fault);
+        hear_imu(s, m, now, &clean, &fault);
     }
     if (!s->started) {
         sp_copy(s->state.joint_position, clean.joint_position, SP_JOINTS);
         sp_copy(s->state.vectoring, clean.vectoring, 2 * SP_ROTORS);
         int heard = s->has_pose && s->joint_time > -HUGE_VAL && (mission->odometry || s->imu_time > -HUGE_VAL);
-        if (!heard) return fault != SP_FINE ? fault : s->has_pose ? SP_NO_JOINTS : SP_NO_POSE;
+        if (!heard)
+            return fault != SP_FINE ? fault : !s->has_pose ? SP_NO_POSE : s->joint_time > -HUGE_VAL ? SP_NO_IMU : SP_NO_JOINTS;
         start(s, now);
         s->started = 1;
     }

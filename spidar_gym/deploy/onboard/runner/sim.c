@@ -85,7 +85,7 @@ int sp_sim(const char *place, const char *mission, const char *log, int residual
         close(link);
         return refuse("the simulator speaks another interface; valid: one of this export");
     }
-    sp_robot robot = {.model = hello.model, .name_count = hello.name_count < SP_NAMES ? hello.name_count : SP_NAMES};
+    sp_robot robot = {.model = hello.model, .name_count = hello.name_count};
     hello.model[sizeof hello.model - 1] = 0;
     for (int k = 0; k < SP_NAMES; k++) {
         hello.names[k][sizeof hello.names[k] - 1] = 0;
