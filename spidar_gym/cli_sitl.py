@@ -9,8 +9,8 @@ from tqdm import tqdm
 
 from spidar_gym import viz
 from spidar_gym.cli_paper import CrawlPresetArg, PresetArg
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.control.planar import Planar
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.crawl_experiment import CRAWL_DISTANCE
 from spidar_gym.envs.crawl_task import CrawlTask
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_least, require_name

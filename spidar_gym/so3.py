@@ -14,7 +14,7 @@ def skew(v: Vector3) -> Matrix3:
 
 
 def cross(a: Vector3, b: Vector3) -> Vector3:
-    """a × b: the very numbers of `numpy.cross`, a twentieth of its time."""
+    """A × b: the very numbers of `numpy.cross`, a twentieth of its time."""
     a0, a1, a2 = a.tolist()
     b0, b1, b2 = b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

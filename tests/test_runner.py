@@ -995,7 +995,10 @@ def test_what_cannot_be_read_written_or_reached_is_refused_in_one_line(runner, t
     mission, sim = tmp_path / "mission", ("sim", "127.0.0.1:1")
     mission.write_text("flight paper\n")
     for words, expected in (
-        ((*sim, tmp_path / "none"), f"{tmp_path / 'none'}: no mission; valid: a text file of at most 65535 characters, see README.md"),
+        (
+            (*sim, tmp_path / "none"),
+            f"{tmp_path / 'none'}: no mission; valid: a text file of at most 65535 characters, see README.md",
+        ),
         ((*sim, tmp_path), "valid: "),
         ((*sim, mission, "--log", tmp_path / "no" / "log"), f"{tmp_path / 'no' / 'log'}: cannot be written; valid: "),
         ((*sim, mission, "--log", tmp_path), f"{tmp_path}: cannot be written; valid: "),

@@ -38,6 +38,20 @@ static char *read_text(const char *path)
     return text;
 }
 
+/* Begin the log, with the mission that the loop has. */
+static int begin(sp_run *run)
+{
+    sp_log_head head;
+    memset(&head, 0, sizeof head);
+    memcpy(head.magic, SP_LOG_MAGIC, sizeof head.magic);
+    memcpy(head.interface, SP_INTERFACE, sizeof head.interface);
+    head.kind = SP_LOG_RUN;
+    fclose(run->log);
+    run->log = fopen(run->path, "wb");
+    return run->log != NULL && fwrite(&head, sizeof head, 1, run->log) == 1 &&
+           fwrite(&run->loop.mission, sizeof run->loop.mission, 1, run->log) == 1 && fflush(run->log) == 0;
+}
+
 int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
 {
     static sp_mission read;
@@ -52,23 +66,12 @@ int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
     const char *why = sp_loop_init(&run->loop, &read);
     if (why != NULL) return refuse("", why);
     if (log == NULL) return 1;
-    run->log = fopen(log, "ab"); /* a run that is refused leaves an older log as it is */
+    run->log = fopen(log, "ab"); /* a run that is refused later leaves an older log as it is */
     run->path = log;
-    return run->log != NULL ? 1 : refuse(log, ": cannot be written; valid: a path in a writable folder");
-}
-
-/* Begin the log, with the mission that the loop has. */
-static int begin(sp_run *run)
-{
-    sp_log_head head;
-    memset(&head, 0, sizeof head);
-    memcpy(head.magic, SP_LOG_MAGIC, sizeof head.magic);
-    memcpy(head.interface, SP_INTERFACE, sizeof head.interface);
-    head.kind = SP_LOG_RUN;
-    fclose(run->log);
-    run->log = fopen(run->path, "wb");
-    return run->log != NULL && fwrite(&head, sizeof head, 1, run->log) == 1 &&
-           fwrite(&run->loop.mission, sizeof run->loop.mission, 1, run->log) == 1;
+    int empty = run->log != NULL && fseek(run->log, 0, SEEK_END) == 0 && ftell(run->log) <= 0;
+    if (run->log == NULL || (empty && !begin(run)))
+        return refuse(log, ": cannot be written; valid: a path in a writable folder");
+    return 1;
 }
 
 static void count(int32_t *bins, double microseconds, double *worst)
