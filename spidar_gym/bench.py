@@ -19,6 +19,7 @@ from gymnasium.utils.performance import benchmark_step
 import spidar_gym.envs.registry
 from spidar_gym.control.allocator import Allocator
 from spidar_gym.control.controller import Controller, ControllerConfig
+from spidar_gym.control.core import core_path
 from spidar_gym.control.modes import find_allocation
 from spidar_gym.control.qp import Demand, assemble
 from spidar_gym.control.solver import closed_form
@@ -37,8 +38,17 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "crawl_randomised": {"id": "spidar_gym/Crawl-v0", "preset": "robust", "randomization": 1.0, "sensors": True},
 }
 """Environments that are timed, by name."""
-PARTS = 8 + len(ENVIRONMENTS)
+PARTS = 9 + len(ENVIRONMENTS)
 """Parts of `run_bench`."""
+PAIRS: dict[str, dict[str, Any]] = {
+    "independent": {"forms": "independent"},
+    "narrow": {"forms": "narrow"},
+    "fast, tuned": {"forms": "independent", "preset": "tuned", "joint_speed": 1.0},
+    "crawl": {"id": "spidar_gym/Crawl-v0", "distance": 0.6, "direction": 0.0, "turn": 0.0},
+}
+"""Environments that both controllers are timed in, one after the other in the same run."""
+ROUNDS = 5
+"""… so often."""
 HARD_STATES = 400
 """How many hard states the solver is timed on."""
 
@@ -108,6 +118,8 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
         result[preset_name] = block
     on_step("hard states")
     result["hard_states"] = _hard()
+    on_step("compiled core")
+    result["core"] = _core(seconds) if core_path().is_file() else None
     for name, arguments in ENVIRONMENTS.items():
         on_step(f"environment, {name}")
         env = gymnasium.make(**{"id": "spidar_gym/Hover-v0", **arguments})
@@ -191,6 +203,40 @@ def _hard() -> dict[str, Any]:
     }
 
 
+def _rate(env: gymnasium.Env, ticks: int) -> float:
+    """Steps of an episode a second, reset and the first ticks left out."""
+    zero = np.zeros(env.action_space.shape or (), np.float32)
+    env.reset(seed=1)
+    env.step(zero)
+    start = time.perf_counter()
+    for _ in range(ticks):
+        env.step(zero)
+    return ticks / (time.perf_counter() - start)
+
+
+def _core(seconds: float) -> dict[str, Any]:
+    """The compiled core: a whole tick through Python, and environments with either controller, in turn."""
+    env: Any = gymnasium.make("spidar_gym/Hover-v0", control="core", **PAIRS["narrow"]).unwrapped
+    env.reset(seed=0)
+    seen, reference, controller = env.seen, env.reference(), env.controller
+    tick = measure(
+        lambda: controller.step(seen, reference, percept=controller.perceive(seen, reference)), seconds=seconds
+    )
+    env.close()
+    result: dict[str, Any] = {"tick_us": tick.__dict__}
+    for name, arguments in PAIRS.items():
+        pair = [
+            gymnasium.make(**{"id": "spidar_gym/Hover-v0", "control": control, **arguments})
+            for control in ("python", "core")
+        ]
+        rates = [[_rate(env, max(4, round(400 * seconds))) for env in pair] for _ in range(ROUNDS)]
+        python, core = np.median(np.array(rates), axis=0).tolist()
+        result[name] = {"python_steps_per_s": python, "core_steps_per_s": core, "ratio": core / python}
+        for env in pair:
+            env.close()
+    return result
+
+
 def _machine() -> dict[str, str]:
     packages = ("gymnasium", "mujoco", "numpy", "osqp", "pin")
     cpu = platform.processor() or platform.machine()
@@ -224,4 +270,13 @@ def bench_table(result: dict[str, Any]) -> str:
         f"the bare 10 × mj_step would allow {1e5 / step:.0f}; the air's share of a step (mixed forms): "
         f"{1.0 - result['env_steps_per_s_mixed'] / result['env_steps_per_s_mixed_without_wake']:.0%}",
     ]
+    core = result["core"]
+    if core is None:
+        lines.append("compiled core: not compiled here; `spidar export --build` does")
+    else:
+        pairs = (f"{name} {c['core_steps_per_s']:.0f} ({c['ratio']:.2f})" for name, c in core.items() if name in PAIRS)
+        lines.append(
+            f"compiled core: tick through Python {core['tick_us']['median']:.0f} ({core['tick_us']['p99']:.0f}) µs; "
+            f"steps/s, and times those of the readable controller in the same run: {', '.join(pairs)}"
+        )
     return "\n".join(lines)

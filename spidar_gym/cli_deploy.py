@@ -8,6 +8,7 @@ from spidar_gym.deploy.export import build as compile_core
 from spidar_gym.deploy.export import export
 from spidar_gym.deploy.policy import RATE
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_mission
 
 
 def export_(
@@ -19,7 +20,7 @@ def export_(
     """Export the controller as C that compiles with nothing installed, or compile it for control="core".
 
     Args:
-        out: Folder to write: core, solver, runner, recorded inputs with their answers, manifest of hashes.
+        out: Folder to write: core, solver, runner, missions, recorded inputs with their answers, manifest of hashes.
         build: Compile the core for this machine, where environments with control="core" find it.
         residual: Artifact of a learned policy that adds to the controller; it goes into the folder.
         residual_rate: Largest change of every entry of its action in a second [1/s]; from −1 to 1 it is 2.
@@ -29,6 +30,8 @@ def export_(
     if out is None and residual is not None:
         raise InvalidValueError("residual", str(residual), "--out FOLDER with it: environments bring their own policy")
     if out is not None:
-        print(f"{len(export(out, residual=residual, rate=residual_rate))} files in {out}")
+        plans = (flight_mission(), crawl_mission(), hover_mission())
+        missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
+        print(f"{len(export(out, residual=residual, rate=residual_rate, extra=missions))} files in {out}")
     if build:
         print(f"compiled: {compile_core()}")

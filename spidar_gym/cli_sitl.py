@@ -17,18 +17,19 @@ from spidar_gym.errors import MissingDependencyError, SpidarError, require_least
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.sitl import report
 from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission
-from spidar_gym.sitl.play import LINKS, faults_of, figures_of, play, play_faults, table_of
+from spidar_gym.sitl.play import LINKS, build_for, faults_of, figures_of, play, play_faults, table_of
 
 sitl_app = tyro.extras.SubcommandApp()
 LinkArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LINKS) + "}")]
 
 
-def _play(mission: Mission, link: str, seed: int, out: Path, json: bool) -> None:
+def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residual: Path | None) -> None:
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
     folder = output_folder(out)
+    runner = build_for(link, residual)
     with tqdm(unit="tick", desc=f"{mission.name} over {link}", file=sys.__stderr__) as bar:
-        played = play(mission, link, seed=seed, log=folder / "run.log", on_tick=bar.update)
+        played = play(mission, link, seed=seed, runner=runner, log=folder / "run.log", on_tick=bar.update)
     write_text(folder / "mission.txt", mission.text)
     for line in played.run.words:
         print(line, file=sys.__stderr__)
@@ -62,6 +63,7 @@ def flight(
     link: LinkArg = "ros",
     preset: PresetArg = "as_flown",
     odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    residual: Path | None = None,
     seed: int = 0,
     out: Path = Path("out/sitl-flight"),
     json: tyro.conf.FlagCreatePairsOff[bool] = False,
@@ -72,12 +74,14 @@ def flight(
         link: ros: through ROS 1 on the loopback in real time (70 s); socket: in lock-step, faster and without ROS.
         preset: Controller of the runner.
         odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        residual: Artifact of a learned policy that adds to the controller, compiled into the runner and switched on.
         seed: Of the robot's noise and asymmetry.
         out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
         json: Print one JSON object on stdout and nothing else there.
     """
     require_name("preset", preset, PRESETS)
-    _play(flight_mission(preset, odometry=odometry), link, seed, out, json)
+    mission = flight_mission(preset, odometry=odometry, residual=residual is not None)
+    _play(mission, link, seed, out, json, residual)
 
 
 @sitl_app.command
@@ -85,6 +89,7 @@ def crawl(
     link: LinkArg = "ros",
     preset: CrawlPresetArg = "published",
     odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    residual: Path | None = None,
     distance: float = CRAWL_DISTANCE,
     seed: int = 0,
     out: Path = Path("out/sitl-crawl"),
@@ -96,6 +101,7 @@ def crawl(
         link: ros: through ROS 1 on the loopback in real time (40 s); socket: in lock-step, faster and without ROS.
         preset: Crawler of the runner.
         odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        residual: Artifact of a learned policy that adds to the controller, compiled into the runner and switched on.
         distance: How far, straight ahead [m].
         seed: Of the robot's noise and asymmetry.
         out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
@@ -103,7 +109,8 @@ def crawl(
     """
     require_name("preset", preset, CRAWL_PRESETS)
     CrawlTask(distance=distance)  # refuses what cannot be crawled
-    _play(crawl_mission(preset, Planar(distance), odometry=odometry), link, seed, out, json)
+    mission = crawl_mission(preset, Planar(distance), odometry=odometry, residual=residual is not None)
+    _play(mission, link, seed, out, json, residual)
 
 
 @sitl_app.command

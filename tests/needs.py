@@ -7,10 +7,13 @@ from collections.abc import Callable
 import pytest
 
 PROGRAMS = {
-    "cross": (("aarch64-linux-gnu-gcc", "qemu-aarch64"), "apt-get install gcc-aarch64-linux-gnu qemu-user"),
+    "cross": (
+        ("aarch64-linux-gnu-gcc", "qemu-aarch64"),
+        "apt-get install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
+    ),
     "ros": (
         ("rosmaster", "pkg-config", "g++"),
-        "apt-get install ros-core libroscpp-dev libsensor-msgs-dev libnav-msgs-dev python3-gencpp pkg-config g++",
+        "README.md, From simulation to the robot, says which packages",
     ),
 }
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spidar_gym.bench import bench_table, hard_demands, measure, run_bench
+from spidar_gym.bench import PAIRS, bench_table, hard_demands, measure, run_bench
 
 
 def test_the_benchmark_reports_every_figure_and_its_unit():
@@ -16,6 +16,11 @@ def test_the_benchmark_reports_every_figure_and_its_unit():
     assert sum(result["hard_states"]["statuses"].values()) == 400
     table = bench_table(result)
     assert "control_tick" in table
+    core = result["core"]
+    assert "compiled core" in table
+    if core is not None:
+        assert core["tick_us"]["best"] > 0.0
+        assert all(core[name]["ratio"] > 0.0 for name in PAIRS)
     assert "steps/s" in table
 
 

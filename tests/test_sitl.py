@@ -10,7 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from needs import marked
+from test_residual import made
 
+from spidar_gym.benchmark.artifact import write_artifact
 from spidar_gym.cli import main
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.deploy.export import FLAGS, compiler, export_files, write_files
@@ -357,6 +359,23 @@ def test_bad_words_are_refused(tmp_path, capfd):
         with pytest.raises(SystemExit):
             main(["sitl", *words, "--out", str(tmp_path)])
     assert capfd.readouterr().err.count("valid") + 1 >= len(wrong)
+
+
+def test_a_learned_residual_flies_with_the_runner_and_off_is_as_if_it_were_not_there(runner, tmp_path):
+    write_artifact(made(loud=0.3), tmp_path / "net.zip")
+    with_it = build_runner(residual=tmp_path / "net.zip")
+    on, off = hover_mission(seconds=1.5), hover_mission(seconds=1.5)
+    on = replace(on, text=on.text.replace("flight as_flown", "flight as_flown\nresidual on"))
+    flown = play(on, runner=with_it)
+    action = flown.log.outputs["policy_action"][:, :6]
+    assert 0.05 < np.abs(action).max() <= 1.0
+    assert np.abs(np.diff(action, axis=0)).max() <= 0.25 + 1e-12
+    assert flown.run.board == ""
+    assert max(row.tilt for row in flown.run.rows) < 0.2
+    silent, without = play(off, runner=with_it), play(off, runner=runner)
+    assert silent.log.outputs.tobytes() == without.log.outputs.tobytes()
+    with pytest.raises(SpidarError, match="no residual for this mission"):
+        play(on, runner=runner)
 
 
 # Through ROS 1, in real time: run alone, for the robot's clock is the wall's

@@ -6,8 +6,10 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 
 import spidar_gym
 from spidar_gym.benchmark.artifact import read_artifact
@@ -25,24 +27,29 @@ ONBOARD = CORE.parent
 """Sources of everything that runs on the robot."""
 PARTS = {"core": "*.[ch]", "runner": "*.[ch]*", "msg": "*.msg"}
 """Folders of hand-written sources, and which of their files."""
+NOTHING: Mapping[str, bytes] = MappingProxyType({})
+"""No further files."""
 PAGES = ("CMakeLists.txt", "package.xml", "README.md")
 """Files beside them."""
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Compiler flags: without contraction every machine rounds alike."""
 
 
-def export_files(*, golden: bool = True, residual: Path | None = None, rate: float = RATE) -> dict[str, bytes]:
+def export_files(
+    *, golden: bool = True, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] = NOTHING
+) -> dict[str, bytes]:
     """Path → content of the exported folder, the same at every call.
 
     Args:
         golden: With recorded inputs and the reference's outputs.
         residual: Artifact of a learned policy that adds to the controller.
         rate: Largest change of every entry of its action in a second [1/s].
+        extra: Further files that are to lie in the folder.
 
     Raises:
         SpidarError: For an artifact that cannot be read, or that adds to no controller.
     """
-    files: dict[str, bytes] = {}
+    files: dict[str, bytes] = dict(extra)
     artifact, origin = None, None
     if residual is not None:
         artifact = read_artifact(residual)
@@ -78,14 +85,16 @@ def export_files(*, golden: bool = True, residual: Path | None = None, rate: flo
     return files
 
 
-def export(folder: Path, *, residual: Path | None = None, rate: float = RATE) -> list[str]:
+def export(
+    folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] = NOTHING
+) -> list[str]:
     """Write the folder, whole or not at all; the names of its files (`SpidarError` where something else is there).
 
-    `residual` and `rate` are as for `export_files`.
+    `residual`, `rate` and `extra` are as for `export_files`.
     """
     if folder.exists() and any(folder.iterdir()) and not (folder / "MANIFEST.json").is_file():
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
-    files = export_files(residual=residual, rate=rate)
+    files = export_files(residual=residual, rate=rate, extra=extra)
     parent = output_folder(folder.resolve().parent)
     with tempfile.TemporaryDirectory(dir=parent, prefix=f".{folder.name}.") as scratch:
         made = Path(scratch) / "made"
@@ -115,7 +124,7 @@ def compiler() -> str:
 def build(path: Path | None = None, *, residual: Path | None = None, rate: float = RATE) -> Path:
     """Compile the core as a shared library for `control="core"`; where it lies.
 
-    `residual` and `rate` are as for `export_files`.
+    `residual`, `rate` and `extra` are as for `export_files`.
 
     Raises:
         MissingDependencyError: Without a C compiler.

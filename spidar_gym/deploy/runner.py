@@ -4,6 +4,7 @@ import hashlib
 import os
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from spidar_gym.control.core import core_path
@@ -33,14 +34,17 @@ def compile_runner(folder: Path, out: Path) -> Path:
     return out
 
 
-def build_runner(compile_: object = compile_runner, name: str = "spidar-runner") -> Path:
+def build_runner(
+    compile_: Callable[[Path, Path], Path] = compile_runner, name: str = "spidar-runner", residual: Path | None = None
+) -> Path:
     """The runner of the present sources, compiled where it is not yet; where it lies.
 
     Args:
         compile_: What turns an exported folder into a program.
         name: Of the program.
+        residual: Artifact of a learned policy that it has with it.
     """
-    files = export_files(golden=False)
+    files = export_files(golden=False, residual=residual)
     digest = hashlib.sha256(b"".join(name.encode() + b"\0" + data for name, data in sorted(files.items())))
     path = core_path().parent / f"{name}-{digest.hexdigest()[:16]}"
     if path.is_file():
@@ -49,7 +53,6 @@ def build_runner(compile_: object = compile_runner, name: str = "spidar-runner")
     with tempfile.TemporaryDirectory() as scratch:
         folder, made = Path(scratch), path.with_name(f".{path.name}.{os.getpid()}")
         write_files(files, folder)
-        assert callable(compile_)
         compile_(folder, made)
         os.replace(made, path)
     return path

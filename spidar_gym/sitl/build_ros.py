@@ -11,7 +11,7 @@ from spidar_gym.files import output_folder
 
 GENERATOR = "lib/gencpp/gen_cpp.py"
 TEMPLATES = "share/gencpp"
-INSTALL = "apt-get install ros-core libroscpp-dev libsensor-msgs-dev libnav-msgs-dev pkg-config g++"
+INSTALL = "apt-get install libroscpp-dev libsensor-msgs-dev libnav-msgs-dev python3-gencpp pkg-config g++ (Debian 12)"
 WARNINGS = ("-Wall", "-Wextra")
 
 

@@ -30,7 +30,7 @@ MESSAGES = Path(spidar_gym.__file__).parent / "deploy" / "onboard" / "msg"
 """The lab's message types, `spinal`, in our own words."""
 PACKAGES = "/usr/lib/python3/dist-packages"
 """Where Debian keeps rospy."""
-INSTALL = "apt-get install ros-core libroscpp-dev (Debian 12)"
+INSTALL = "apt-get install ros-core python3-sensor-msgs python3-nav-msgs python3-geometry-msgs (Debian 12)"
 KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS)}
 START, ANSWER = 20.0, 5.0
 """Longest time for a start, for an answer [s]."""

@@ -1,6 +1,8 @@
 """The robot's end of the socket: collects messages into the runner's input, tick by tick, and waits for its answer."""
 
 import socket
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,7 @@ class SocketLink:
             names: What it calls its angles.
         """
         self._server = socket.create_server(("127.0.0.1", 0))
-        self._server.settimeout(PATIENCE)
+        self._server.settimeout(0.1)
         self._peer: socket.socket | None = None
         self._hello = np.zeros((), log_layouts()["sim_hello"])
         text = {"interface": interface_hash(), "model": model or model_hash()}
@@ -57,14 +59,22 @@ class SocketLink:
         host, port = self._server.getsockname()
         return f"{host}:{port}"
 
-    def accept(self) -> None:
-        """Wait for the runner and say who the robot is (`SpidarError` when it does not come)."""
-        try:
-            self._peer, _ = self._server.accept()
-        except TimeoutError as error:
-            raise SpidarError(
-                f"no runner came to {self.place} within {PATIENCE:g} s; valid: one that starts"
-            ) from error
+    def accept(self, alive: Callable[[], bool] = lambda: True) -> None:
+        """Wait for the runner and say who the robot is.
+
+        Args:
+            alive: Whether there is still somebody to wait for.
+
+        Raises:
+            SpidarError: When it does not come.
+        """
+        end = time.monotonic() + PATIENCE
+        while self._peer is None:
+            try:
+                self._peer, _ = self._server.accept()
+            except TimeoutError as error:
+                if time.monotonic() > end or not alive():
+                    raise SpidarError(f"no runner came to {self.place}; valid: one that starts") from error
         self._peer.settimeout(PATIENCE)
         self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._peer.sendall(self._hello.tobytes())
@@ -92,10 +102,10 @@ class SocketLink:
         elif message.topic == "four_axes/command":
             record["has_thrust"], record["thrust"] = 1, values["thrust"]
 
-    def tick(self, time: float) -> list[Message] | None:
+    def tick(self, now: float) -> list[Message] | None:
         """Ask the runner; what it publishes, None when it has gone."""
         m = self._input["measurement"]
-        self._input["time"] = m["time"] = time
+        self._input["time"] = m["time"] = now
         m["pose_count"], m["imu_count"] = len(self._poses[-POSE_FRAMES:]), len(self._imu[-IMU_SAMPLES:])
         for k, message in enumerate(self._poses[-POSE_FRAMES:]):
             m["pose_time"][k] = message.stamp
@@ -121,7 +131,7 @@ class SocketLink:
         finally:
             self._input["has_odometry"] = self._input["has_thrust"] = 0
         self.answer = np.frombuffer(data, self.answer.dtype)[0]
-        return published(self.answer, time)
+        return published(self.answer, now)
 
     def close(self) -> None:
         """Hang up."""

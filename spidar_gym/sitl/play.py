@@ -90,13 +90,13 @@ def play(
         return Played(mission, run, read_runner_log(written))
 
 
-def build_for(link: str) -> Path:
-    """The runner for a link."""
+def build_for(link: str, residual: Path | None = None) -> Path:
+    """The runner for a link, with a learned policy perhaps."""
     if link == "socket":
-        return build_runner()
+        return build_runner(residual=residual)
     from spidar_gym.sitl.build_ros import build_ros_runner
 
-    return build_runner(build_ros_runner, "spidar-runner-ros1")
+    return build_runner(build_ros_runner, "spidar-runner-ros1", residual)
 
 
 def figures_of(played: Played) -> dict[str, Any]:

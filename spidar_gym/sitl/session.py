@@ -237,16 +237,19 @@ def _tilt(state: RobotState) -> float:
 
 
 def socket_session(
-    session: Session, runner_path: Path, mission_path: Path, log: Path, *, residual: bool = False,
-    link: SocketLink | None = None,
+    session: Session, runner_path: Path, mission_path: Path, log: Path, *, link: SocketLink | None = None
 ) -> Run:  # fmt: skip
     """Run over the socket, in lock-step, as fast as it goes; a stalled runner is one that is not asked."""
     link = link or SocketLink()
-    command = [str(runner_path), "sim", link.place, str(mission_path), "--log", str(log), *["--residual"] * residual]
+    command = [str(runner_path), "sim", link.place, str(mission_path), "--log", str(log)]
     runner = Runner(command)
     robot, asleep, answers = session.robot, 0.0, []
     try:
-        link.accept()
+        try:
+            link.accept(lambda: runner.alive)
+        except SpidarError as error:
+            runner.finish()
+            raise SpidarError(f"the runner refused: {' '.join(runner.words[-1:]) or error}") from error
         while not session.over:
             session.operate(finished=bool(link.answer["finished"]))
             for message in answers:
