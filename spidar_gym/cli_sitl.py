@@ -1,5 +1,7 @@
 """`spidar sitl`: the very runner that would drive SPIDAR drives the simulation, through ROS 1 or a socket."""
 
+import contextlib
+import math
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -13,11 +15,14 @@ from spidar_gym.control.planar import Planar
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.crawl_experiment import CRAWL_DISTANCE
 from spidar_gym.envs.crawl_task import CrawlTask
-from spidar_gym.errors import MissingDependencyError, SpidarError, require_least, require_name
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.sitl import report
-from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission
-from spidar_gym.sitl.play import LINKS, build_for, faults_of, figures_of, play, play_faults, table_of
+from spidar_gym.sitl.link_socket import SocketLink
+from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.play import LINKS, build_for, faults_of, figures_of, make_robot, play, play_faults, table_of
+from spidar_gym.sitl.robot import Robot
+from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
 
 sitl_app = tyro.extras.SubcommandApp()
 LinkArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LINKS) + "}")]
@@ -111,6 +116,65 @@ def crawl(
     CrawlTask(distance=distance)  # refuses what cannot be crawled
     mission = crawl_mission(preset, Planar(distance), odometry=odometry, residual=residual is not None)
     _play(mission, link, seed, out, json, residual)
+
+
+@sitl_app.command
+def robot(
+    link: LinkArg = "ros",
+    ground: tyro.conf.FlagCreatePairsOff[bool] = False,
+    preset: CrawlPresetArg = "published",
+    operate: tyro.conf.FlagCreatePairsOff[bool] = False,
+    master: str | None = None,
+    seconds: float = math.inf,
+    seed: int = 0,
+) -> None:
+    """Run the simulated robot alone, in real time, for a runner that you start yourself; Ctrl-C ends it.
+
+    Args:
+        link: ros: the robot's topics; socket: it waits for `runner sim HOST:PORT MISSION`.
+        ground: Bring it up for the crawl: it never takes off.
+        preset: Crawler in whose first pose it lies with --ground.
+        operate: Arm and take off without an operator; otherwise publish /spidar/teleop_command/start and so on.
+        master: URI of a running ROS master; one of its own on the loopback if not given.
+        seconds: How long it runs [s].
+        seed: Of its noise and asymmetry.
+    """
+    require_least(0, seed=seed)
+    require_name("link", link, LINKS)
+    require_name("preset", preset, CRAWL_PRESETS)
+    if not seconds > 0.0:
+        raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
+    mission = crawl_mission(preset) if ground else hover_mission()
+    with contextlib.suppress(KeyboardInterrupt):
+        if link == "socket":
+            _serve_socket(make_robot(mission, seed), operate, seconds)
+        else:
+            _serve_ros(make_robot(mission, seed), operate, seconds, master)
+
+
+def _serve_socket(robot: Robot, operate: bool, seconds: float) -> None:
+    end = SocketLink()
+    try:
+        print(f"runner sim {end.place} MISSION --log run.log", flush=True)
+        end.accept(patience=math.inf)
+        serve_socket(Served(robot, operate=operate, tell=_say), end, seconds)
+    finally:
+        end.close()
+
+
+def _serve_ros(robot: Robot, operate: bool, seconds: float, master: str | None) -> None:
+    from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
+
+    with RosLink(master=master) as end:
+        words = " ".join(
+            f"{name}={value}" for name, value in end.environment().items() if name in ("ROS_MASTER_URI", "ROS_IP")
+        )
+        print(f"{words} runner ros1 MISSION --log run.log", flush=True)
+        serve_ros(Served(robot, operate=operate, tell=_say), end, seconds)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
 
 
 @sitl_app.command

@@ -23,7 +23,7 @@ from spidar_gym.robot import JOINT_NAMES, N_ROTORS, ROBOT
 from spidar_gym.sitl.board import COMMAND_TIMEOUT, LANDING_RATE, LANDING_THRUST, Board
 from spidar_gym.sitl.messages import FEEDBACK, Message
 from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_mission
-from spidar_gym.sitl.play import fault_figures, faults_of, make_robot, play
+from spidar_gym.sitl.play import build_for, fault_figures, faults_of, make_robot, play
 from spidar_gym.sitl.report import fault_table, read_runner_log
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.stack import LANDING_FORM, State
@@ -403,3 +403,47 @@ def test_faults_of_processes_and_network_through_ros(tmp_path):
     assert [row["fault"] for row in rows] == list(names)
     for row in rows:
         check_reaction(row)
+
+
+def serve(*words):
+    """`spidar sitl robot` in a process of its own, and what it said first."""
+    code = "import sys; from spidar_gym.cli import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", code, "sitl", "robot", "--operate", "--seconds", "11", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert process.stdout is not None
+    return process, process.stdout.readline()
+
+
+def written(mission, tmp_path):
+    path = tmp_path / "mission.txt"
+    path.write_text(mission.text)
+    return path
+
+
+@pytest.mark.slow
+def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_somebody_else_starts(runner, tmp_path):
+    process, first = serve("--link", "socket")
+    command = [runner, "sim", first.split()[2], written(hover_mission(), tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = process.communicate()[0]
+    assert done.returncode == 0
+    assert "driving" in done.stderr
+    states = [line.split()[2].rstrip(",") for line in said.splitlines()]
+    assert states == ["ARM_OFF", "ARM_ON", "TAKEOFF", "HOVER"]
+    assert process.returncode == 0
+
+
+@ros
+@pytest.mark.slow
+def test_a_dry_run_hears_the_robot_and_commands_nobody(tmp_path):
+    program = build_for("ros")
+    process, first = serve("--link", "ros")
+    where = dict(word.split("=") for word in first.split()[:2])
+    command = [program, "ros1", written(hover_mission(), tmp_path), "--out", "/spidar_dry"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **where})
+    said = process.communicate()[0]
+    assert "driving" in done.stderr
+    # The robot falls silent in the end; what the runner does about it stays under the other namespace.
+    assert "forcing the landing" in done.stderr
+    assert "HOVER" in said
+    assert "FORCE_LANDING" not in said

@@ -59,16 +59,17 @@ class SocketLink:
         host, port = self._server.getsockname()
         return f"{host}:{port}"
 
-    def accept(self, alive: Callable[[], bool] = lambda: True) -> None:
+    def accept(self, alive: Callable[[], bool] = lambda: True, *, patience: float = PATIENCE) -> None:
         """Wait for the runner and say who the robot is.
 
         Args:
             alive: Whether there is still somebody to wait for.
+            patience: How long to wait [s].
 
         Raises:
             SpidarError: When it does not come.
         """
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + patience
         while self._peer is None:
             try:
                 self._peer, _ = self._server.accept()

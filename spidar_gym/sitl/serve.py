@@ -1,0 +1,73 @@
+"""The simulated robot alone, in real time, for a runner that somebody else starts."""
+
+import contextlib
+import os
+import time as clock
+from collections.abc import Callable
+from typing import Any
+
+from spidar_gym.benchmark.row import model_hash
+from spidar_gym.sitl.link_socket import SocketLink
+from spidar_gym.sitl.messages import Message
+from spidar_gym.sitl.robot import DT, TICK, Robot
+from spidar_gym.sitl.session import START, TAKEOFF
+from spidar_gym.sitl.stack import State
+
+
+class Served:
+    """A robot that runs by the wall clock."""
+
+    def __init__(self, robot: Robot, *, operate: bool, tell: Callable[[str], object]) -> None:
+        """Take it as it lies there.
+
+        Args:
+            robot: It.
+            operate: Whether it arms and takes off by itself; otherwise the operator's topics do.
+            tell: Called with a line at every change of its state.
+        """
+        self.robot, self._operate, self._tell = robot, operate, tell
+        self._start, self._state = clock.monotonic(), -1
+
+    def step(self) -> list[Message]:
+        """5 ms, no earlier than they are due; what is published in them."""
+        robot = self.robot
+        if self._operate:
+            for word, due in (("start", START), ("takeoff", TAKEOFF)):
+                if abs(robot.time - due) < 0.5 * DT:
+                    robot.hear(Message(f"teleop_command/{word}", robot.time))
+        messages = robot.step()
+        if robot.flight_state != self._state:
+            self._state = robot.flight_state
+            why = f", {robot.board.reason}" if robot.board.landing else ""
+            height = robot.state.position_w[2]
+            self._tell(f"{robot.time:8.2f} s  {State(self._state).name}{why}, torso at {height:.2f} m")
+        clock.sleep(max(0.0, self._start + robot.time - clock.monotonic()))
+        return messages
+
+
+def serve_ros(served: Served, link: Any, seconds: float) -> None:  # noqa: ANN401 - a RosLink, whose module needs ROS
+    """Run behind the robot's topics for so long [s]."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, -10)
+        link.prefer(-10)
+    link.set_parameter("spidar_model_sha256", model_hash())
+    link.set_clock(served.robot.time)
+    while served.robot.time < seconds:
+        for message in link.heard():
+            served.robot.hear(message)
+        for message in served.step():
+            link.publish(message)
+
+
+def serve_socket(served: Served, link: SocketLink, seconds: float) -> None:
+    """Run behind a socket for so long [s], and until the robot is disarmed once the runner has gone."""
+    robot, there, answers = served.robot, True, []
+    while robot.time < seconds and (there or robot.stack.state != State.ARM_OFF):
+        for message in answers:
+            robot.hear(message)
+        answers = []
+        for message in served.step():
+            link.publish(message)
+        if there and robot.steps % TICK == 0:
+            heard = link.tick(robot.time)
+            there, answers = heard is not None, heard or []
