@@ -25,3 +25,6 @@ def marked(marker: str) -> Callable:
     required = marker in os.environ.get("SPIDAR_REQUIRE", "").split(",")
     skip = pytest.mark.skipif(bool(missing) and not required, reason=f"{', '.join(missing)} missing: {install}")
     return lambda test: getattr(pytest.mark, marker)(skip(test))
+
+
+needs_compiler = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")

@@ -18,7 +18,7 @@ STEPS: list[tuple[str, list[str]]] = [
     ("import layers", ["lint-imports"]),
     ("generated files", ["spidar", "assets", "--check"]),
     ("onboard core", ["spidar", "export", "--build"]),
-    ("tests", ["pytest", "-n", WORKERS, "-m", "not ros", "--durations", "12"]),
+    ("tests", ["pytest", "-n", WORKERS, "--dist", "loadfile", "-m", "not ros", "--durations", "12"]),
     # In real time: nothing else runs beside them.
     ("tests through ROS 1", ["pytest", "-n", "2", "-m", "ros"]),
     ("rows of the leaderboard, played again", ["spidar", "leaderboard", "verify", "--sample", "10"]),

@@ -1,7 +1,6 @@
 """Pins the onboard core against the readable controller: tree, allocation, flight, crawl, estimator, environments."""
 
 import ctypes
-import shutil
 import subprocess
 from dataclasses import replace
 
@@ -9,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from needs import needs_compiler
 from states import model, random_demands
 
 import spidar_gym  # noqa: F401 - registers the environments
@@ -24,7 +24,7 @@ from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAs
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.so3 import exp
 
-pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
+pytestmark = needs_compiler
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 CAP = 300
 """Iteration cap of the robot's computer."""

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import re
-import shutil
 import subprocess
 from dataclasses import fields, replace
 from functools import partial
@@ -12,6 +11,7 @@ from itertools import pairwise
 import gymnasium
 import numpy as np
 import pytest
+from needs import needs_compiler
 
 from spidar_gym.benchmark.artifact import Artifact, write_artifact
 from spidar_gym.benchmark.track import CRAWL, HOVER
@@ -33,7 +33,7 @@ from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.state import NO_RESIDUAL, Residual
 
-pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
+pytestmark = needs_compiler
 TICKS = 120
 OPTIONS = {
     HOVER: {"forms": "independent", "joint_speed": 1.0},

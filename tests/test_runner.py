@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from needs import needs_compiler
 
 from spidar_gym.benchmark.row import model_hash
 from spidar_gym.control.planar import Planar
@@ -23,7 +24,7 @@ from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import crawl_mission, hover_mission
 from spidar_gym.sitl.play import play
 
-pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
+pytestmark = needs_compiler
 WAITING, DRIVING, HOLDING, LANDING, RELEASED = range(5)
 SILENT, PUBLISH, FORCE_LANDING = range(3)
 (FINE, LATE, NO_STATE, NO_POSE, NO_IMU, NO_JOINTS, NOT_FINITE, OUT_OF_RANGE, OUT_OF_ORDER, JUMPED, TILTED, OUTSIDE,

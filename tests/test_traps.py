@@ -1,11 +1,11 @@
 """Pins the traps of OSQP's generated code, each against the exported core: none of them reaches a rotor."""
 
 import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from needs import needs_compiler
 from states import random_demands
 from test_core import CAP, Allocating
 
@@ -13,7 +13,7 @@ from spidar_gym.control.core import load_core
 from spidar_gym.deploy.export import build
 from spidar_gym.deploy.solvers import ONBOARD_ITERATIONS, generate_solvers
 
-pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
+pytestmark = needs_compiler
 
 
 @pytest.fixture(scope="module")

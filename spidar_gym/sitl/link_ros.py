@@ -22,23 +22,17 @@ from xmlrpc.client import ServerProxy
 
 import numpy as np
 
-import spidar_gym
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
 from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, Message
+from spidar_gym.sitl.ros_types import FILL, KINDS, READ, RosMessage, message_types
 
-MESSAGES = Path(spidar_gym.__file__).parent / "deploy" / "onboard" / "msg"
-"""The lab's message types, `spinal`, in our own words."""
 PACKAGES = "/usr/lib/python3/dist-packages"
 """Where Debian keeps rospy."""
 INSTALL = "apt-get install ros-core python3-sensor-msgs python3-nav-msgs python3-geometry-msgs (Debian 12)"
-KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS)}
 START, ANSWER = 20.0, 5.0
 """Longest time for a start, for an answer [s]."""
 QUEUE = 32
 """Messages that wait for a slow subscriber before the oldest is dropped."""
-
-RosMessage = Any
-"""A message of a class that rospy makes at run time."""
 
 
 class RosLink:
@@ -250,7 +244,7 @@ class _Node:
         if topic not in self._publishers:
             self._advertise(topic)
         message = self._types[KINDS[topic]]()
-        _FILL[KINDS[topic]](message, values)
+        FILL[KINDS[topic]](message, values)
         time_ = self._rospy.Time(*divmod(self._base + round(stamp * 1e9), 10**9))
         if hasattr(message, "header"):
             message.header.stamp, message.header.frame_id = time_, "world"
@@ -278,7 +272,7 @@ class _Node:
         if importlib.util.find_spec("rospy") is None:
             sys.path.append(PACKAGES)  # last, so that it hides nothing of this environment
         self._rospy = importlib.import_module("rospy")
-        self._types = _message_types()
+        self._types = message_types()
         uri = master or self._start_master(folder)
         os.environ["ROS_MASTER_URI"] = uri
         _await_master(uri, START / 2)
@@ -316,7 +310,7 @@ class _Node:
         )
 
     def _listener(self, topic: str) -> Callable[[RosMessage], None]:
-        read, me = _READ[KINDS[topic]], self._rospy.get_name()
+        read, me = READ[KINDS[topic]], self._rospy.get_name()
 
         def hear(message: RosMessage) -> None:
             arrival = 1e-9 * (time.time_ns() - self._base)
@@ -350,19 +344,6 @@ def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
-def _message_types() -> dict[str, Any]:
-    """ROS type → class; those of `spinal` from our own definitions."""
-    dynamic = importlib.import_module("genpy.dynamic")
-    types = {}
-    for kind in set(KINDS.values()):
-        package, name = kind.split("/")
-        if package == "spinal":
-            types[kind] = dynamic.generate_dynamic(kind, (MESSAGES / f"{name}.msg").read_text("utf-8"))[kind]
-        else:
-            types[kind] = getattr(importlib.import_module(f"{package}.msg"), name)
-    return types
-
-
 def _await_master(uri: str, seconds: float) -> None:
     end = time.monotonic() + seconds
     while True:
@@ -374,49 +355,3 @@ def _await_master(uri: str, seconds: float) -> None:
             if time.monotonic() > end:
                 raise SpidarError(f"no master at {uri}") from None
             time.sleep(0.02)
-
-
-def _fill_joints(message: RosMessage, values: dict[str, Any]) -> None:
-    message.name = values.get("name", [])
-    message.position, message.effort = values.get("position", []), values.get("effort", [])
-
-
-def _fill_imu(message: RosMessage, values: dict[str, Any]) -> None:
-    message.acc_data, message.gyro_data = values["acc"], values["gyro"]
-    message.angles = values.get("angles", [0.0, 0.0, 0.0])
-
-
-def _fill_pose(message: RosMessage, values: dict[str, Any]) -> None:
-    pose = message.pose
-    pose.position.x, pose.position.y, pose.position.z = values["position"]
-    pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z = values["quat"]
-
-
-def _fill_odometry(message: RosMessage, values: dict[str, Any]) -> None:
-    _fill_pose(message.pose, values)
-    twist = message.twist.twist
-    twist.linear.x, twist.linear.y, twist.linear.z = values["velocity"]
-    twist.angular.x, twist.angular.y, twist.angular.z = values["omega"]
-
-
-def _copy(field: str, key: str) -> Callable[[RosMessage, dict[str, Any]], None]:
-    return lambda message, values: setattr(message, field, values[key])
-
-
-_FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
-    "sensor_msgs/JointState": _fill_joints,
-    "spinal/Imu": _fill_imu,
-    "geometry_msgs/PoseStamped": _fill_pose,
-    "nav_msgs/Odometry": _fill_odometry,
-    "std_msgs/UInt8": _copy("data", "data"),
-    "std_msgs/Float32": _copy("data", "data"),
-    "std_msgs/Empty": lambda message, values: None,
-    "spinal/FourAxisCommand": _copy("base_thrust", "thrust"),
-    "spinal/FlightConfigCmd": _copy("cmd", "cmd"),
-}
-_READ: dict[str, Callable[[RosMessage], dict[str, Any]]] = {
-    "sensor_msgs/JointState": lambda m: {key: list(getattr(m, key)) for key in ("name", "position", "effort")},
-    "std_msgs/Empty": lambda m: {},
-    "spinal/FourAxisCommand": lambda m: {"thrust": list(m.base_thrust)},
-    "spinal/FlightConfigCmd": lambda m: {"cmd": m.cmd},
-}

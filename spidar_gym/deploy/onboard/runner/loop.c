@@ -95,7 +95,8 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     l->stage = SP_DRIVING;
     l->taken_over = input->time;
     memset(&l->command, 0, sizeof l->command);
-    sp_give(can(input->thrust) ? input->thrust : l->command.thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
+    if (can(input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
+    sp_give(l->command.thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
     sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
     double R[9], lever[3];
