@@ -149,6 +149,7 @@ def test_a_run_is_the_same_bytes_every_time(tmp_path):
 def check_reaction(row):
     assert row["as_specified"], fault_table([row])
     assert row["peak_tilt_rad"] < 0.1
+    assert row["touchdown_speed_m_s"] is None or row["touchdown_speed_m_s"] < 1.6
     if row["reaction"] == "lands":
         assert row["landing_after_ms"] <= 700.0
 

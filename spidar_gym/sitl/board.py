@@ -17,8 +17,9 @@ LANDING_RATE = 1.25
 """How fast the mean thrust falls in a forced landing [N/s]."""
 LANDING_THRUST = 7.0
 """… down to [N]; commands below it are ignored then."""
-ATTITUDE_GAINS = (15.0, 5.0, 5.0)
-"""The board's own roll and pitch: on angle [1/s²] and rate [1/s]; yaw: on the rate. Used in a forced landing only."""
+ATTITUDE_GAINS = (15.0, 5.0)
+"""The board's own roll and pitch, on angle [1/s²] and rate [1/s], in a forced landing only. Yaw is left alone: rotors that
+point up have next to no torque about it, and asking them for some would take the thrust that holds roll and pitch."""
 
 
 @dataclass
@@ -74,7 +75,7 @@ class Board:
             dt: Since the last tick [s].
             R_wb: Attitude.
             omega_b: Angular velocity, torso axes [rad/s].
-            torques: Angular acceleration of the torso per module thrust, torso axes, shape (3, 8) [rad/s²/N].
+            torques: Roll and pitch acceleration per module thrust, shape (2, 8) [rad/s²/N].
 
         Returns:
             Thrust of the modules [N].
@@ -92,8 +93,8 @@ class Board:
         mean = float(self.base.mean())
         if mean > LANDING_THRUST:
             self.base = self.base * (max(LANDING_THRUST, mean - LANDING_RATE * dt) / mean)
-        angle, rate, yaw = ATTITUDE_GAINS
-        wish = np.array([-angle * roll, -angle * pitch, 0.0]) - np.array([rate, rate, yaw]) * omega_b
+        angle, rate = ATTITUDE_GAINS
+        wish = -angle * np.array([roll, pitch]) - rate * omega_b[:2]
         thrust = np.maximum(self.base + np.linalg.pinv(torques) @ wish, 0.0)
         # All of them by the same rate, so that their ratio, which is a torque, stays.
         return thrust * min(1.0, ROBOT.max_thrust / max(float(thrust.max()), 1e-9))

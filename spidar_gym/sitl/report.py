@@ -200,6 +200,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     specified = find_fault(name)
     fall = [row for row in after if row.time >= run.landing_at]
     touch = next((k for k, row in enumerate(fall) if row.in_contact), None)
+    down = math.inf if touch is None else fall[touch].time
     fault = int(log.outputs["fault"][-1]) if len(log.outputs) else 0
     if not fault:
         fault = int(log.outputs["fault"].max(initial=0))
@@ -212,7 +213,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         "runner_words": next((line for line in run.words if "holding" in line or "forcing" in line), ""),
         "held_ms": 1e3 * held,
         "landing_after_ms": None if run.landing_at == math.inf else 1e3 * (run.landing_at - run.fault_at),
-        "peak_tilt_rad": max((row.tilt for row in after[: None if touch is None else touch + 1]), default=0.0),
+        "peak_tilt_rad": max((row.tilt for row in after if row.time <= down), default=0.0),
         "touchdown_speed_m_s": None if touch is None else float(-fall[max(touch - 1, 0)].state.velocity_w[2]),
         "largest_thrust_n": float(thrust.max()) if len(thrust) else 0.0,
         "bounded": bounded,

@@ -72,7 +72,7 @@ class Robot:
         """When a runner commanded last [s]."""
         self.first_driven = math.inf
         """When it did first [s]."""
-        self._torques = np.zeros((3, N_ROTORS))
+        self._torques = np.zeros((2, N_ROTORS))
         self._batch: list[Measurement] = []
         self._words: dict[str, Callable[[Message], None]] = {
             "four_axes/command": self._hear_thrust,
@@ -193,11 +193,11 @@ class Robot:
             self._echo.append(Message("four_axes/command", self.time, {"thrust": command.thrust}))
 
     def _torque_map(self, R_wb: np.ndarray) -> np.ndarray:
-        """Angular acceleration per thrust with the rotors where they point, (3, 8) [rad/s²/N]."""
+        """Roll and pitch acceleration per thrust with the rotors where they point, (2, 8) [rad/s²/N]."""
         snapshot = self.model.snapshot(self.seen.joint_position, R_wb, self.seen.vectoring)
         forces = vectoring_to_force(np.ones(N_ROTORS), self.seen.vectoring)
         Q = thrust_map(snapshot.R_bl, snapshot.rotor_c)[3:].reshape(3, N_ROTORS, 3)
-        return np.linalg.solve(snapshot.inertia_c, np.einsum("ijk,jk->ij", Q, forces))
+        return np.linalg.solve(snapshot.inertia_c, np.einsum("ijk,jk->ij", Q, forces))[:2]
 
     def _say(self, m: Measurement) -> list[Message]:
         """What the sensors publish."""
