@@ -94,6 +94,8 @@ class Run:
     """The runner's exit status; None where it was killed."""
     words: list[str] = field(default_factory=list)
     """What the runner said."""
+    late: float = 0.0
+    """How late the simulated robot itself was at worst, while the runner drove or waited [s]."""
 
 
 class Runner:
@@ -309,7 +311,9 @@ def ros_session(
                 wake = np.inf
             if not runner.alive and session.run.first_driven == np.inf:
                 raise SpidarError(f"the runner refused: {' '.join(runner.words[-1:])}")
-            clock.sleep(max(0.0, start + robot.time - clock.monotonic()))
+            ahead = start + robot.time - clock.monotonic()
+            session.run.late = max(session.run.late, -ahead)
+            clock.sleep(max(0.0, ahead))
     finally:
         runner.signal(signal.SIGCONT)
         runner.signal(signal.SIGTERM)
