@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from spidar_gym import bench
 from spidar_gym.bench import PAIRS, bench_table, hard_demands, measure, run_bench
 
 
-def test_the_benchmark_reports_every_figure_and_its_unit():
+def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
+    monkeypatch.setattr(bench, "ROUNDS", 1)
     result = run_bench(seconds=0.02)
     for preset in ("as_flown", "paper"):
         for form in ("form1", "form2", "form3"):
