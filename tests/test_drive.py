@@ -236,7 +236,7 @@ def test_the_papers_crawl_through_ros_in_real_time(tmp_path):
 @ros
 @pytest.mark.slow
 def test_faults_of_processes_and_network_through_ros(tmp_path):
-    names = ("master", "killed", "stall", "lossy", "pose_stops")
+    names = ("master", "killed", "stall", "lossy")
     rows = sitl("sitl", "faults", "--link", "ros", "--only", *names, "--out", tmp_path, "--json")["faults"]
     assert [row["fault"] for row in rows] == list(names)
     for row in rows:
