@@ -13,14 +13,24 @@ from spidar_gym import viz
 from spidar_gym.cli_paper import CrawlPresetArg, PresetArg
 from spidar_gym.control.planar import Planar
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.crawl_experiment import CRAWL_DISTANCE
+from spidar_gym.crawl_experiment import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.envs.crawl_task import CrawlTask
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.sitl import report
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission, hover_mission
-from spidar_gym.sitl.play import LINKS, build_for, faults_of, figures_of, make_robot, play, play_faults, table_of
+from spidar_gym.sitl.play import (
+    LINKS,
+    build_for,
+    experiment_of,
+    faults_of,
+    figures_of,
+    make_robot,
+    play,
+    play_faults,
+    table_of,
+)
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
 
@@ -40,7 +50,8 @@ def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residua
         print(line, file=sys.__stderr__)
     if played.run.board:
         raise SpidarError(f"the landing was forced after {played.run.landing_at:.2f} s: {played.run.board}")
-    figures = figures_of(played)
+    log = experiment_of(played)
+    figures = figures_of(played, log)
     text = json_text({mission.name: figures})
     write_text(folder / f"{mission.name}.json", text)
     print(text if json else table_of(played, figures))
@@ -53,10 +64,10 @@ def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residua
             print(f"ticks begin {t['wait_median_us']:.0f} µs after they are due (p99 {t['wait_p99_us']:.0f}, worst "
                   f"{t['wait_max_us']:.0f}); longest period {t['period_max_ms']:.1f} ms")  # fmt: skip
     try:
-        if mission.crawls:
-            viz.crawl_figure(report.crawl_log(played.run, played.log, mission), folder / "crawl.png")
+        if isinstance(log, CrawlLog):
+            viz.crawl_figure(log, folder / "crawl.png")
         else:
-            viz.flight_figure(report.flight_log(played.run, played.log, mission), folder / "flight.png")
+            viz.flight_figure(log, folder / "flight.png")
     except MissingDependencyError as error:
         print(f"no figure: {error}", file=sys.__stderr__)
     if not json:

@@ -60,7 +60,7 @@ class Nonsense(Zero):
 class Zero(PresetPolicy):
     """Adds nothing."""
 
-    presets = {HOVER: {}}  # noqa: RUF012
+    presets = {HOVER: {}}  # noqa: RUF012 - a constant, as policies are written
 
 
 @pytest.fixture(autouse=True)

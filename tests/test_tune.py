@@ -162,7 +162,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(short, tmp_path):
     tune.tune(tmp_path / "whole", generations=3, **BUDGET)
     for generations in (1, 2, 3):
         # Another process would start with another state of NumPy's global generator.
-        np.random.seed(generations)  # noqa: NPY002
+        np.random.seed(generations)  # noqa: NPY002 - the global state must not matter
         tune.tune(tmp_path / "parts", generations=generations, **BUDGET)
     assert log(tmp_path / "whole") == log(tmp_path / "parts")
     finished = log(tmp_path / "parts")["log"][-1]

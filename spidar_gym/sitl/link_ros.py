@@ -82,10 +82,6 @@ class RosLink:
         """End the node."""
         self.close()
 
-    def now(self) -> float:
-        """The robot's clock [s]."""
-        return 1e-9 * (time.time_ns() - self._base)
-
     def set_clock(self, seconds: float = 0.0) -> None:
         """Let the robot's clock show this now; what is stamped otherwise reaches the runner as old or as to come."""
         self._base = time.time_ns() - round(seconds * 1e9)

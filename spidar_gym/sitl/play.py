@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.presets import CRAWL_PRESETS
-from spidar_gym.crawl_experiment import crawl_figures, crawl_robot, crawl_table
+from spidar_gym.crawl_experiment import CrawlLog, crawl_figures, crawl_robot, crawl_table
 from spidar_gym.deploy.runner import build_runner
 from spidar_gym.errors import SpidarError, require_name
-from spidar_gym.experiments import flight_figures, flight_table, noisy_robot
+from spidar_gym.experiments import FlightLog, flight_figures, flight_table, noisy_robot
 from spidar_gym.sitl.faults import FAULTS, Injector, find_fault
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
@@ -122,11 +122,16 @@ def build_for(link: str, residual: Path | None = None) -> Path:
     return build_runner(build_ros_runner, "spidar-runner-ros1", residual)
 
 
-def figures_of(played: Played) -> dict[str, Any]:
-    """The experiment's figures, and how the runner kept its deadlines."""
-    make = crawl_figures if played.mission.crawls else flight_figures
+def experiment_of(played: Played) -> FlightLog | CrawlLog:
+    """The experiment's part of a drive."""
     read = crawl_log if played.mission.crawls else flight_log
-    return {**make(read(played.run, played.log, played.mission)), "timing": timing(played.log)}  # type: ignore[operator]
+    return read(played.run, played.log, played.mission)
+
+
+def figures_of(played: Played, log: FlightLog | CrawlLog) -> dict[str, Any]:
+    """The experiment's figures, and how the runner kept its deadlines."""
+    figures = crawl_figures(log) if isinstance(log, CrawlLog) else flight_figures(log)
+    return {**figures, "timing": timing(played.log)}
 
 
 def table_of(played: Played, figures: dict[str, Any]) -> str:

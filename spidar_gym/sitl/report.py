@@ -30,9 +30,6 @@ from spidar_gym.sitl.stack import State
 from spidar_gym.so3 import log as so3_log
 from spidar_gym.so3 import quat_to_matrix
 
-STAGES = ("waiting", "driving", "holding", "forcing the landing", "released")
-"""Of the runner, in its order."""
-
 
 @dataclass(frozen=True)
 class RunnerLog:

@@ -1,16 +1,13 @@
 """The simulated robot alone, in real time, for a runner that somebody else starts."""
 
-import contextlib
-import os
 import time as clock
 from collections.abc import Callable
 from typing import Any
 
-from spidar_gym.benchmark.row import model_hash
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.messages import Message
 from spidar_gym.sitl.robot import DT, TICK, Robot
-from spidar_gym.sitl.session import START, TAKEOFF
+from spidar_gym.sitl.session import START, TAKEOFF, appear
 from spidar_gym.sitl.stack import State
 
 
@@ -47,11 +44,7 @@ class Served:
 
 def serve_ros(served: Served, link: Any, seconds: float) -> None:  # noqa: ANN401 - a RosLink, whose module needs ROS
     """Run behind the robot's topics for so long [s]."""
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, -10)
-        link.prefer(-10)
-    link.set_parameter("spidar_model_sha256", model_hash())
-    link.set_clock(served.robot.time)
+    appear(served.robot, link)
     while served.robot.time < seconds:
         for message in link.heard():
             served.robot.hear(message)

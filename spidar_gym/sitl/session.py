@@ -273,6 +273,16 @@ def socket_session(
     return session.run
 
 
+def appear(robot: Robot, link: Any) -> None:  # noqa: ANN401 - a RosLink, whose module needs ROS
+    """Say on ROS who the robot is, from now on by its own clock."""
+    # A robot's sensors do not wait for a busy machine; where this is not allowed, they may.
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, -10)
+        link.prefer(-10)
+    link.set_parameter("spidar_model_sha256", model_hash())
+    link.set_clock(robot.time)
+
+
 def ros_session(
     session: Session,
     runner_path: Path,
@@ -283,14 +293,9 @@ def ros_session(
     """Run through ROS 1 in real time: two clocks, two processes and whatever the machine does in between."""
     command = [str(runner_path), "ros1", str(mission_path), "--log", str(log)]
     robot, wake = session.robot, np.inf
-    # A robot's sensors do not wait for a busy machine; where this is not allowed, they may.
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, -10)
-        link.prefer(-10)
-    link.set_parameter("spidar_model_sha256", model_hash())
-    runner = Runner(command, link.environment())
-    link.set_clock(robot.time)
+    appear(robot, link)
     start = clock.monotonic() - robot.time
+    runner = Runner(command, link.environment())
     try:
         while not session.over:
             session.operate(finished=runner.said("the mission is over"))

@@ -15,11 +15,6 @@ static const struct {
 #define LOW 0.7
 #define HIGH 1.3
 
-const char *sp_topic_name(sp_topic topic)
-{
-    return TOPICS[topic].name;
-}
-
 static const char *expected(int k)
 {
     return k < 16 ? SP_JOINT_NAMES[k] : SP_GIMBAL_NAMES[k - 16];

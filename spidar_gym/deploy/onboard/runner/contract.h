@@ -17,8 +17,6 @@ typedef struct {
     double rates[SP_TOPICS];  /* measured [Hz]; 0 where nothing came */
 } sp_robot;
 
-const char *sp_topic_name(sp_topic topic);
-
 /* 1, or 0 and a sentence. `odometry` as in the mission. */
 int sp_agree(const sp_robot *robot, int32_t odometry, char *reason, size_t size);
 
