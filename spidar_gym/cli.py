@@ -3,8 +3,6 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
-import contextlib
-import io
 import os
 import sys
 from pathlib import Path
@@ -31,7 +29,6 @@ from spidar_gym.envs.page import page, pages
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import (
     InvalidValueError,
-    SpidarError,
     StaleAssetError,
     require_name,
 )
@@ -40,6 +37,7 @@ from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.scene import scene
+from spidar_gym.terminal import speak_plainly
 
 app = tyro.extras.SubcommandApp()
 app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
@@ -201,25 +199,4 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: an error is one line on stderr and exit status 2; Ctrl-C is 130."""
-    # The parser draws boxes; while it may speak, stderr is kept back, and a refusal is put on one line.
-    kept = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(kept):
-            app.cli(prog="spidar", description="SPIDAR in simulation.", args=arguments)
-    except SpidarError as error:
-        sys.exit(_fail(str(error)))
-    except KeyboardInterrupt:
-        sys.exit(130)
-    except SystemExit as stop:
-        if stop.code not in (0, None) and kept.getvalue():
-            words = kept.getvalue().translate(dict.fromkeys(map(ord, "╭╮╰╯│─"), " ")).split()
-            kept.truncate(0)
-            sys.exit(_fail(" ".join(words)))
-        raise
-    finally:
-        print(kept.getvalue(), end="", file=sys.__stderr__)
-
-
-def _fail(message: str) -> int:
-    print(f"spidar: {' '.join(message.split())}", file=sys.__stderr__)
-    return 2
+    speak_plainly("spidar", lambda: app.cli(prog="spidar", description="SPIDAR in simulation.", args=arguments))

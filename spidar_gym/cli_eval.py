@@ -11,6 +11,7 @@ from tqdm import tqdm
 from spidar_gym import viz
 from spidar_gym.benchmark import leaderboard
 from spidar_gym.benchmark import verify as verifying
+from spidar_gym.benchmark.comparison import compare_rows, comparison_json, comparison_text
 from spidar_gym.benchmark.episode import ACT_LIMIT_S
 from spidar_gym.benchmark.evaluate import Score, evaluate
 from spidar_gym.benchmark.policy import defined_on, load_policy, policy_name
@@ -20,6 +21,7 @@ from spidar_gym.benchmark.row import (
     called,
     cores,
     make_row,
+    read_row,
     read_rows,
     reference_row,
     require_one_policy,
@@ -162,6 +164,27 @@ def show(
         print(json_text(leaderboard.as_json(board)))
         return
     print(leaderboard.text(board, tracks or board.tracks))
+
+
+@board_app.command
+def compare(
+    row: Path, base: str = "qp", rows: FolderArg = Path(ROWS), json: tyro.conf.FlagCreatePairsOff[bool] = False
+) -> None:
+    """Compare a row with another one: paired differences of position, attitude, time, energy, success.
+
+    Args:
+        row: File of the row.
+        base: Name of the row to compare it with, in the folder of the rows.
+        rows: Folder of the rows.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    known = read_rows(rows)
+    require_name("row", base, known)
+    own = read_row(row)
+    if json:
+        print(json_text({"comparisons": [comparison_json(c) for c in compare_rows(own, known[base])]}))
+        return
+    print(comparison_text(own, known[base]))
 
 
 @board_app.command

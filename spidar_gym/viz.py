@@ -1,6 +1,6 @@
 """Figures and videos of experiments."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -338,4 +338,50 @@ def leaderboard_picture(board: Board, path: Path) -> None:
     handles = [plt.Line2D([], [], color=colors[name], marker="o", label=name) for name in board.names]
     figure.legend(handles=handles, loc="upper center", ncols=4, frameon=False)
     figure.tight_layout(rect=(0, 0, 1, 1 - 0.7 / figure.get_figheight()))
+    _save(figure, path)
+
+
+AXES = {
+    "position_rms_m": ("position RMS [mm]", 1e3), "attitude_rms_rad": ("attitude RMS [mrad]", 1e3),
+    "duration_s": ("time [s]", 1.0), "energy_wh": ("energy [Wh]", 1.0), "final_error_m": ("final error [mm]", 1e3),
+}  # fmt: skip
+"""Label and factor of metrics of learning curves."""
+
+
+def learning_curves(
+    panels: Mapping[str, Mapping[str, list[tuple[list[float], list[float]]]]],
+    lines: Mapping[str, Mapping[str, float]],
+    title: str,
+    path: Path,
+) -> None:
+    """Learning curves of all runs, a panel a metric, with classical controllers as lines, written as a picture.
+
+    Args:
+        panels: Metric → row → for each run its steps and values.
+        lines: Row → metric → value.
+        title: Title.
+        path: Where it goes.
+    """
+    plt = _pyplot()
+    figure, axes = plt.subplots(1, len(panels), figsize=(5.2 * len(panels), 4.2), squeeze=False)
+    rows = list(dict.fromkeys(row for runs in panels.values() for row in runs))
+    for ax, (metric, runs) in zip(axes[0], panels.items(), strict=True):
+        label, factor = AXES[metric]
+        for row, curves in runs.items():
+            for k, (steps, values) in enumerate(curves):
+                ax.plot(
+                    np.array(steps) / 1e6, factor * np.array(values), color=f"C{rows.index(row) % 10}", linewidth=1.2,
+                    alpha=0.8, label=row if k == 0 else None, marker=".", markersize=3,
+                )  # fmt: skip
+        for k, (row, values) in enumerate(lines.items()):
+            style = ("-", "--", ":")[k % 3]
+            ax.axhline(factor * values[metric], color="0.35", linewidth=1.0, linestyle=style, label=row)
+        ax.set_yscale("log")
+        ax.set_xlabel("control ticks [million]")
+        ax.set_ylabel(label)
+        ax.grid(color="0.92", which="both")
+        ax.set_axisbelow(True)
+    axes[0, 0].legend(frameon=False, fontsize=8)
+    figure.suptitle(title)
+    figure.tight_layout()
     _save(figure, path)

@@ -18,12 +18,14 @@ from spidar_gym.benchmark.artifact import (
     Artifact,
     ArtifactError,
     LearnedPolicy,
+    Washout,
     interface,
     read_artifact,
     write_artifact,
 )
 from spidar_gym.benchmark.policy import Policy, defined_on, load_policy, policy_digest, policy_doc, policy_kind
 from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError
 
@@ -88,7 +90,7 @@ def same(a, b):
     """Whether two artifacts are equal, arrays bit for bit and with their types."""
     for part in fields(Artifact):
         x, y = getattr(a, part.name), getattr(b, part.name)
-        if part.name in ("weights", "biases", "mean", "variance"):
+        if part.name in ("weights", "biases", "mean", "variance", "washout"):
             x, y = (list(v) if isinstance(v, tuple) else [v] for v in (x, y))
             if [(v.dtype, v.shape, v.tobytes()) for v in x] != [(v.dtype, v.shape, v.tobytes()) for v in y]:
                 return False
@@ -112,6 +114,7 @@ def refused(path):
         {},
         {"env_id": CRAWL, "kind": "residual", "activation": "relu", "output": "tanh", "clip": 5.0, "doc": "½ ‖x‖"},
         {"arguments": {"preset": "tuned"}, "training": {}},
+        {"washout": np.array([0.5, 0.0, 2.0, 1e-9, 0.0, 1e9])},
     ],
 )
 def test_an_artifact_is_read_as_it_was_written(tmp_path, options):
@@ -129,8 +132,9 @@ def test_the_same_artifact_gives_the_same_bytes_at_any_time(written, tmp_path, m
     assert (tmp_path / "again.npz").read_bytes() == written.read_bytes()
     write_artifact(read_artifact(written), tmp_path / "read.npz")
     assert (tmp_path / "read.npz").read_bytes() == written.read_bytes()
-    write_artifact(flier(seed=1), tmp_path / "other.npz")
-    assert (tmp_path / "other.npz").read_bytes() != written.read_bytes()
+    for other in (flier(seed=1), flier(washout=np.full(6, 0.5))):
+        write_artifact(other, tmp_path / "other.npz")
+        assert (tmp_path / "other.npz").read_bytes() != written.read_bytes()
 
 
 def test_numpy_can_open_the_arrays_without_this_package(written):
@@ -235,6 +239,12 @@ def test_no_action_leaves_its_bounds(output):
         {"mean": np.zeros((3, 1)), "variance": np.ones((3, 1))},
         {"clip": math.nan},
         {"clip": -1.0},
+        {"washout": np.zeros(3)},
+        {"washout": np.zeros((2, 1))},
+        {"washout": np.zeros(2, int)},
+        {"washout": np.array([0.0, -0.1])},
+        {"washout": np.array([0.0, np.nan])},
+        {"washout": np.array([np.inf, 0.0])},
         {"weights": (np.full((2, 3), np.nan, np.float32),), "biases": (np.zeros(2, np.float32),)},
         {"biases": (np.zeros(8), np.array([0.0, 0.0, np.inf, 0.0, 0.0]), np.zeros(2))},
         {"biases": network((3, 8, 5, 2))[1][:2]},
@@ -287,10 +297,20 @@ def test_an_artifact_with_a_wrong_byte_is_refused_or_not_harmed(written, tmp_pat
     assert count > 100
 
 
-@pytest.mark.parametrize("name", ["mean", "variance", "weight0", "weight2", "bias1"])
-def test_an_artifact_without_one_of_its_arrays_is_refused(written, tmp_path, name):
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("mean", "normaliser"),
+        ("variance", "normaliser"),
+        ("washout", "action"),
+        ("weight0", "network"),
+        ("weight2", "network"),
+        ("bias1", "network"),
+    ],
+)
+def test_an_artifact_without_one_of_its_arrays_is_refused(written, tmp_path, name, what):
     message = refused(rewritten(written, tmp_path, drop=(f"{name}.npy",)))
-    assert f"lacks {name} of its {'normaliser' if name in ('mean', 'variance') else 'network'}" in message
+    assert f"lacks {name} of its {what}" in message
 
 
 def test_an_artifact_without_its_words_is_refused(written, tmp_path):
@@ -300,8 +320,8 @@ def test_an_artifact_without_its_words_is_refused(written, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda meta: meta.update(format=2), "has format 2; valid: format 1"),
-        (lambda meta: meta.pop("format"), "has format None; valid: format 1"),
+        (lambda meta: meta.update(format=1), "has format 1; valid: format 2"),
+        (lambda meta: meta.pop("format"), "has format None; valid: format 2"),
         (
             lambda meta: meta.update(env_id="spidar_gym/Hover-v9"),
             "was learned in spidar_gym/Hover-v9; valid: .*Hover-v0",
@@ -346,6 +366,8 @@ def test_an_artifact_is_refused_when_the_environment_has_changed_since(written, 
         {"variance": np.zeros(207)},
         {"mean": np.full(207, np.inf)},
         {"mean": np.zeros(3)},
+        {"washout": np.full(6, -1.0)},
+        {"washout": np.ones(5)},
     ],
 )
 def test_an_artifact_with_other_arrays_is_refused(written, tmp_path, arrays):
@@ -383,7 +405,7 @@ def test_no_pickle_in_an_artifact_is_opened(written, tmp_path):
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_a_learned_policy_is_defined_on_its_own_environment_only(tmp_path, env_id):
     write_artifact(flier(env_id, arguments={"preset": "tuned"} if env_id == HOVER else {}), tmp_path / "net.npz")
-    policy = LearnedPolicy(tmp_path / "net.npz")
+    policy = LearnedPolicy(read_artifact(tmp_path / "net.npz"))
     assert defined_on(policy) == [env_id]
     assert policy.arguments(env_id) == ({"preset": "tuned"} if env_id == HOVER else {})
 
@@ -419,7 +441,7 @@ def test_an_artifact_whose_last_layer_is_zero_is_the_controller_itself(tmp_path,
         net, weights=(*net.weights[:-1], 0.0 * net.weights[-1]), biases=(*net.biases[:-1], 0.0 * net.biases[-1])
     )
     write_artifact(net, tmp_path / "net.npz")
-    policy = LearnedPolicy(tmp_path / "net.npz")
+    policy = LearnedPolicy(read_artifact(tmp_path / "net.npz"))
     seen = []
     for act in (policy.act, lambda _: np.zeros(6)):
         env = gymnasium.make(HOVER, **(policy.arguments(HOVER) or {})).unwrapped
@@ -436,3 +458,63 @@ def test_an_artifact_whose_last_layer_is_zero_is_the_controller_itself(tmp_path,
 def test_an_artifact_that_is_no_network_says_what_is_expected():
     with pytest.raises(InvalidValueError, match=r"weights = \(8, 4\) .*expected \(8, 3\)"):
         made(weights=network((4, 8, 5, 2))[0])
+
+
+def test_a_constant_answer_is_washed_out():
+    """Over one time constant to a part in e; soon after, nothing is left."""
+    washout, action = Washout(np.array([0.5, 0.2])), np.array([0.8, -1.0], np.float32)
+    found = np.array([washout(action) for _ in range(400)])
+    time = np.arange(1, 401)[:, None] / CONTROL_RATE
+    np.testing.assert_allclose(found, action * np.exp(-time / [0.5, 0.2]), atol=1e-7)
+    assert found[19, 0] == pytest.approx(0.8 / math.e)
+
+
+def test_a_washout_lets_pass_what_is_fast_and_stays_within_bounds():
+    rng, washout = np.random.default_rng(0), Washout(np.full(3, 1e6))
+    actions = rng.uniform(-1.0, 1.0, (200, 3))
+    np.testing.assert_allclose([washout(action) for action in actions], actions, atol=1e-5)
+    turned = Washout(np.array([0.1]))
+    found = np.array([turned(np.array([1.0 if k < 40 else -1.0])) for k in range(80)])
+    assert found[40] == -1.0, "from the bound to the other one is 2"
+    assert np.abs(found).max() == 1.0
+
+
+def test_entries_without_a_washout_pass_untouched():
+    rng, some = np.random.default_rng(1), Washout(np.array([0.0, 0.3, 0.0]))
+    for dtype in (np.float32, np.float64):
+        for action in rng.normal(scale=5.0, size=(50, 3)).astype(dtype):
+            found = some(action)
+            assert found.dtype == dtype
+            assert found[[0, 2]].tobytes() == action[[0, 2]].tobytes()
+            assert found[1] != action[1]
+            for none in (Washout(np.zeros(0)), Washout(np.zeros(3))):
+                assert none(action).tobytes() == action.tobytes()
+
+
+def test_a_silent_policy_stays_silent_through_a_washout():
+    washout = Washout(np.array([0.5, 0.0]))
+    assert not any(washout(np.zeros(2, np.float32)).any() for _ in range(100))
+
+
+def test_an_action_is_left_as_it_was_by_a_washout():
+    washout, action = Washout(np.array([0.5, 0.0])), np.array([0.3, 0.4])
+    washout(action)
+    assert action.tolist() == [0.3, 0.4]
+
+
+@pytest.mark.parametrize("time", [-0.1, np.nan, np.inf])
+def test_a_washout_of_no_time_is_refused(time):
+    with pytest.raises(InvalidValueError, match=r"washout = .* at least 0"):
+        Washout(np.array([0.5, time]))
+
+
+def test_a_learned_policy_washes_out_and_forgets_at_a_reset(tmp_path):
+    times = np.array([0.5, 0.5, 0.5, 0.0, 0.0, 0.0])
+    write_artifact(flier(washout=times), tmp_path / "net.npz")
+    policy, washout = LearnedPolicy(read_artifact(tmp_path / "net.npz")), Washout(times)
+    observations = np.random.default_rng(7).normal(size=(30, 207))
+    expected = [washout(flier().act(observation)) for observation in observations]
+    for seed in (0, 1):
+        policy.reset(seed)
+        np.testing.assert_array_equal([policy.act(observation) for observation in observations], expected)
+    assert np.abs(policy.act(observations[0]) - expected[0]).max() > 0.01, "without a reset it remembers"

@@ -15,12 +15,13 @@ import numpy as np
 import spidar_gym.envs.registry
 from spidar_gym.benchmark.policy import KINDS, check_name
 from spidar_gym.benchmark.row import model_hash, versions
+from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.errors import InvalidValueError, SpidarError, require_name
+from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
 
-FORMAT = 1
+FORMAT = 2
 """Version of the format."""
 ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))}
 """Valid activations of the hidden layers."""
@@ -32,6 +33,38 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 
 class ArtifactError(SpidarError):
     """An artifact that cannot be read, or that was learned in another environment or on another robot."""
+
+
+class Washout:
+    """A first-order high-pass on entries of an action: what stays fades, so that none drifts into an offset."""
+
+    def __init__(self, times: np.ndarray) -> None:
+        """Begin with nothing to take away.
+
+        Args:
+            times: Time constant of every entry of the action [s], 0 where it passes unchanged; or none at all.
+
+        Raises:
+            InvalidValueError: For a time that is negative or not finite.
+        """
+        for time in times.tolist():
+            require_not_negative(washout=time)
+        self.share = np.array([-math.expm1(-1.0 / (CONTROL_RATE * t)) if t > 0.0 else 0.0 for t in times.tolist()])
+        """Of the way to the action that its low-pass goes in a tick."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the actions so far."""
+        self.slow = np.zeros(len(self.share))
+        """The actions, low-passed."""
+
+    def __call__(self, action: np.ndarray) -> np.ndarray:
+        """The action of this tick, with its type: where it is washed out within ± 1, elsewhere as it came."""
+        if not self.share.any():
+            return action
+        self.slow = self.slow + self.share * (action - self.slow)
+        washed = np.clip(action - self.slow, -1.0, 1.0).astype(action.dtype)
+        return np.where(self.share > 0.0, washed, action)
 
 
 @dataclass(frozen=True)
@@ -62,6 +95,8 @@ class Artifact:
     """Of the hidden layers."""
     output: str = "clip"
     """How the last layer becomes an action."""
+    washout: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Time constants of the `Washout` of every entry of the action [s], or none at all."""
     training: Mapping[str, Any] = field(default_factory=dict)
     """Command, seed, steps, wall time, and the learning `curve`."""
 
@@ -73,7 +108,7 @@ class Artifact:
         check_name(self.name)
         if not (isinstance(self.clip, int | float) and 0.0 < self.clip < math.inf):
             raise InvalidValueError("clip", self.clip, "a number above 0")
-        arrays = {"mean": self.mean, "variance": self.variance}
+        arrays = {"mean": self.mean, "variance": self.variance, "washout": self.washout}
         arrays |= {f"weights[{k}]": w for k, w in enumerate(self.weights)}
         arrays |= {f"biases[{k}]": b for k, b in enumerate(self.biases)}
         for name, array in arrays.items():
@@ -90,9 +125,12 @@ class Artifact:
             if w.shape != (len(b), size):
                 raise InvalidValueError("weights", w.shape, f"({len(b)}, {size})")
             size = len(b)
+        if len(self.washout) not in (0, size):
+            raise InvalidValueError("washout", self.washout.shape, f"({size},) time constants, or none")
+        require_not_negative(washout=float(self.washout.min(initial=0.0)))
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action, in [−1, 1], in single precision as it was learned."""
+        """The network's answer, in [−1, 1], in single precision as it was learned."""
         x = (observation - self.mean) / np.sqrt(self.variance)
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
         last = len(self.weights) - 1
@@ -135,6 +173,7 @@ def write_artifact(artifact: Artifact, path: Path) -> None:
     arrays: dict[str, np.ndarray] = {
         "mean": artifact.mean.astype(np.float64),
         "variance": artifact.variance.astype(np.float64),
+        "washout": artifact.washout.astype(np.float64),
     }
     for k, (w, b) in enumerate(zip(artifact.weights, artifact.biases, strict=True)):
         arrays[f"weight{k}"], arrays[f"bias{k}"] = w.astype(np.float32), b.astype(np.float32)
@@ -185,10 +224,10 @@ def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarr
     _check_origin(path, meta)
     check_name(meta["name"])
     layers = range(meta["layers"])
-    needed = ["mean", "variance", *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
+    needed = ["mean", "variance", "washout", *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
     missing = [name for name in needed if name not in arrays]
     if missing:
-        what = "normaliser" if missing[0] in ("mean", "variance") else "network"
+        what = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}.get(missing[0], "network")
         raise ArtifactError(f"{path} lacks {missing[0]} of its {what}; valid: an artifact with all its parts")
     weights, biases = (tuple(arrays[f"{part}{k}"] for k in layers) for part in ("weight", "bias"))
     known = {
@@ -196,7 +235,7 @@ def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarr
     }
     artifact = Artifact(
         **known, weights=weights, biases=biases, mean=arrays["mean"], variance=arrays["variance"],
-        training=meta["training"],
+        washout=arrays["washout"], training=meta["training"],
     )  # fmt: skip
     sizes = sum(size for _, size, _ in meta["interface"]["observation"]), meta["interface"]["action"]
     if (len(artifact.mean), len(artifact.biases[-1])) != sizes:
@@ -224,20 +263,21 @@ def _check_origin(path: Path, meta: Mapping[str, Any]) -> None:
 class LearnedPolicy:
     """An artifact, acting."""
 
-    def __init__(self, path: Path) -> None:
-        """Read it (`ArtifactError` when it does not match)."""
-        self.path = path
-        self.artifact = artifact = read_artifact(path)
+    def __init__(self, artifact: Artifact, path: Path | None = None) -> None:
+        """Take it, and the file that it comes from."""
+        self.path, self.artifact = path, artifact
         self.name, self.kind, self.training = artifact.name, artifact.kind, dict(artifact.training)
         self.__doc__ = artifact.doc
+        self.washout = Washout(artifact.washout)
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
         """What it was learned with; None elsewhere."""
         return self.artifact.arguments if env_id == self.artifact.env_id else None
 
     def reset(self, seed: int) -> None:
-        """Nothing to forget, nothing to draw."""
+        """Forget what the washout has seen; there is nothing to draw."""
+        self.washout.reset()
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The network's answer."""
-        return self.artifact.act(observation)
+        """The network's answer, washed out."""
+        return self.washout(self.artifact.act(observation))

@@ -21,6 +21,7 @@ from spidar_gym.benchmark.statistics import (
     ratio_score,
     stratified_bootstrap,
 )
+from spidar_gym.benchmark.tables import aligned, piped
 from spidar_gym.benchmark.track import CAP, TRACKS
 
 FEWEST_RUNS = 5
@@ -219,23 +220,12 @@ def _track_lines(board: Board, track: str) -> list[list[str]]:
     return lines
 
 
-def _aligned(lines: list[list[str]]) -> str:
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    rows = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines]
-    return "\n".join([rows[0], "  ".join("─" * width for width in widths), *rows[1:]])
-
-
-def _piped(lines: list[list[str]]) -> list[str]:
-    rows = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
-    return [rows[0], "|" + "---|" * len(lines[0]), *rows[1:]]
-
-
 def text(board: Board, tracks: Sequence[str]) -> str:
     """The leaderboard for a terminal."""
-    parts = [_aligned([line[:-1] for line in _overall_lines(board)])]
+    parts = [aligned([line[:-1] for line in _overall_lines(board)])]
     for track in tracks:
         if track in board.tracks:
-            parts += ["", f"{track}: {TRACKS[track].doc}", _aligned(_track_lines(board, track))]
+            parts += ["", f"{track}: {TRACKS[track].doc}", aligned(_track_lines(board, track))]
     return "\n".join(parts)
 
 
@@ -257,7 +247,7 @@ def markdown(board: Board) -> str:
         "",
         "Geometric mean of the tracks' scores; – where a policy is not defined on all of them.",
         "",
-        *_piped(_overall_lines(board)),
+        *piped(_overall_lines(board)),
     ]
     if any(_flag(row) for row in board.rows.values()):
         lines += ["", f"† fewer than {FEWEST_RUNS} training runs."]
@@ -270,7 +260,7 @@ def markdown(board: Board) -> str:
             f"{TRACKS[track].doc[0].upper()}{TRACKS[track].doc[1:]}.",
             f"Error: {TRACKS[track].formula}. {scenarios} scenarios.",
             "",
-            *_piped(_track_lines(board, track)),
+            *piped(_track_lines(board, track)),
         ]
     lines += [
         "",
@@ -347,7 +337,7 @@ def report(row: Row, base: Row | None) -> str:
         for track in row.tracks:
             numbers = [row.column(track, name).mean() for name in ("success", "failed")]
             lines.append([track, f"{iqm(row.errors(track).reshape(-1)):.3f}", *(f"{number:.0%}" for number in numbers)])
-        return f"{row.name}; there is no row {REFERENCE} to compare it with\n{_aligned(lines)}"
+        return f"{row.name}; there is no row {REFERENCE} to compare it with\n{aligned(lines)}"
     lines = [
         [
             "track",
@@ -370,4 +360,4 @@ def report(row: Row, base: Row | None) -> str:
         if interval is not None:
             lines.append([f"all {group}", _number(interval), *[""] * 6])
     few = f"\n† fewer than {FEWEST_RUNS} training runs" if _flag(row) else ""
-    return f"{row.name}{_flag(row)}: {row.doc}\n{_aligned(lines)}{few}"
+    return f"{row.name}{_flag(row)}: {row.doc}\n{aligned(lines)}{few}"

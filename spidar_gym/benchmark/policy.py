@@ -80,9 +80,9 @@ def load_policy(spec: str) -> Policy:
         SpidarError: When an artifact does not match this version of the environments.
     """
     if spec.endswith(ARTIFACT):
-        from spidar_gym.benchmark.artifact import LearnedPolicy
+        from spidar_gym.benchmark.artifact import LearnedPolicy, read_artifact
 
-        return LearnedPolicy(Path(spec))
+        return LearnedPolicy(read_artifact(Path(spec)), Path(spec))
     module, _, name = spec.partition(":")
     if not (module and name):
         raise InvalidValueError("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT}")

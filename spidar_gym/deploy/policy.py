@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from spidar_gym.benchmark.artifact import Artifact
+from spidar_gym.benchmark.artifact import Artifact, Washout
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.control.crawl_observation import crawl_layout
@@ -78,11 +78,13 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     words["SQUASH"] = int(artifact.output == "tanh")
     words["CLIP"] = f"{hex_float(artifact.clip)} /* of a normalised observation */"
     words["STEP"] = f"{hex_float(rate / CONTROL_RATE)} /* largest change of an action in a tick: {rate:g} a second */"
+    share = Washout(artifact.washout).share
     layers = zip(artifact.weights, artifact.biases, strict=True)
     arrays = {
         "MEAN": artifact.mean.astype(float),
         "DEVIATION": np.sqrt(artifact.variance.astype(float)),
         "BOUND": bound,
+        "WASHOUT": share if len(share) else np.zeros(mode.size),
         "AUTHORITY": np.concatenate([_authority(channel) for channel in mode.channels]),
         "WEIGHTS": np.concatenate([part.astype(np.float32).reshape(-1) for layer in layers for part in layer]),
     }
@@ -148,7 +150,8 @@ def _header(what: str, words: dict[str, object], arrays: dict[str, np.ndarray]) 
     lines = [f"/* Generated: {what}. */", "#ifndef SPIDAR_POLICY_H", "#define SPIDAR_POLICY_H", "",
              '#include "spidar_core.h"', ""]  # fmt: skip
     lines += [f"#define SP_POLICY_{name} {value}" for name, value in words.items()]
-    for name, kind in (*((n, "double") for n in ("MEAN", "DEVIATION", "BOUND", "AUTHORITY")), ("WEIGHTS", "float")):
+    doubles = ("MEAN", "DEVIATION", "BOUND", "WASHOUT", "AUTHORITY")
+    for name, kind in (*((n, "double") for n in doubles), ("WEIGHTS", "float")):
         numbers, suffix = arrays.get(name, np.zeros(1)).tolist(), "f" if kind == "float" else ""
         texts = [hex_float(x) + suffix for x in numbers]
         lines += ["", f"static const {kind} SP_POLICY_{name}[{len(texts)}] = {{"]

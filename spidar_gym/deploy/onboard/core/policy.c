@@ -2,7 +2,7 @@
 #include "spidar_core.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
-#include "spidar_policy.h" /* generated: network, normaliser, bounds, authorities; no layers without a policy */
+#include "spidar_policy.h" /* generated: network, normaliser, bounds, washout, authority; no layers without a policy */
 
 /* What flight and crawl cannot know at a policy's first tick: no action before it, no momentum of the legs. */
 void sp_policy_reset(sp_policy *policy) { memset(policy, 0, sizeof *policy); }
@@ -43,7 +43,7 @@ static void think(const float *observation, float *answer)
 
 /* ---- action ---- */
 
-/* Go towards the network's answer, no further than a step; what is no number counts as 0. */
+/* Go towards the network's answer, washed out, no further than a step; what is no number counts as 0. */
 static void act(sp_policy *policy)
 {
     float answer[SP_POLICY_WIDTH];
@@ -51,6 +51,8 @@ static void act(sp_policy *policy)
     for (int k = 0; k < SP_POLICY_ACTIONS; k++) {
         double wish = answer[k], last = policy->action[k];
         if (wish != wish) wish = 0.0;
+        policy->slow[k] += SP_POLICY_WASHOUT[k] * (wish - policy->slow[k]);
+        wish = sp_clip(wish - policy->slow[k], -1.0, 1.0);
         policy->action[k] = sp_clip(wish, last - SP_POLICY_STEP, last + SP_POLICY_STEP);
     }
 }

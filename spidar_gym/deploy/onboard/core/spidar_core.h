@@ -252,10 +252,11 @@ typedef struct {
     double time_to_next;                                  /* until then; 60 if there is none [s] */
 } sp_preview;
 
-/* What a learned policy remembers: its last action, as it was applied. */
+/* What a learned policy remembers: its last action, as it was applied, and what leads to the next. */
 typedef struct {
     int32_t has_momentum;
     double action[SP_MAX_ACTION], leg_momentum[3]; /* in [−1, 1]; [Nms] */
+    double slow[SP_MAX_ACTION];                    /* low-passed answers that the washout takes away */
     float observation[SP_MAX_OBSERVATION];         /* what it saw last */
 } sp_policy;
 

@@ -1,0 +1,128 @@
+"""A row against another one, metric by metric: paired differences on the scenarios that both have played."""
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.row import Row
+from spidar_gym.benchmark.statistics import Change, Interval, iqm, one, paired_difference, stratified_bootstrap
+from spidar_gym.benchmark.tables import aligned
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.errors import InvalidValueError
+
+COMPARED: dict[str, dict[str, tuple[str, float, str]]] = {
+    "flight": {
+        "position_rms_m": ("position", 1e3, "mm"),
+        "attitude_rms_rad": ("attitude", 1e3, "mrad"),
+        "error": ("error", 1.0, ""),
+    },
+    "ground": {
+        "duration_s": ("time", 1.0, "s"),
+        "energy_wh": ("energy", 1.0, "Wh"),
+        "error": ("error", 1.0, ""),
+    },
+}
+"""What is compared on flights and on the ground: metric → heading, factor, unit."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A row against a base on one track."""
+
+    track: str
+    """Track."""
+    scenarios: int
+    """How many both have played."""
+    changes: Mapping[str, Change]
+    """Metric → change of the IQM."""
+    success: Interval
+    """Share of successes less the base's."""
+    successes: tuple[float, float]
+    """The two shares: the base's, one's own."""
+
+
+def _rng(*words: str) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64([zlib.crc32(word.encode()) for word in words]))
+
+
+def _gain(base: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Difference of the means; shapes as in `paired_difference`."""
+    return np.mean(own, axis=(-1, -2)) - np.mean(base, axis=-1)
+
+
+def compare_rows(row: Row, base: Row) -> list[Comparison]:
+    """Compare on every track that both have, the row's runs with the base's first; intervals are seeded.
+
+    Raises:
+        InvalidValueError: When they have no scenario in common.
+    """
+    found = []
+    for track in row.tracks:
+        mine, theirs = (r.content["tracks"].get(track) for r in (row, base))
+        if theirs is None or mine["split"] != theirs["split"]:
+            continue
+        where = {index: k for k, index in enumerate(theirs["scenarios"])}
+        both = [(k, where[index]) for k, index in enumerate(mine["scenarios"]) if index in where]
+        if not both:
+            continue
+        own_at, base_at = (list(places) for places in zip(*both, strict=True))
+
+        def columns(metric: str, track: str = track, at: Any = (own_at, base_at)) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN401 - two lists
+            return base.column(track, metric)[0][at[1]], row.column(track, metric)[:, at[0]]
+
+        changes = {}
+        for metric in COMPARED["flight" if TRACKS[track].flies else "ground"]:
+            before, after = columns(metric)
+            interval = stratified_bootstrap(
+                [(before, after)], one(paired_difference), _rng(row.name, base.name, track, metric)
+            )
+            changes[metric] = Change(
+                float(iqm(before)), float(iqm(after.mean(axis=0))), interval.value, interval.low, interval.high
+            )
+        before, after = columns("success")
+        success = stratified_bootstrap([(before, after)], one(_gain), _rng(row.name, base.name, track, "success"))
+        found.append(Comparison(track, len(both), changes, success, (float(before.mean()), float(after.mean()))))
+    if not found:
+        raise InvalidValueError("base", base.name, f"a row that has played scenarios of {', '.join(row.tracks)}")
+    return found
+
+
+def comparison_tables(comparisons: Sequence[Comparison]) -> list[list[list[str]]]:
+    """A table for flights and one for crawls, where there are any: heading and a line a track."""
+    tables = []
+    for group, shown in COMPARED.items():
+        own = [c for c in comparisons if TRACKS[c.track].flies == (group == "flight")]
+        if own:
+            heads = ["track", *(heading for heading, *_ in shown.values()), "success"]
+            tables.append([heads, *([c.track, *_cells(c, shown)] for c in own)])
+    return tables
+
+
+def _cells(comparison: Comparison, shown: Mapping[str, tuple[str, float, str]]) -> list[str]:
+    cells = []
+    for metric, (_, factor, unit) in shown.items():
+        c = comparison.changes[metric]
+        numbers = f"{factor * c.before:.3g} → {factor * c.after:.3g} {unit}".strip()
+        cells.append(f"{numbers}, {c.relative:+.0%} [{c.low:+.0%}, {c.high:+.0%}]")
+    before, after = comparison.successes
+    gain = comparison.success
+    return [*cells, f"{before:.0%} → {after:.0%} [{gain.low:+.0%}, {gain.high:+.0%}]"]
+
+
+def comparison_text(row: Row, base: Row) -> str:
+    """Compared for a terminal."""
+    tables = [aligned(table) for table in comparison_tables(compare_rows(row, base))]
+    return "\n\n".join([f"{row.name} against {base.name}, IQM of paired differences with 95 % intervals:", *tables])
+
+
+def comparison_json(comparison: Comparison) -> dict[str, Any]:
+    """As JSON, in SI units."""
+    return {
+        "track": comparison.track,
+        "scenarios": comparison.scenarios,
+        "changes": {metric: vars(change) for metric, change in comparison.changes.items()},
+        "success": vars(comparison.success) | dict(zip(("before", "after"), comparison.successes, strict=True)),
+    }

@@ -1,0 +1,96 @@
+"""Learning curves: all seeds of a row in one file, and a picture a track with classical controllers as lines.
+
+python -m train.curves --runs out/train --out train/curves
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.errors import SpidarError
+from spidar_gym.files import json_text, write_text
+from spidar_gym.terminal import speak_plainly
+from spidar_gym.viz import learning_curves
+from train.referee import Base, Referee
+
+LINES = {
+    True: {"qp": "paper", "qp_tuned": "tuned"},
+    False: {"qp": "published", "qp_tuned": "robust", "qp_overlapped": "overlapped"},
+}
+"""Whether it flies → rows that are drawn as lines, with their presets."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Gather the curves of runs, and draw them."""
+
+    runs: Path = Path("out/train")
+    """Folder with runs: NAME/seedK/curve.json; where it is missing only pictures are drawn anew."""
+    out: Path = Path("train/curves")
+    """Folder for NAME.json and TRACK.png."""
+    control: str = "core"
+    """Who flies the lines: python, or core."""
+
+
+def gather(runs: Path, out: Path) -> list[Path]:
+    """Write the curves of all seeds of each row into one file; their paths (`SpidarError` for a damaged one)."""
+    written = []
+    for folder in sorted(path for path in runs.glob("*") if path.is_dir()):
+        seeds = [read_curve(path) for path in sorted(folder.glob("seed*/curve.json"))]
+        if seeds:
+            path = out / f"{folder.name}.json"
+            write_text(path, json_text({"row": folder.name, "runs": seeds}))
+            written.append(path)
+    return written
+
+
+def read_curve(path: Path) -> dict[str, Any]:
+    """A learning curve (`SpidarError` for a damaged file)."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SpidarError(f"{path} is no learning curve ({error}); valid: one that a training script wrote") from error
+
+
+def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, list[tuple[list[float], list[float]]]]]:
+    """Metric → row → for each run its steps and absolute values on the validation scenarios, the base at step 0."""
+    found: dict[str, dict[str, list[tuple[list[float], list[float]]]]] = {}
+    for curve in curves:
+        for run in curve["runs"]:
+            base = run["base"].get(track)
+            for metric, value in (base or {}).items():
+                steps = [0.0, *(line["steps"] for line in run["curve"])]
+                values = [value, *(value * (1.0 + line["cells"][track][metric]) for line in run["curve"])]
+                found.setdefault(metric, {}).setdefault(curve["row"], []).append((steps, values))
+    return found
+
+
+def main() -> None:
+    """Entry point."""
+    args = tyro.cli(Args, description=__doc__, prog="python -m train.curves")
+    gather(args.runs, args.out)
+    curves = [read_curve(path) for path in sorted(args.out.glob("*.json"))]
+    if not curves:
+        raise SpidarError(
+            f"no curves in {args.runs} and none in {args.out}; valid: a folder that a training script wrote"
+        )
+    for track, spec in TRACKS.items():
+        drawn = panels(curves, track)
+        if not drawn:
+            continue
+        scenarios = next(run["settings"]["scenarios"] for c in curves for run in c["runs"] if track in run["base"])
+        lines = {
+            row: Referee([track], Base({"preset": preset}), scenarios, control=args.control).means[track]
+            for row, preset in LINES[spec.flies].items()
+        }
+        learning_curves(drawn, lines, f"{track}: validation scenarios", args.out / f"{track}.png")
+        print(args.out / f"{track}.png")
+
+
+if __name__ == "__main__":
+    speak_plainly("train.curves", main)

@@ -1,0 +1,125 @@
+"""Paired judgement: a candidate against the controller that it adds to, on the same validation scenarios."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.artifact import Artifact, LearnedPolicy
+from spidar_gym.benchmark.episode import play
+from spidar_gym.benchmark.policy import PresetPolicy
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import find_track
+from spidar_gym.errors import InvalidValueError
+
+SPLIT = "validation"
+"""The only scenarios that training may look at."""
+FLIGHT, GROUND = ("position_rms_m", "attitude_rms_rad"), ("duration_s", "energy_wh", "final_error_m")
+"""What is compared on a flight's and on a crawl's track."""
+TOLERANCE = 0.02
+"""A candidate that is worse than the base by more than this in any cell is not chosen."""
+
+
+class Base(PresetPolicy):
+    """The controller alone: the zero action."""
+
+    def __init__(self, arguments: Mapping[str, Any]) -> None:
+        """Take the arguments of `gym.make`."""
+        self._arguments = dict(arguments)
+
+    def arguments(self, env_id: str) -> Mapping[str, Any]:
+        """The same for every environment."""
+        return self._arguments
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a comparison gave."""
+
+    cells: Mapping[str, Mapping[str, float]]
+    """Track → metric → mean of the candidate over mean of the base, less 1; below 0 is better."""
+    success: float
+    """Share of successes less the base's, mean over the tracks."""
+    failed: bool
+    """Whether a scenario failed that the base did not fail."""
+
+    @property
+    def score(self) -> float:
+        """Mean over all cells."""
+        return float(np.mean([value for cell in self.cells.values() for value in cell.values()]))
+
+    @property
+    def worst(self) -> float:
+        """The worst cell."""
+        return max(value for cell in self.cells.values() for value in cell.values())
+
+    @property
+    def admissible(self) -> bool:
+        """Whether nothing got worse."""
+        return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
+
+
+class Referee:
+    """Knows how the base does, and plays candidates against it."""
+
+    def __init__(
+        self, tracks: Sequence[str], base: Base, scenarios: int, *, control: str,
+        on_scenario: Callable[[], object] = lambda: None,
+    ) -> None:  # fmt: skip
+        """Play the base.
+
+        Args:
+            tracks: Tracks of one environment.
+            base: Whom candidates are compared with.
+            scenarios: How many of each track's validation scenarios, from the first on.
+            control: `python` or `core`.
+            on_scenario: Called after each.
+        """
+        self._control = control
+        self._chosen = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
+        if not self._chosen:
+            raise InvalidValueError("validation scenarios", scenarios, "at least one scenario of one track")
+        self._tracks = tuple(tracks)
+        self.base = [self._play(base, k, on_scenario) for k in range(len(self._chosen))]
+        self.means = self._means(self.base)
+        """Track → metric → mean of the base."""
+
+    def _means(self, found: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+        """Track → metric → mean over its scenarios."""
+        means = {}
+        for track in self._tracks:
+            own = [m for (name, _), m in zip(self._chosen, found, strict=True) if name == track]
+            metrics = FLIGHT if find_track(track).flies else GROUND
+            means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
+        return means
+
+    def __len__(self) -> int:
+        """Number of scenarios."""
+        return len(self._chosen)
+
+    def _play(self, policy: Any, k: int, on_scenario: Callable[[], object]) -> dict[str, Any]:  # noqa: ANN401 - a policy
+        metrics = play(policy, *self._chosen[k], control=self._control)["metrics"]
+        on_scenario()
+        return metrics
+
+    def judge(self, artifact: Artifact, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
+        """Play a candidate on all scenarios."""
+        policy = LearnedPolicy(artifact)
+        found = [self._play(policy, k, on_scenario) for k in range(len(self._chosen))]
+        cells = {
+            track: {name: value / self.means[track][name] - 1.0 for name, value in means.items()}
+            for track, means in self._means(found).items()
+        }
+        success = float(np.mean([m["success"] for m in found]) - np.mean([m["success"] for m in self.base]))
+        failed = any(m["failed"] and not b["failed"] for m, b in zip(found, self.base, strict=True))
+        return Verdict(cells, success, failed)
+
+    def require_equal(self, artifact: Artifact) -> None:
+        """Refuse an agent that is to add nothing, and is not the base bit for bit (`AssertionError`)."""
+        policy = LearnedPolicy(artifact)
+        first = {track: k for k, (track, _) in reversed(list(enumerate(self._chosen)))}
+        for track, k in first.items():
+            mine = self._play(policy, k, lambda: None)
+            differ = {name for name, value in mine.items() if value != self.base[k][name]}
+            assert not differ, f"before training the agent differs from its base on {track}: {sorted(differ)}"

@@ -1,0 +1,296 @@
+"""Learn what to add to a controller: PPO or SAC in the environments of the tracks' kinds, judged against the base.
+
+    python -m train.residual hover-paper-ppo --seed 0
+
+A run is a chain of segments. Each begins with fresh episodes and seeds of its own, so it depends on the state before
+it and on nothing else: an interrupted run goes on with the same command, and ends as it would have ended.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+from tqdm import tqdm
+
+from spidar_gym.benchmark.artifact import Artifact
+from spidar_gym.benchmark.row import cores
+from spidar_gym.benchmark.track import find_track
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
+from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.terminal import speak_plainly
+from train import presets
+from train.kinds import Goal, Scaling, TrainingEnv, baseline_scaling, make_training_env, training_seed
+from train.learner import ALGORITHMS, Coach, Layers, actor_layers, build, learn_segment, load_state, save_state
+from train.referee import Base, Referee
+from train.report import evaluate_row
+from train.run import Run, State, called, curve_line
+
+
+@dataclass(frozen=True)
+class Args:
+    """Learn what to add to a controller."""
+
+    name: str
+    """Of the row: letters, digits, _ and -."""
+    doc: str
+    """What it is, in one line."""
+    env_id: str
+    """Environment, with version."""
+    tracks: tuple[str, ...]
+    """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is judged."""
+    base: str
+    """Preset of the controller that it adds to."""
+    action_mode: str
+    """What the action means; `direct` has no controller."""
+    algorithm: str = "ppo"
+    """ppo or sac."""
+    seed: int = 0
+    """Of everything that is drawn."""
+    steps: int = 500_000
+    """Control ticks to learn from."""
+    segment: int = 32_768
+    """Ticks between two checkpoints, each with a validation."""
+    envs: int = 16
+    """Environments side by side."""
+    control: str = "core"
+    """python, or core: the compiled controller, where it is built."""
+    scenarios: int = 6
+    """Validation scenarios of each track."""
+    scaling_ticks: int = 2000
+    """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
+    hold: int = 1
+    """Ticks for which the learner holds an action."""
+    washout: float = 0.0
+    """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
+    reward: str = "pose"
+    """environment, pose, or economy."""
+    position: float = 0.01
+    """Position error that halves its term of the reward `pose` [m]."""
+    attitude: float = 0.02
+    """Attitude error that halves its term [rad]."""
+    penalty: float = 0.05
+    """Share of the reward that the largest action costs."""
+    reward_shift: float = 0.0
+    """Taken off the reward of every tick."""
+    reward_scale: float = 1.0
+    """Factor of the rest."""
+    hidden: int = 64
+    """Width of the actor's two hidden layers."""
+    critic_hidden: int = 128
+    """Width of the critic's."""
+    lr: float = 5e-4
+    """Learning rate at the beginning."""
+    lr_end: float = 5e-5
+    """… and at the end."""
+    gamma: float = 0.97
+    """Discount of a tick, or of the ticks that an action is held."""
+    gae_lambda: float = 0.95
+    """PPO: λ of the advantages."""
+    n_steps: int = 256
+    """PPO: decisions of each environment in a rollout."""
+    batch_size: int = 2048
+    """Samples in a step of the optimiser."""
+    epochs: int = 10
+    """PPO: passes over a rollout."""
+    clip_range: float = 0.2
+    """PPO: clip of the probability ratio."""
+    target_kl: float = 0.0
+    """PPO: a rollout's passes end at this divergence; 0 is no limit."""
+    entropy: float = 0.0
+    """PPO: weight of the entropy."""
+    log_std: float = -2.0
+    """Logarithm of the exploration's standard deviation at the beginning."""
+    buffer: int = 200_000
+    """SAC: size of the replay buffer."""
+    warmup: int = 10_000
+    """SAC: decisions of the base before learning begins."""
+    updates: int = 4
+    """SAC: steps of the optimiser after each step of all environments."""
+    critic_first: int = 16_384
+    """Decisions in which only the critic learns."""
+    average: float = 0.9
+    """Share of the actor's averaged weights that a rollout leaves; 0 is no averaging."""
+    select: bool = True
+    """Take the best admissible agent of all validations; else the last one."""
+    out: Path = Path("out/train")
+    """Folder for runs: NAME/seedK."""
+    row: bool = True
+    """Evaluate on the test scenarios in the end and write a row of this seed."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be learned."""
+        require_name("algorithm", self.algorithm, ALGORITHMS)
+        least = ("steps", "segment", "envs", "scenarios", "scaling_ticks", "hold", "hidden", "n_steps", "batch_size")
+        require_least(1, **{name: getattr(self, name) for name in least})
+        require_least(0, seed=self.seed)
+        if not self.tracks:
+            raise InvalidValueError("tracks", self.tracks, "at least one track")
+        for name in ("gamma", "average"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidValueError(name, getattr(self, name), "a number within 0 … 1")
+        if self.average == 1.0:
+            raise InvalidValueError("average", 1.0, "a number below 1")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of `gym.make`."""
+        return {"action_mode": self.action_mode, "preset": self.base}
+
+    @property
+    def adds(self) -> bool:
+        """Whether there is a controller to add to."""
+        return self.action_mode != "direct"
+
+
+def make_env(args: Args, track: str, scaling: Scaling | None = None) -> TrainingEnv:
+    """An environment to learn in."""
+    goal = Goal(
+        args.reward, args.position, args.attitude, args.penalty, shift=args.reward_shift, scale=args.reward_scale
+    )
+    return make_training_env(
+        track, args.arguments, goal, washout=washout(args), hold=args.hold, scaling=scaling, control=args.control
+    )
+
+
+def washout(args: Args) -> np.ndarray:
+    """Time constant of every entry of the action [s]: only a wrench has integrals that own its constant part."""
+    modes = ACTION_MODES if find_track(args.tracks[0]).flies else CRAWL_MODES
+    channels = find_action_mode(args.action_mode, modes).channels
+    return np.concatenate([np.full(c.size, args.washout if c.name == "wrench" else 0.0) for c in channels])
+
+
+def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
+    """An actor as the benchmark's artifact."""
+    return Artifact(
+        args.name,
+        "residual" if args.adds else "learned",
+        args.doc,
+        args.env_id,
+        args.arguments,
+        tuple(w for w, _ in layers),
+        tuple(b for _, b in layers),
+        scaling.mean,
+        scaling.variance,
+        scaling.clip,
+        activation="tanh" if args.algorithm == "ppo" else "relu",
+        output="clip" if args.algorithm == "ppo" else "tanh",
+        washout=washout(args),
+        training={
+            "command": called(),
+            "seed": args.seed,
+            "steps": state.segment * args.segment,
+            "chosen_at": state.best_steps,
+            "curve": [[entry["steps"], round(entry["score"], 5)] for entry in state.curve],
+        },
+    )
+
+
+def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda _: None) -> Path:
+    """One run, from its beginning or from where it was interrupted.
+
+    Args:
+        args: Settings.
+        on_segment: Called with each line of the curve.
+
+    Returns:
+        The path of the artifact.
+    """
+    torch.set_num_threads(1)
+    settings = {k: v for k, v in asdict(args).items() if k not in ("out", "row")}
+    run = Run(args.out / args.name / f"seed{args.seed}", settings, args.env_id, args.arguments)
+    state = run.load() or State()
+    segments = max(1, round(args.steps / args.segment))
+
+    bar = tqdm(total=segments * args.segment, unit="tick", unit_scale=True, file=sys.__stderr__)
+    bar.set_description(f"{args.name} seed {args.seed}")
+    bar.set_postfix_str("playing the base")
+    referee = Referee(
+        args.tracks, Base(args.arguments if args.adds else {"preset": args.base}), args.scenarios, control=args.control
+    )
+
+    state.base = referee.means
+
+    # What the network is shown is scaled by what the baseline sees, once and for all.
+    if not state.scaling:
+        kinds = [make_env(args, track) for track in args.tracks]
+        state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold))
+    scaling = Scaling(**state.scaling)
+
+    envs = DummyVecEnv(
+        [partial(_monitored, args, args.tracks[k % len(args.tracks)], scaling) for k in range(args.envs)]
+    )
+    model = build(args, envs, str(run.folder / "tensorboard"))
+    if state.learner:
+        load_state(model, state.learner)
+    else:
+        state.mean = state.best = actor_layers(model)
+        if args.adds:
+            referee.require_equal(artifact(args, state.mean, scaling, state))
+
+    bar.update(state.segment * args.segment)
+    coach = Coach(args.average, args.critic_first, state.mean, lambda n: bar.update(n * args.hold))
+    while state.segment < segments:
+        began, share = time.perf_counter(), state.segment / segments
+        learn_segment(
+            model, envs, coach, steps=args.segment // args.hold, seed=training_seed(args.seed, 1, state.segment),
+            lr=args.lr + (args.lr_end - args.lr) * share, first=state.segment == 0,
+        )  # fmt: skip
+        state.segment, state.mean, state.learner = state.segment + 1, coach.mean, save_state(model)
+        steps = state.segment * args.segment
+        verdict = referee.judge(artifact(args, state.mean, scaling, state))
+        if not args.select or (verdict.admissible and verdict.score < state.best_score):
+            state.best, state.best_score, state.best_steps = state.mean, verdict.score, steps
+        state.seconds += time.perf_counter() - began
+        state.curve.append(curve_line(steps, state.seconds, verdict, _reward(model)))
+        _log(model, state.curve[-1])
+        run.save(state)
+        bar.set_postfix_str(f"against the base {verdict.score:+.1%}, worst {verdict.worst:+.1%}")
+        on_segment(state.curve[-1])
+    bar.close()
+    envs.close()
+    run.write_curve(state)
+    return run.publish(artifact(args, state.best, scaling, state))
+
+
+def _monitored(args: Args, track: str, scaling: Scaling) -> Monitor:
+    return Monitor(make_env(args, track, scaling))
+
+
+def _reward(model: BaseAlgorithm) -> float | None:
+    """Training reward of a decision, mean over the last episodes."""
+    episodes = [episode["r"] / episode["l"] for episode in model.ep_info_buffer or ()]
+    return float(np.mean(episodes)) if episodes else None
+
+
+def _log(model: BaseAlgorithm, line: dict[str, Any]) -> None:
+    """The validation, for TensorBoard."""
+    for name in ("score", "worst", "success"):
+        model.logger.record(f"validation/{name}", line[name])
+    for track, cell in line["cells"].items():
+        for metric, value in cell.items():
+            model.logger.record(f"validation/{track}/{metric}", value)
+    model.logger.dump(model.num_timesteps)
+
+
+def main() -> None:
+    """Entry point."""
+    options = {name: (str(values["doc"]), Args(**values)) for name, values in presets.RESIDUAL.items()}
+    args = tyro.extras.overridable_config_cli(options, description=__doc__, prog="python -m train.residual")
+    path = learn(args)
+    print(f"{path}: {args.name}, seed {args.seed}")
+    if args.row:
+        print(evaluate_row([path], args.tracks, args.out / "scores", args.base, workers=cores()))
+
+
+if __name__ == "__main__":
+    speak_plainly("train.residual", main)

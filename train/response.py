@@ -1,0 +1,77 @@
+"""How a pose answers to a residual wrench: measured by pulses on the closed loop, whatever controller closes it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+
+import spidar_gym.envs.registry
+from spidar_gym.benchmark.track import HOVER
+from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.envs.hover_task import FlightStart, FormGoal, HoverTask
+from train.kinds import training_seed
+
+SETTLE = 40
+"""Ticks of hovering before a pulse."""
+PULSE = 0.2
+"""Size of a pulse, in the residual's own unit."""
+POSE = 6
+"""Position error [m] and attitude error [rad], three each."""
+
+
+def pose_error(info: Mapping[str, Any]) -> np.ndarray:
+    """Position error, world [m], and attitude error, torso axes [rad], shape (6,)."""
+    return np.concatenate((info["position_error"], info["attitude_error"]))
+
+
+def pulse_response(arguments: Mapping[str, Any], seed: int, ticks: int, control: str) -> np.ndarray:
+    """Change of the pose error after a pulse of one tick on each entry of the residual wrench, over the pulse.
+
+    The robot hovers in a form drawn from the seed, with the pulse and without it.
+
+    Args:
+        arguments: Of `gym.make`: action mode and controller.
+        seed: Of the form and the episode.
+        ticks: Length of the answer.
+        control: `python` or `core`.
+
+    Returns:
+        Shape (6 errors, 6 entries, ticks): [m] and [rad] for an action of 1.
+    """
+    spidar_gym.envs.registry.register()
+    env = gymnasium.make(
+        HOVER, forms="independent", perturbation=0.0, control=control, disable_env_checker=True,
+        max_episode_steps=10**9, **arguments,
+    )  # fmt: skip
+    form = HoverTask(forms="independent").schedule(np.random.Generator(np.random.PCG64(seed)))[0].joint_target
+    start = FlightStart((FormGoal(0.0, 0.0, form),), np.zeros(3), np.zeros(3))
+    errors = np.zeros((1 + POSE, SETTLE + ticks, POSE))
+    size = (env.action_space.shape or (0,))[0]
+    for entry in range(1 + POSE):
+        env.reset(seed=training_seed(seed, 2), options={"start": start})
+        for k in range(SETTLE + ticks):
+            action = np.zeros(size)
+            if k == SETTLE and entry > 0:
+                action[entry - 1] = PULSE
+            errors[entry, k] = pose_error(env.step(action)[4])
+    env.close()
+    return ((errors[1:] - errors[0]) / PULSE)[:, SETTLE:].transpose(2, 0, 1)
+
+
+def answer(response: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+    """Pose error (ticks, 6) that a residual wrench (ticks, 6) causes: its convolution with the response.
+
+    Args:
+        response: Shape (6, 6, length), last tick first.
+        wrench: In the residual's own unit.
+    """
+    padded = torch.nn.functional.pad(wrench.T[None], (response.shape[2] - 1, 0))
+    return torch.nn.functional.conv1d(padded, response)[0].T
+
+
+RESPONSE_S = 5.0
+"""Length of a response: what is left after it is small [s]."""
+RESPONSE_TICKS = round(RESPONSE_S * CONTROL_RATE)
+"""… in ticks."""

@@ -1,0 +1,145 @@
+"""Seeds and hyperparameters of a preset side by side: a Ray Tune sweep of `train.residual`, here or on a cluster.
+
+    python -m train.sweep hover-paper-ppo --seeds 0 1 2 3 4 --lr 3e-4 1e-3 --steps 500000
+
+Every trial is a run like any other: it has a folder of its own, and goes on where it was when the sweep is started again.
+"""
+
+import itertools
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from spidar_gym.benchmark.row import cores
+from spidar_gym.benchmark.tables import aligned
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_name
+from spidar_gym.files import json_text, output_folder, write_text
+from spidar_gym.terminal import speak_plainly
+from train import presets
+from train.residual import Args as Run
+from train.residual import learn
+
+SWEPT = ("lr", "gamma", "log_std", "washout", "penalty")
+"""Hyperparameters of which a sweep tries several."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Sweep over seeds and hyperparameters."""
+
+    preset: Annotated[str, tyro.conf.Positional]
+    """Preset of train.residual."""
+    seeds: tuple[int, ...] = (0,)
+    """Seeds."""
+    lr: tuple[float, ...] = ()
+    """Learning rates at the beginning; the preset's if none is given, as with the others."""
+    gamma: tuple[float, ...] = ()
+    """Discounts."""
+    log_std: tuple[float, ...] = ()
+    """Logarithms of the exploration's standard deviation."""
+    washout: tuple[float, ...] = ()
+    """Time constants of the washout [s]."""
+    penalty: tuple[float, ...] = ()
+    """Shares of the reward that the largest action costs."""
+    steps: int = 0
+    """Control ticks of each trial; the preset's if 0."""
+    segment: int = 0
+    """Ticks between two reports; the preset's if 0."""
+    scenarios: int = 0
+    """Validation scenarios of each track; the preset's if 0."""
+    envs: int = 0
+    """Environments of each trial; the preset's if 0."""
+    ray: str = "local"
+    """Cluster: local, auto, or host:port."""
+    workers: int = cores()
+    """Trials side by side on a local cluster, each on one core."""
+    out: Path = Path("out/sweep")
+    """Folder: results.json, and the trials' runs."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no sweep."""
+        require_name("preset", self.preset, presets.RESIDUAL)
+        if not self.seeds:
+            raise InvalidValueError("seeds", self.seeds, "at least one seed")
+
+    def trials(self) -> list[dict[str, Any]]:
+        """Settings of every trial: all combinations."""
+        swept = {name: getattr(self, name) for name in SWEPT if getattr(self, name)}
+        fixed = {name: getattr(self, name) for name in ("steps", "segment", "scenarios", "envs") if getattr(self, name)}
+        return [
+            {**fixed, "seed": seed, **dict(zip(swept, values, strict=True))}
+            for values in itertools.product(*swept.values())
+            for seed in self.seeds
+        ]
+
+
+def settings(args: Args, trial: dict[str, Any]) -> Run:
+    """A trial's run, in a folder whose name says what was swept."""
+    words = [f"{name}={value:g}" for name, value in trial.items() if name in SWEPT]
+    run = Run(**presets.RESIDUAL[args.preset])
+    return replace(run, **trial, row=False, out=args.out.absolute() / ("_".join(words) or "preset"))
+
+
+def sweep(args: Args) -> list[dict[str, Any]]:
+    """Run all trials; a line of results each, best first."""
+    try:
+        import ray
+        from ray import tune
+    except ImportError as error:
+        raise MissingDependencyError("Ray Tune", "pip install 'spidar-gym[ray,train]'") from error
+    folder = output_folder(args.out).absolute()
+    paths = os.pathsep.join(filter(None, [str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    # A trial stays in this folder, where `train` is found; one core each, or BLAS would take them all.
+    variables = {"PYTHONPATH": paths, "RAY_CHDIR_TO_TRIAL_DIR": "0", "OMP_NUM_THREADS": "1"}
+    here: dict[str, Any] = {"runtime_env": {"env_vars": variables}, "log_to_driver": False}
+    try:
+        if args.ray == "local":
+            ray.init(num_cpus=args.workers, include_dashboard=False, **here)
+        else:
+            ray.init(address=args.ray, **here)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise SpidarError(
+            f"no Ray cluster at {args.ray!r}: {error}; valid: local, auto, or what `ray start` prints"
+        ) from error
+
+    def trial(config: dict[str, Any]) -> None:
+        run = settings(args, config["trial"])
+
+        def report(line: dict[str, Any]) -> None:
+            tune.report({name: line[name] for name in ("score", "worst", "success", "steps", "seconds")})
+
+        learn(run, on_segment=report)
+
+    try:
+        grid = tune.Tuner(
+            tune.with_resources(trial, {"cpu": 1}),
+            param_space={"trial": tune.grid_search(args.trials())},
+            run_config=tune.RunConfig(storage_path=str(folder / "tune"), verbose=1),
+        ).fit()
+    finally:
+        ray.shutdown()
+    lines = []
+    for result in grid:
+        trial_ = (result.config or {})["trial"]
+        metrics = result.metrics or {}
+        found = {name: metrics.get(name) for name in ("score", "worst", "success", "steps", "seconds")}
+        lines.append({**trial_, **found, "error": str(result.error or "")})
+    return sorted(lines, key=lambda line: (line["error"] != "", line["score"] or 0.0))
+
+
+def main() -> None:
+    """Entry point."""
+    args = tyro.cli(Args, description=__doc__, prog="python -m train.sweep")
+    lines = sweep(args)
+    write_text(args.out / "results.json", json_text({"preset": args.preset, "trials": lines}))
+    heads = list(lines[0])
+    print(
+        aligned([heads, *([f"{v:.4g}" if isinstance(v, float) else str(v) for v in line.values()] for line in lines)])
+    )
+
+
+if __name__ == "__main__":
+    speak_plainly("train.sweep", main)
