@@ -2,7 +2,8 @@
 
     python -m train.sweep hover-paper-ppo --seeds 0 1 2 3 4 --lr 3e-4 1e-3 --steps 500000
 
-Every trial is a run like any other: it has a folder of its own, and goes on where it was when the sweep is started again.
+Every trial is a run like any other: it has a folder of its own, and goes on where it was when the sweep is started
+again.
 """
 
 import itertools
