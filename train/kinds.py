@@ -38,6 +38,10 @@ class Goal:
     """`pose`: a position error of this much halves its term [m]."""
     attitude_rad: float = 0.02
     """`pose`: an attitude error of this much halves its term [rad]."""
+    velocity: float = 0.0
+    """`pose`: a velocity of this much halves a term of its own, 0 is no such term [m/s]; it answers sooner."""
+    rate: float = 0.0
+    """`pose`: … and an angular velocity [rad/s]."""
     penalty: float = 0.05
     """Share of the reward that the largest action costs."""
     shift: float = 0.0
@@ -72,12 +76,18 @@ def _environment(goal: Goal, tick: Tick) -> float:
 
 
 def _pose(goal: Goal, tick: Tick) -> float:
-    """½ (1/(1 + (e/e₀)²) + 1/(1 + (e_R/e_R0)²)), less the share for a large action; 0 where the flight is over."""
+    """Mean of 1/(1 + (e/e₀)²) over the terms, less the share for a large action; 0 where the flight is over."""
     if tick.info["failure"]:
         return 0.0
-    position = tolerance(norm(tick.info["position_error"]), goal.position_m)
-    attitude = tolerance(norm(tick.info["attitude_error"]), goal.attitude_rad)
-    return 0.5 * (position + attitude) * (1.0 - goal.penalty * float(tick.action @ tick.action) / len(tick.action))
+    error = tick.env.truth.error
+    terms = (
+        (tick.info["position_error"], goal.position_m),
+        (tick.info["attitude_error"], goal.attitude_rad),
+        (error.velocity_w, goal.velocity),
+        (error.omega_b, goal.rate),
+    )
+    found = [tolerance(norm(value), unit) for value, unit in terms if unit > 0.0]
+    return sum(found) / len(found) * (1.0 - goal.penalty * float(tick.action @ tick.action) / len(tick.action))
 
 
 def _economy(goal: Goal, tick: Tick) -> float:

@@ -22,6 +22,13 @@ RESIDUAL: dict[str, Mapping[str, Any]] = {
         "washout": 2.0,
         "position": 0.01,
         "attitude": 0.015,
+        "velocity": 0.03,
+        "rate": 0.06,
+        "reward_shift": 0.5,
+        "reward_scale": 0.1,
+        "gamma": 0.9,
+        "lr": 3e-4,
+        "lr_end": 3e-5,
     },
     "hover-tuned-ppo": {
         "name": "ppo_tuned",

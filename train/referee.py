@@ -11,7 +11,7 @@ from spidar_gym.benchmark.episode import play
 from spidar_gym.benchmark.policy import PresetPolicy
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import find_track
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, SpidarError
 
 SPLIT = "validation"
 """The only scenarios that training may look at."""
@@ -116,10 +116,14 @@ class Referee:
         return Verdict(cells, success, failed)
 
     def require_equal(self, artifact: Artifact) -> None:
-        """Refuse an agent that is to add nothing, and is not the base bit for bit (`AssertionError`)."""
+        """Refuse an agent that is to add nothing, and is not the base bit for bit (`SpidarError`)."""
         policy = LearnedPolicy(artifact)
         first = {track: k for k, (track, _) in reversed(list(enumerate(self._chosen)))}
         for track, k in first.items():
             mine = self._play(policy, k, lambda: None)
             differ = {name for name, value in mine.items() if value != self.base[k][name]}
-            assert not differ, f"before training the agent differs from its base on {track}: {sorted(differ)}"
+            if differ:
+                raise SpidarError(
+                    f"before training the agent differs from its base on {track} in {', '.join(sorted(differ))}; "
+                    "valid: the base, bit for bit"
+                )

@@ -78,6 +78,10 @@ class Args:
     """Position error that halves its term of the reward `pose` [m]."""
     attitude: float = 0.02
     """Attitude error that halves its term [rad]."""
+    velocity: float = 0.0
+    """Velocity that halves a term of its own [m/s]; 0 is no such term."""
+    rate: float = 0.0
+    """Angular velocity that halves a term of its own [rad/s]; 0 is no such term."""
     penalty: float = 0.05
     """Share of the reward that the largest action costs."""
     reward_shift: float = 0.0
@@ -155,11 +159,21 @@ class Args:
 def make_env(args: Args, track: str, scaling: Scaling | None = None) -> TrainingEnv:
     """An environment to learn in."""
     goal = Goal(
-        args.reward, args.position, args.attitude, args.penalty, shift=args.reward_shift, scale=args.reward_scale
-    )
+        args.reward, args.position, args.attitude, args.velocity, args.rate, args.penalty,
+        shift=args.reward_shift, scale=args.reward_scale,
+    )  # fmt: skip
     return make_training_env(
         track, args.arguments, goal, washout=washout(args), hold=args.hold, scaling=scaling, control=args.control
     )
+
+
+def make_envs(args: Args, scaling: Scaling) -> DummyVecEnv:
+    """The environments side by side; the kinds take turns."""
+
+    def monitored(track: str) -> Monitor:
+        return Monitor(make_env(args, track, scaling))
+
+    return DummyVecEnv([partial(monitored, args.tracks[k % len(args.tracks)]) for k in range(args.envs)])
 
 
 def washout(args: Args) -> np.ndarray:
@@ -226,9 +240,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
         state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold))
     scaling = Scaling(**state.scaling)
 
-    envs = DummyVecEnv(
-        [partial(_monitored, args, args.tracks[k % len(args.tracks)], scaling) for k in range(args.envs)]
-    )
+    envs = make_envs(args, scaling)
     model = build(args, envs, str(run.folder / "tensorboard"))
     if state.learner:
         load_state(model, state.learner)
@@ -260,10 +272,6 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
     envs.close()
     run.write_curve(state)
     return run.publish(artifact(args, state.best, scaling, state))
-
-
-def _monitored(args: Args, track: str, scaling: Scaling) -> Monitor:
-    return Monitor(make_env(args, track, scaling))
 
 
 def _reward(model: BaseAlgorithm) -> float | None:
