@@ -53,13 +53,14 @@ class BaseFirstSAC(SAC):
         return action, action
 
 
-def build(settings: Settings, envs: VecEnv, logs: str | None) -> PPO | SAC:
+def build(settings: Settings, envs: VecEnv, logs: str | None, hidden: np.ndarray | None = None) -> PPO | SAC:
     """An agent on the CPU whose mean action is exactly zero.
 
     Args:
         settings: Hyperparameters.
         envs: Environments.
         logs: Folder for TensorBoard; none if None.
+        hidden: Which numbers of the observation the actor does not see, though the critic does; none if None.
     """
     pi, vf = [settings.hidden] * 2, [settings.critic_hidden] * 2
     shared: dict[str, Any] = {
@@ -84,10 +85,14 @@ def build(settings: Settings, envs: VecEnv, logs: str | None) -> PPO | SAC:
         with torch.no_grad():
             log_std.weight.zero_()
             log_std.bias.fill_(settings.log_std)
-    last = _actor(model)[-1]
+    first, last = _actor(model)[0], _actor(model)[-1]
     with torch.no_grad():
         last.weight.zero_()
         last.bias.zero_()
+        if hidden is not None and hidden.any():
+            seen = torch.tensor(~hidden, dtype=torch.float32)
+            first.weight.mul_(seen)
+            first.weight.register_hook(lambda gradient: gradient * seen)
     return model
 
 

@@ -11,6 +11,12 @@ from spidar_gym.benchmark.track import CRAWL, HOVER
 
 NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
 """Kinds of flights to learn in: three speeds on the robot of the description."""
+MOTION = ("joint_velocity", "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate")
+"""What an observation says of the joints' motion."""
+ERRORS = ("position_error", "velocity_error", "attitude_error", "angular_velocity_error")
+"""… and of the errors."""
+PREVIEW = ("next_form", "time_to_next_form")
+"""… and of the form after this one."""
 RESIDUAL: dict[str, Mapping[str, Any]] = {
     "hover-paper-ppo": {
         "name": "ppo_paper",
@@ -19,16 +25,21 @@ RESIDUAL: dict[str, Mapping[str, Any]] = {
         "tracks": NOMINAL,
         "base": "paper",
         "action_mode": "residual_wrench",
-        "washout": 2.0,
+        "sees": MOTION + ERRORS,
+        "washout": 1.0,
         "position": 0.01,
         "attitude": 0.015,
         "velocity": 0.03,
         "rate": 0.06,
         "reward_shift": 0.5,
         "reward_scale": 0.1,
-        "gamma": 0.9,
-        "lr": 3e-4,
-        "lr_end": 3e-5,
+        "gamma": 0.93,
+        "envs": 24,
+        "n_steps": 340,
+        "batch_size": 4080,
+        "segment": 40_800,
+        "lr": 2e-4,
+        "lr_end": 2e-5,
     },
     "hover-tuned-ppo": {
         "name": "ppo_tuned",
@@ -103,6 +114,7 @@ SUPERVISED: dict[str, Mapping[str, Any]] = {
         "tracks": FLIGHTS,
         "base": "tuned",
         "posture": False,
+        "rounds": 1,
         "flights": 240,
         "updates": 4000,
     },

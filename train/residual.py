@@ -24,8 +24,10 @@ from tqdm import tqdm
 
 from spidar_gym.benchmark.artifact import Artifact
 from spidar_gym.benchmark.row import cores
-from spidar_gym.benchmark.track import find_track
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
+from spidar_gym.benchmark.track import HOVER
+from spidar_gym.control.crawl_observation import crawl_layout
+from spidar_gym.control.observation import Field, layout
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.terminal import speak_plainly
 from train import presets
@@ -52,6 +54,8 @@ class Args:
     """Preset of the controller that it adds to."""
     action_mode: str
     """What the action means; `direct` has no controller."""
+    sees: tuple[str, ...] = ()
+    """Pieces of the observation that the actor sees, by name, while the critic sees all; all if none is given."""
     algorithm: str = "ppo"
     """ppo or sac."""
     seed: int = 0
@@ -176,11 +180,28 @@ def make_envs(args: Args, scaling: Scaling) -> DummyVecEnv:
     return DummyVecEnv([partial(monitored, args.tracks[k % len(args.tracks)]) for k in range(args.envs)])
 
 
+def hidden(args: Args) -> np.ndarray:
+    """Which numbers of the observation the actor does not see (`UnknownNameError` for a piece that there is not)."""
+    fields = pieces(args)
+    for name in args.sees:
+        require_name("piece of the observation", name, [field.name for field in fields])
+    return np.concatenate([np.full(f.size, bool(args.sees) and f.name not in args.sees) for f in fields])
+
+
 def washout(args: Args) -> np.ndarray:
     """Time constant of every entry of the action [s]: only a wrench has integrals that own its constant part."""
-    modes = ACTION_MODES if find_track(args.tracks[0]).flies else CRAWL_MODES
-    channels = find_action_mode(args.action_mode, modes).channels
+    channels = mode(args).channels
     return np.concatenate([np.full(c.size, args.washout if c.name == "wrench" else 0.0) for c in channels])
+
+
+def mode(args: Args) -> ActionMode:
+    """What the action means."""
+    return find_action_mode(args.action_mode, ACTION_MODES if args.env_id == HOVER else CRAWL_MODES)
+
+
+def pieces(args: Args) -> tuple[Field, ...]:
+    """Pieces of the observation."""
+    return (layout if args.env_id == HOVER else crawl_layout)(mode(args).size)
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
@@ -241,7 +262,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
     scaling = Scaling(**state.scaling)
 
     envs = make_envs(args, scaling)
-    model = build(args, envs, str(run.folder / "tensorboard"))
+    model = build(args, envs, str(run.folder / "tensorboard"), hidden(args))
     if state.learner:
         load_state(model, state.learner)
     else:

@@ -99,10 +99,8 @@ class Args:
         return {"action_mode": "residual_wrench", "preset": self.base}
 
 
-MOTION = ("joint_velocity", "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate")
-"""Pieces of the observation that enter the network: how the joints move, nothing that the residual itself moves."""
 POSTURE = ("joint_position",)
-"""… and these, where the base leaves errors at rest."""
+"""Pieces that enter the network beside `presets.MOTION`, where the base leaves errors at rest; never an error."""
 SKIPPED = 20
 """Ticks at the beginning of a flight that do not count: its offset dies away."""
 
@@ -202,7 +200,7 @@ def fit(
 
 def visible(args: Args) -> np.ndarray:
     """Which numbers of the observation enter the network."""
-    names = MOTION + (POSTURE if args.posture else ())
+    names = presets.MOTION + (POSTURE if args.posture else ())
     return np.concatenate([np.full(field.size, field.name in names) for field in layout(POSE)])
 
 
@@ -287,9 +285,9 @@ def learn(args: Args) -> Path:
             state.curve.append(curve_line(steps, state.seconds, verdict))
             if verdict.admissible and verdict.score < state.best_score:
                 state.best, state.best_score, state.best_steps = layers, verdict.score, steps
+            run.write_curve(state)
         bar.set_postfix_str(f"against the base {state.best_score:+.1%}")
     assert scaling is not None
-    run.write_curve(state)
     return run.publish(artifact(args, state.best or weakened(layers or (), 0.0), scaling, state))
 
 
@@ -300,9 +298,14 @@ def judge(
     for share in SHARES:
         candidate = weakened(layers, share)
         verdict = referee.judge(artifact(args, candidate, scaling, state), on_scenario)
+        on_scenario = _nothing  # the bar counts one share
         if verdict.admissible:
             break
     return verdict, candidate
+
+
+def _nothing() -> None:
+    pass
 
 
 def main() -> None:
