@@ -21,7 +21,7 @@ from train import kinds, presets, referee, residual
 from train.kinds import FIRST_SEED, Goal, Scaling, make_training_env, scaling_of, training_seed
 from train.learner import actor_layers, build
 from train.referee import Base, Referee
-from train.residual import Args, artifact, learn, make_envs, washout
+from train.residual import Args, artifact, hidden, learn, make_envs, still, washout
 from train.run import CheckpointError, State
 
 pytestmark = pytest.mark.train
@@ -90,7 +90,7 @@ def test_before_training_the_agent_is_its_base_bit_for_bit_and_an_agent_that_is_
     judge = Referee(TINY.tracks, Base(TINY.arguments), 1, control=CONTROL)
     kind = residual.make_env(TINY, "flight-fast3")
     scaling = scaling_of(np.array([kind.reset(seed=1)[0], kind.reset(seed=2)[0]]), kind.observation_space.high)
-    layers = actor_layers(build(TINY, make_envs(TINY, scaling), None))
+    layers = actor_layers(build(TINY, make_envs(TINY, scaling), None, hidden(TINY), still(TINY)))
     judge.require_equal(artifact(TINY, layers, scaling, State()))
     *rest, (w, b) = layers
     with pytest.raises(SpidarError, match=r"differs from its base on flight-fast3 in attitude_rms_rad"):
@@ -102,7 +102,7 @@ def test_every_preset_starts_with_a_mean_action_of_zero_and_small_exploration(na
     args = replace(Args(**presets.RESIDUAL[name]), control=CONTROL, envs=1, n_steps=8, batch_size=8, buffer=100)
     size = len(residual.make_env(args, args.tracks[0]).observation_space.high)
     envs = make_envs(args, Scaling(np.zeros(size), np.ones(size)))
-    model, observation = build(args, envs, None), envs.reset()[0]
+    model, observation = build(args, envs, None, hidden(args), still(args)), envs.reset()[0]
     np.testing.assert_array_equal(model.predict(observation, deterministic=True)[0], 0.0)
     drawn = np.array([model.predict(observation)[0] for _ in range(200)])
     assert drawn.std() == pytest.approx(np.exp(args.log_std), rel=0.2)
@@ -244,6 +244,22 @@ def test_a_full_disk_leaves_the_last_checkpoint_whole(tmp_path, monkeypatch):
 def test_settings_that_cannot_be_learned_with_are_refused(tmp_path, change, words):
     with pytest.raises((InvalidValueError, UnknownNameError), match=words):
         learn(replace(TINY, out=tmp_path, **change))
+
+
+def test_an_actor_learns_neither_from_what_it_does_not_see_nor_about_what_stays_still(tmp_path):
+    args = replace(TINY, sees=("joint_position",), still=(2, 5), lr=0.01, out=tmp_path)
+    learned = read_artifact(learn(args))
+    blind = hidden(args)
+    assert blind.sum() == len(blind) - 16
+    np.testing.assert_array_equal(learned.weights[0][:, blind], 0.0)
+    assert np.abs(learned.weights[0][:, ~blind]).min() > 0.0
+    moved = np.abs(learned.weights[-1]).max(axis=1) > 0.0
+    np.testing.assert_array_equal(moved, [True, True, False, True, True, False])
+    np.testing.assert_array_equal(learned.biases[-1][[2, 5]], 0.0)
+    with pytest.raises(UnknownNameError, match="unknown piece of the observation 'mood'; valid: position_error"):
+        hidden(replace(args, sees=("mood",)))
+    with pytest.raises(InvalidValueError, match=r"still = 6 is not valid; expected entries within 0 … 5"):
+        still(replace(args, still=(6,)))
 
 
 def test_a_held_action_adds_up_the_rewards_of_its_ticks():

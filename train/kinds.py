@@ -127,7 +127,14 @@ class TrainingEnv(gymnasium.Wrapper):
     """An environment as learners see it: scaled observations, a training reward, a washout, little in `info`."""
 
     def __init__(
-        self, env: gymnasium.Env, goal: Goal, *, washout: np.ndarray, hold: int = 1, scaling: Scaling | None = None
+        self,
+        env: gymnasium.Env,
+        goal: Goal,
+        *,
+        washout: np.ndarray,
+        still: np.ndarray | float = 0.0,
+        hold: int = 1,
+        scaling: Scaling | None = None,
     ) -> None:
         """Wrap.
 
@@ -135,11 +142,13 @@ class TrainingEnv(gymnasium.Wrapper):
             env: Environment of this package.
             goal: What is rewarded.
             washout: Time constant of each entry of the action, 0 for none [s].
+            still: 1 for the entries of the action that stay 0.
             hold: Ticks for which an action is held; their rewards are added up.
             scaling: Of the observations; none if None.
         """
         super().__init__(env)
         self._goal, self._washout, self._hold, self._scaling = goal, Washout(washout), hold, scaling
+        self._free = 1.0 - still
         self._before: dict[str, Any] = {}
         if scaling is not None:
             high = np.full(len(scaling.mean), scaling.clip, np.float32)
@@ -162,7 +171,7 @@ class TrainingEnv(gymnasium.Wrapper):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """As long as an action is held; a crawl is over when it is finished."""
-        total, action = 0.0, np.asarray(action, np.float64)
+        total, action = 0.0, self._free * np.asarray(action, np.float64)
         observation, terminated, truncated = np.zeros(0), False, False
         for _ in range(self._hold):
             given = self._washout(action)
@@ -183,6 +192,7 @@ def make_training_env(
     goal: Goal,
     *,
     washout: np.ndarray,
+    still: np.ndarray | float = 0.0,
     hold: int = 1,
     scaling: Scaling | None = None,
     control: str = "python",
@@ -194,6 +204,7 @@ def make_training_env(
         arguments: Action mode and controller.
         goal: What is rewarded.
         washout: Time constant of each entry of the action, 0 for none [s].
+        still: 1 for the entries of the action that stay 0.
         hold: Ticks for which an action is held.
         scaling: Of the observations; none if None.
         control: `python` or `core`.
@@ -206,7 +217,7 @@ def make_training_env(
         max_episode_steps=round(kind.seconds * CONTROL_RATE), disable_env_checker=True,
     )  # fmt: skip
     assert isinstance(env.unwrapped, SpidarEnv)
-    return TrainingEnv(env, goal, washout=washout, hold=hold, scaling=scaling)
+    return TrainingEnv(env, goal, washout=washout, still=still, hold=hold, scaling=scaling)
 
 
 def baseline_scaling(envs: Sequence[TrainingEnv], seed: int, ticks: int) -> Scaling:

@@ -53,14 +53,15 @@ class BaseFirstSAC(SAC):
         return action, action
 
 
-def build(settings: Settings, envs: VecEnv, logs: str | None, hidden: np.ndarray | None = None) -> PPO | SAC:
+def build(settings: Settings, envs: VecEnv, logs: str | None, hidden: np.ndarray, still: np.ndarray) -> PPO | SAC:
     """An agent on the CPU whose mean action is exactly zero.
 
     Args:
         settings: Hyperparameters.
         envs: Environments.
         logs: Folder for TensorBoard; none if None.
-        hidden: Which numbers of the observation the actor does not see, though the critic does; none if None.
+        hidden: Which numbers of the observation the actor does not see, though the critic does.
+        still: Which entries of the action stay 0.
     """
     pi, vf = [settings.hidden] * 2, [settings.critic_hidden] * 2
     shared: dict[str, Any] = {
@@ -89,10 +90,11 @@ def build(settings: Settings, envs: VecEnv, logs: str | None, hidden: np.ndarray
     with torch.no_grad():
         last.weight.zero_()
         last.bias.zero_()
-        if hidden is not None and hidden.any():
-            seen = torch.tensor(~hidden, dtype=torch.float32)
-            first.weight.mul_(seen)
-            first.weight.register_hook(lambda gradient: gradient * seen)
+        seen, free = (torch.tensor(~mask, dtype=torch.float32) for mask in (hidden, still))
+        first.weight.mul_(seen)
+        first.weight.register_hook(lambda gradient: gradient * seen)
+        last.weight.register_hook(lambda gradient: gradient * free[:, None])
+        last.bias.register_hook(lambda gradient: gradient * free)
     return model
 
 

@@ -56,6 +56,8 @@ class Args:
     """What the action means; `direct` has no controller."""
     sees: tuple[str, ...] = ()
     """Pieces of the observation that the actor sees, by name, while the critic sees all; all if none is given."""
+    still: tuple[int, ...] = ()
+    """Entries of the action that stay 0."""
     algorithm: str = "ppo"
     """ppo or sac."""
     seed: int = 0
@@ -167,7 +169,14 @@ def make_env(args: Args, track: str, scaling: Scaling | None = None) -> Training
         shift=args.reward_shift, scale=args.reward_scale,
     )  # fmt: skip
     return make_training_env(
-        track, args.arguments, goal, washout=washout(args), hold=args.hold, scaling=scaling, control=args.control
+        track,
+        args.arguments,
+        goal,
+        washout=washout(args),
+        still=still(args),
+        hold=args.hold,
+        scaling=scaling,
+        control=args.control,
     )
 
 
@@ -186,6 +195,15 @@ def hidden(args: Args) -> np.ndarray:
     for name in args.sees:
         require_name("piece of the observation", name, [field.name for field in fields])
     return np.concatenate([np.full(f.size, bool(args.sees) and f.name not in args.sees) for f in fields])
+
+
+def still(args: Args) -> np.ndarray:
+    """Which entries of the action stay 0."""
+    size = mode(args).size
+    for entry in args.still:
+        if not 0 <= entry < size:
+            raise InvalidValueError("still", entry, f"entries within 0 … {size - 1}")
+    return np.isin(np.arange(size), args.still)
 
 
 def washout(args: Args) -> np.ndarray:
@@ -262,7 +280,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
     scaling = Scaling(**state.scaling)
 
     envs = make_envs(args, scaling)
-    model = build(args, envs, str(run.folder / "tensorboard"), hidden(args))
+    model = build(args, envs, str(run.folder / "tensorboard"), hidden(args), still(args))
     if state.learner:
         load_state(model, state.learner)
     else:

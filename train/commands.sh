@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# The exact commands behind every learned row of the leaderboard, in a checkout with `pip install -e '.[train,viz]'`
+# and the core compiled (`spidar export --build`). Every run resumes where it was interrupted; each is one process, so
+# several seeds can run side by side. Usage: train/commands.sh [ROW ...], all rows if none is named.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+FLIGHTS="flight-forms flight-fast3 flight-fast5 flight-randomised"
+
+row() { # row NAME SEEDS TRACKS SCRIPT PRESET: train every seed, keep the artifacts, evaluate on the test scenarios
+  local name=$1 seeds=$2 tracks=$3 script=$4 preset=$5 seed policies=()
+  for seed in $seeds; do
+    python -m "train.$script" "$preset" --seed "$seed" --no-row
+    mkdir -p "baselines/learned/$name"
+    cp "out/train/$name/seed$seed/policy.npz" "baselines/learned/$name/seed$seed.npz"
+    policies+=("baselines/learned/$name/seed$seed.npz")
+  done
+  spidar eval --policy "${policies[@]}" --tracks $tracks --out baselines/scores
+}
+
+supervised_paper() { row supervised_paper "0 1 2 3 4" "$FLIGHTS" supervised hover-paper; }
+supervised_tuned() { row supervised_tuned "0 1 2 3 4" "$FLIGHTS" supervised hover-tuned; }
+ppo_paper() { row ppo_paper "0 1 2 3 4" "$FLIGHTS" residual hover-paper-ppo; }
+ppo_tuned() { row ppo_tuned "0 1 2 3 4" "$FLIGHTS" residual hover-tuned-ppo; }
+ppo_crawl() { row ppo_crawl "0 1 2 3 4" ground-randomised residual crawl-ppo; }
+ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }
+
+for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned ppo_crawl ppo_direct}; do "$name"; done
+python -m train.curves
+spidar leaderboard build
