@@ -12,6 +12,7 @@ from typing import Any
 import tyro
 
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.control.core import core_path
 from spidar_gym.errors import SpidarError
 from spidar_gym.files import json_text, write_text
 from spidar_gym.terminal import speak_plainly
@@ -33,7 +34,7 @@ class Args:
     """Folder with runs: NAME/seedK/curve.json; where it is missing only pictures are drawn anew."""
     out: Path = Path("train/curves")
     """Folder for NAME.json and TRACK.png."""
-    control: str = "core"
+    control: str = "core" if core_path().is_file() else "python"
     """Who flies the lines: python, or core."""
 
 

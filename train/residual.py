@@ -25,6 +25,7 @@ from tqdm import tqdm
 from spidar_gym.benchmark.artifact import Artifact
 from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.track import HOVER
+from spidar_gym.control.core import core_path
 from spidar_gym.control.crawl_observation import crawl_layout
 from spidar_gym.control.observation import Field, layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
@@ -68,8 +69,8 @@ class Args:
     """Ticks between two checkpoints, each with a validation."""
     envs: int = 16
     """Environments side by side."""
-    control: str = "core"
-    """python, or core: the compiled controller, where it is built."""
+    control: str = "core" if core_path().is_file() else "python"
+    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
     scenarios: int = 6
     """Validation scenarios of each track."""
     scaling_ticks: int = 2000

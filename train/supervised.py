@@ -27,6 +27,7 @@ from spidar_gym.benchmark.artifact import Artifact
 from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.track import HOVER, find_track
 from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.control.core import core_path
 from spidar_gym.control.observation import layout
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.terminal import speak_plainly
@@ -75,8 +76,8 @@ class Args:
     """Forms in which the answer to a pulse is measured."""
     scenarios: int = 6
     """Validation scenarios of each track."""
-    control: str = "core"
-    """python, or core: the compiled controller, where it is built."""
+    control: str = "core" if core_path().is_file() else "python"
+    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
     workers: int = cores()
     """Processes that fly."""
     out: Path = Path("out/train")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.row import Row
-from spidar_gym.benchmark.statistics import Change, Interval, iqm, one, paired_difference, stratified_bootstrap
+from spidar_gym.benchmark.statistics import Change, Interval, Numbers, iqm, one, paired_difference, stratified_bootstrap
 from spidar_gym.benchmark.tables import aligned
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.errors import InvalidValueError
@@ -48,7 +48,7 @@ def _rng(*words: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64([zlib.crc32(word.encode()) for word in words]))
 
 
-def _gain(base: np.ndarray, own: np.ndarray) -> np.ndarray:
+def _gain(base: np.ndarray, own: np.ndarray) -> Numbers:
     """Difference of the means; shapes as in `paired_difference`."""
     return np.mean(own, axis=(-1, -2)) - np.mean(base, axis=-1)
 
