@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +161,12 @@ def make_env(args: Args, track: str, scaling: Scaling | None = None) -> Training
     )
 
 
+def vector(args: Args, scaling: Scaling) -> DummyVecEnv:
+    """Environments side by side, one after the other of each track."""
+    tracks = [args.tracks[k % len(args.tracks)] for k in range(args.envs)]
+    return DummyVecEnv([lambda track=track: Monitor(make_env(args, track, scaling)) for track in tracks])
+
+
 def washout(args: Args) -> np.ndarray:
     """Time constant of every entry of the action [s]: only a wrench has integrals that own its constant part."""
     modes = ACTION_MODES if find_track(args.tracks[0]).flies else CRAWL_MODES
@@ -226,9 +231,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
         state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold))
     scaling = Scaling(**state.scaling)
 
-    envs = DummyVecEnv(
-        [partial(_monitored, args, args.tracks[k % len(args.tracks)], scaling) for k in range(args.envs)]
-    )
+    envs = vector(args, scaling)
     model = build(args, envs, str(run.folder / "tensorboard"))
     if state.learner:
         load_state(model, state.learner)
@@ -260,10 +263,6 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
     envs.close()
     run.write_curve(state)
     return run.publish(artifact(args, state.best, scaling, state))
-
-
-def _monitored(args: Args, track: str, scaling: Scaling) -> Monitor:
-    return Monitor(make_env(args, track, scaling))
 
 
 def _reward(model: BaseAlgorithm) -> float | None:
