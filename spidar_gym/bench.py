@@ -3,12 +3,14 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
+import importlib
 import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import gymnasium
@@ -24,6 +26,7 @@ from spidar_gym.control.modes import find_allocation
 from spidar_gym.control.qp import Demand, assemble
 from spidar_gym.control.solver import closed_form
 from spidar_gym.envs.hover import HoverEnv
+from spidar_gym.errors import MissingDependencyError, SpidarError
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.sim.aero import Aero
 from spidar_gym.so3 import exp
@@ -106,7 +109,7 @@ def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
 def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """All figures as one dictionary; keys end in their unit, µs unless they say otherwise."""
     spidar_gym.envs.registry.register()
-    result: dict[str, Any] = {"machine": _machine()}
+    result: dict[str, Any] = {"machine": machine()}
     on_step("reference")
     x = np.arange(8.0)
     result["numpy_add_us"] = measure(lambda: x + x, seconds=seconds / 5).__dict__
@@ -237,7 +240,8 @@ def _core(seconds: float) -> dict[str, Any]:
     return result
 
 
-def _machine() -> dict[str, str]:
+def machine() -> dict[str, str]:
+    """Processor, Python and the packages that the figures depend on."""
     packages = ("gymnasium", "mujoco", "numpy", "osqp", "pin")
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
@@ -245,6 +249,20 @@ def _machine() -> dict[str, str]:
         names = [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
         cpu = names[0] if names else cpu
     return {"cpu": cpu, "python": platform.python_version(), **{name: metadata.version(name) for name in packages}}
+
+
+def load_speed() -> ModuleType:
+    """`train.speed`, which times learners too (`SpidarError` outside a checkout, or without the extra `train`)."""
+    root = Path(spidar_gym.__file__).parent.parent
+    if not (root / "train" / "speed.py").is_file():
+        raise SpidarError(
+            f"there are no training scripts beside {root / 'spidar_gym'}; valid: a clone of the repository"
+        )
+    try:
+        # By name: no line of the library imports a learning framework.
+        return importlib.import_module("train.speed")
+    except ImportError as error:
+        raise MissingDependencyError("Stable-Baselines3 or torch", "pip install -e '.[train]' in the clone") from error
 
 
 def bench_table(result: dict[str, Any]) -> str:

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from spidar_gym import crawl_experiment, experiments, studies, viz
 from spidar_gym import tune as tuning
-from spidar_gym.bench import PARTS, bench_table, run_bench
+from spidar_gym.bench import PARTS, bench_table, load_speed, run_bench
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli_deploy import export_
 from spidar_gym.cli_eval import board_app, eval_, scenarios
@@ -158,23 +158,33 @@ def assets(
 
 
 @app.command
-def bench(seconds: float = 0.5, json: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+def bench(
+    seconds: float = 0.5,
+    train: tyro.conf.FlagCreatePairsOff[bool] = False,
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
     """Measure where the time goes: physics, snapshot, QP, control tick, environment steps.
 
     Args:
         seconds: Time spent on each figure [s].
+        train: Instead, measure control ticks a second of the simulation alone, with the allocator, and with a learner;
+            takes minutes, and needs a clone of the repository with the extra train.
         json: Print one JSON object on stdout and nothing else there.
     """
     if not seconds > 0.0:
         raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
-    with tqdm(total=PARTS, unit="part", desc="bench", file=sys.__stderr__, leave=False) as bar:
+    parts, measured, table = PARTS, run_bench, bench_table
+    if train:
+        speed = load_speed()
+        parts, measured, table = speed.PARTS, speed.run_speed, speed.speed_table
+    with tqdm(total=parts, unit="part", desc="bench", file=sys.__stderr__, leave=False) as bar:
 
         def on_step(name: str) -> None:
             bar.set_postfix_str(name)
             bar.update()
 
-        result = run_bench(seconds=seconds, on_step=on_step)
-    print(json_text(result) if json else bench_table(result))
+        result = measured(seconds=seconds, on_step=on_step)
+    print(json_text(result) if json else table(result))
 
 
 @app.command(name="list")

@@ -11,6 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 WORKERS = str(min(4, os.cpu_count() or 1))
+OLDEST = "gymnasium==1.2.0"
+"""The oldest that pyproject.toml admits; the tests have the newest."""
 
 # Side by side: pyright uses one core.
 STATIC: list[tuple[str, list[str]]] = [
@@ -38,13 +40,13 @@ def run(title: str, command: list[str], cwd: Path | str = ROOT) -> None:
 
 
 def wheel_alone() -> None:
-    """The built wheel, installed without the checkout, makes an environment and flies it."""
+    """The built wheel, installed without the checkout on the oldest Gymnasium, makes an environment and flies it."""
     with tempfile.TemporaryDirectory() as folder:
         run("wheel", [sys.executable, "-m", "build", "--wheel", "--installer", "pip", "--outdir", folder, str(ROOT)])
         wheel = next(Path(folder).glob("*.whl"))
         venv.create(Path(folder) / "venv", with_pip=True, system_site_packages=False)
         python = str(Path(folder) / "venv" / "bin" / "python")
-        run("install the wheel alone", [python, "-m", "pip", "install", "-q", str(wheel)])
+        run("install the wheel alone", [python, "-m", "pip", "install", "-q", str(wheel), OLDEST])
         run("smoke test on the wheel", [python, str(ROOT / "tests" / "smoke.py")], cwd=folder)
 
 

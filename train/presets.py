@@ -4,10 +4,18 @@ python -m train.presets            # writes train/zoo/*.yml
 python -m train.presets --check
 """
 
+import json
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from spidar_gym.benchmark.track import CRAWL, HOVER
+import tyro
+
+from spidar_gym.benchmark.track import CRAWL, HOVER, find_track
+from spidar_gym.errors import StaleAssetError
+from spidar_gym.files import has_text, write_text
+from spidar_gym.terminal import speak_plainly
 
 NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
 """Kinds of flights to learn in: three speeds on the robot of the description."""
@@ -126,3 +134,97 @@ SUPERVISED: dict[str, Mapping[str, Any]] = {
     },
 }
 """Settings of `train.supervised` by name."""
+ZOO = {"ppo": ("hover-paper-ppo", "crawl-ppo"), "sac": ("hover-paper-sac",)}
+"""Algorithm → presets of `train.residual` that rl-zoo gets, one an environment id."""
+FOLDER = Path(__file__).parent / "zoo"
+"""Where rl-zoo's files lie."""
+HEAD = """\
+# Presets of train.residual for rl-zoo, written by `python -m train.presets`; not edited by hand.
+#
+#   python -m rl_zoo3.train --algo {algorithm} --env {env_id} --gym-packages spidar_gym -conf train/zoo/{algorithm}.yml
+#
+# What rl-zoo cannot say, so that its agents are not those of train.residual:
+# - the output layer that begins at zero, so that the agent begins as its base; ticks in which only the critic learns;
+# - the washout of a residual wrench, and the training rewards: it learns from the environment's own;
+# - what the actor does not see, and entries of the action that stay still;
+# - a held action: n_steps, batch_size, gamma and gae_lambda are those of single ticks;
+# - several kinds of environments side by side: it has the middle one; evaluations have the environment's own defaults
+#   where --eval-env-kwargs says nothing else;
+# - the scaling frozen before training: VecNormalize goes on adapting;
+# - a learning rate that ends above 0; for SAC also the exploration's width and the base that fills its buffer.
+"""
+"""First lines of a file."""
+
+
+def zoo() -> dict[str, str]:
+    """Algorithm → text of its YAML."""
+    texts = {}
+    for algorithm, names in ZOO.items():
+        env_id = RESIDUAL[names[0]]["env_id"]
+        lines = [HEAD.format(algorithm=algorithm, env_id=env_id)]
+        for name in names:
+            lines.append(f"\n# {name}\n{RESIDUAL[name]['env_id']}:\n")
+            lines += [f"  {key}: {json.dumps(value)}\n" for key, value in hyperparameters(name).items()]
+        texts[algorithm] = "".join(lines)
+    return texts
+
+
+def hyperparameters(name: str) -> dict[str, Any]:
+    """What rl-zoo is told of a preset of `train.residual`, in its own names."""
+    # Here, since train.residual reads this file.
+    from train import residual
+
+    args = residual.Args(**RESIDUAL[name])
+    ppo = args.algorithm == "ppo"
+    net = f"dict(pi={[args.hidden] * 2}, {'vf' if ppo else 'qf'}={[args.critic_hidden] * 2})"
+    kind = find_track(args.tracks[len(args.tracks) // 2])
+    shared = {
+        "env_kwargs": {**args.arguments, **kind.options},
+        "normalize": "dict(norm_obs=True, norm_reward=False)",
+        "n_envs": args.envs,
+        "n_timesteps": args.steps,
+        "policy": "MlpPolicy",
+        "batch_size": args.batch_size * args.hold,
+        "gamma": round(args.gamma ** (1.0 / args.hold), 6),
+        "learning_rate": args.lr if args.lr_end == args.lr else f"lin_{args.lr}",
+    }
+    if not ppo:
+        return shared | {
+            "buffer_size": args.buffer,
+            "learning_starts": args.warmup,
+            "train_freq": 1,
+            "gradient_steps": args.updates,
+            "policy_kwargs": f"dict(net_arch={net}, activation_fn=nn.ReLU, log_std_init={args.log_std})",
+        }
+    return shared | {
+        "n_steps": args.n_steps * args.hold,
+        "n_epochs": args.epochs,
+        "gae_lambda": round(args.gae_lambda ** (1.0 / args.hold), 6),
+        "clip_range": args.clip_range,
+        "ent_coef": args.entropy,
+        "policy_kwargs": f"dict(net_arch={net}, activation_fn=nn.Tanh, log_std_init={args.log_std})",
+    }
+
+
+@dataclass(frozen=True)
+class Args:
+    """Write the presets as rl-zoo takes them."""
+
+    check: bool = False
+    """Write nothing; fail when a committed file is stale."""
+
+
+def main() -> None:
+    """Entry point."""
+    args = tyro.cli(Args, description=__doc__, prog="python -m train.presets", config=(tyro.conf.FlagCreatePairsOff,))
+    for algorithm, text in zoo().items():
+        path = FOLDER / f"{algorithm}.yml"
+        if not has_text(path, text):
+            if args.check:
+                raise StaleAssetError(path, "python -m train.presets")
+            write_text(path, text)
+        print(f"{path} is up to date")
+
+
+if __name__ == "__main__":
+    speak_plainly("train.presets", main)

@@ -3,11 +3,13 @@
     python -m train.sweep hover-paper-ppo --seeds 0 1 2 3 4 --lr 3e-4 1e-3 --steps 500000
 
 Every trial is a run like any other: it has a folder of its own, and goes on where it was when the sweep is started
-again.
+again. On a cluster the folder must be one that all its machines share.
 """
 
 import itertools
 import os
+import socket
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,11 +22,20 @@ from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarE
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.terminal import speak_plainly
 from train import presets
+from train.curves import read_curve
 from train.residual import Args as Run
 from train.residual import learn
+from train.run import called
 
+FOUND = ("chosen", "score", "worst", "success", "steps", "seconds")
+"""What a trial reports: the paired score of the agent that it would publish, and the last line of its curve."""
+PATIENCE = 5.0
+"""How long a cluster may take to answer [s]."""
 SWEPT = ("lr", "gamma", "log_std", "washout", "penalty")
 """Hyperparameters of which a sweep tries several."""
+
+FIXED = ("steps", "segment", "scenarios", "envs", "scaling_ticks")
+"""Settings that all trials share."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,8 @@ class Args:
     """Validation scenarios of each track; the preset's if 0."""
     envs: int = 0
     """Environments of each trial; the preset's if 0."""
+    scaling_ticks: int = 0
+    """Ticks of the baseline from which the observations' scaling is taken; the preset's if 0."""
     ray: str = "local"
     """Cluster: local, auto, or host:port."""
     workers: int = cores()
@@ -69,7 +82,7 @@ class Args:
     def trials(self) -> list[dict[str, Any]]:
         """Settings of every trial: all combinations."""
         swept = {name: getattr(self, name) for name in SWEPT if getattr(self, name)}
-        fixed = {name: getattr(self, name) for name in ("steps", "segment", "scenarios", "envs") if getattr(self, name)}
+        fixed = {name: getattr(self, name) for name in FIXED if getattr(self, name)}
         return [
             {**fixed, "seed": seed, **dict(zip(swept, values, strict=True))}
             for values in itertools.product(*swept.values())
@@ -84,8 +97,15 @@ def settings(args: Args, trial: dict[str, Any]) -> Run:
     return replace(run, **trial, row=False, out=args.out.absolute() / ("_".join(words) or "preset"))
 
 
+def require_answer(address: str) -> None:
+    """Refuse an address where nobody listens (`OSError`); Ray itself tries again for many minutes."""
+    host, colon, port = address.rpartition("://")[2].rpartition(":")
+    if colon and port.isdigit():
+        socket.create_connection((host, int(port)), PATIENCE).close()
+
+
 def sweep(args: Args) -> list[dict[str, Any]]:
-    """Run all trials; a line of results each, best first."""
+    """Run all trials; a line of results each, best first, those that failed last."""
     try:
         import ray
         from ray import tune
@@ -95,24 +115,31 @@ def sweep(args: Args) -> list[dict[str, Any]]:
     paths = os.pathsep.join(filter(None, [str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
     # A trial stays in this folder, where `train` is found; one core each, or BLAS would take them all.
     variables = {"PYTHONPATH": paths, "RAY_CHDIR_TO_TRIAL_DIR": "0", "OMP_NUM_THREADS": "1"}
-    here: dict[str, Any] = {"runtime_env": {"env_vars": variables}, "log_to_driver": False}
+    here: dict[str, Any] = {"runtime_env": {"env_vars": variables}, "log_to_driver": False, "logging_level": "ERROR"}
     try:
         if args.ray == "local":
             ray.init(num_cpus=args.workers, include_dashboard=False, **here)
         else:
+            require_answer(args.ray)
             ray.init(address=args.ray, **here)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise SpidarError(
             f"no Ray cluster at {args.ray!r}: {error}; valid: local, auto, or what `ray start` prints"
         ) from error
 
+    command = called().split()[2:]
+
     def trial(config: dict[str, Any]) -> None:
-        run = settings(args, config["trial"])
+        # What an artifact says it was made by.
+        sys.argv = command
 
         def report(line: dict[str, Any]) -> None:
-            tune.report({name: line[name] for name in ("score", "worst", "success", "steps", "seconds")})
+            tune.report({name: line.get(name) for name in FOUND})
 
-        learn(run, on_segment=report)
+        path = learn(settings(args, config["trial"]), on_segment=report)
+        # The last word, which a run that was finished before has too.
+        curve = read_curve(path.with_name("curve.json"))
+        report({**curve["curve"][-1], "chosen": curve["chosen"]["score"]})
 
     try:
         grid = tune.Tuner(
@@ -124,11 +151,10 @@ def sweep(args: Args) -> list[dict[str, Any]]:
         ray.shutdown()
     lines = []
     for result in grid:
-        trial_ = (result.config or {})["trial"]
-        metrics = result.metrics or {}
-        found = {name: metrics.get(name) for name in ("score", "worst", "success", "steps", "seconds")}
-        lines.append({**trial_, **found, "error": str(result.error or "")})
-    return sorted(lines, key=lambda line: (line["error"] != "", line["score"] or 0.0))
+        metrics, error = result.metrics or {}, str(result.error or "").strip()
+        found = {name: metrics.get(name) for name in FOUND}
+        lines.append({**(result.config or {})["trial"], **found, "error": error and error.splitlines()[-1]})
+    return sorted(lines, key=lambda line: (line["error"] != "", line["chosen"] or 0.0, line["score"] or 0.0))
 
 
 def main() -> None:
@@ -136,10 +162,11 @@ def main() -> None:
     args = tyro.cli(Args, description=__doc__, prog="python -m train.sweep")
     lines = sweep(args)
     write_text(args.out / "results.json", json_text({"preset": args.preset, "trials": lines}))
-    heads = list(lines[0])
-    print(
-        aligned([heads, *([f"{v:.4g}" if isinstance(v, float) else str(v) for v in line.values()] for line in lines)])
-    )
+    cells = [[f"{v:.4g}" if isinstance(v, float) else str(v) for v in line.values()] for line in lines]
+    print(aligned([list(lines[0]), *cells]))
+    failed = [line["error"] for line in lines if line["error"]]
+    if failed:
+        raise SpidarError(f"{len(failed)} of {len(lines)} trials failed, the first of them with {failed[0]}")
 
 
 if __name__ == "__main__":

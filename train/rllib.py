@@ -1,0 +1,78 @@
+"""The same environment in RLlib: PPO on `spidar_gym/Hover-v0` through Gymnasium's interface and nothing else.
+
+RLlib asks for one version of Gymnasium (Ray 2.60 for 1.2.2, this package for 1.2 or newer), so it gets an environment
+of its own:
+
+    python3 -m venv .venv-rllib
+    .venv-rllib/bin/pip install 'torch<2.14'
+    .venv-rllib/bin/pip install -e . 'ray[rllib]'
+    .venv-rllib/bin/python -m train.rllib --iterations 5
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+import tyro
+
+from spidar_gym.errors import MissingDependencyError, require_least
+from spidar_gym.terminal import speak_plainly
+
+SHARE = 0.1
+"""Of an action reaches the robot: RLlib's Gaussian begins with a standard deviation of about 1."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Train a wrench residual with RLlib's PPO, and print its mean return beside the controller's own."""
+
+    iterations: int = 5
+    """Rollouts, each with its update."""
+    batch: int = 2000
+    """Ticks of a rollout."""
+    ticks: int = 200
+    """Ticks of an episode."""
+    runners: int = 0
+    """Processes that play; 0 plays in this one."""
+    seed: int = 0
+    """Of learner and environments."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no training."""
+        require_least(1, iterations=self.iterations, batch=self.batch, ticks=self.ticks)
+        require_least(0, runners=self.runners, seed=self.seed)
+
+
+def make(config: dict[str, Any]) -> gymnasium.Env:
+    """A flight; Gymnasium imports the package named before the colon, in whatever process this is called."""
+    env = gymnasium.make("spidar_gym:spidar_gym/Hover-v0", forms="independent", max_episode_steps=config["ticks"])
+    return gymnasium.wrappers.TransformAction(env, lambda action: SHARE * action, env.action_space)
+
+
+def main() -> None:
+    """Entry point."""
+    args = tyro.cli(Args, description=__doc__, prog="python -m train.rllib")
+    try:
+        from ray.rllib.algorithms.ppo import PPOConfig
+        from ray.tune import register_env
+    except ImportError as error:
+        raise MissingDependencyError("RLlib", "pip install -e . 'ray[rllib]'") from error
+    env = make({"ticks": args.ticks})
+    env.reset(seed=args.seed)
+    alone = sum(float(env.step(np.zeros(env.action_space.shape or ()))[1]) for _ in range(args.ticks))
+    print(f"Gymnasium {gymnasium.__version__}; return of the controller alone: {alone:.1f} of {args.ticks}")
+    register_env("hover", make)
+    config = PPOConfig().environment("hover", env_config={"ticks": args.ticks}).debugging(seed=args.seed)
+    config.env_runners(num_env_runners=args.runners).training(
+        train_batch_size=args.batch, minibatch_size=min(256, args.batch), num_epochs=10, gamma=0.97, lr=3e-4
+    )
+    algorithm = config.build_algo()
+    for k in range(args.iterations):
+        mean = algorithm.train()["env_runners"].get("episode_return_mean", float("nan"))
+        print(f"iteration {k + 1}: mean return {mean:.1f}", flush=True)
+    algorithm.stop()
+
+
+if __name__ == "__main__":
+    speak_plainly("train.rllib", main)
