@@ -45,13 +45,15 @@ def test_the_check_runs_as_it_is_documented():
 
 def test_rl_zoo_gets_an_entry_for_every_environment():
     from spidar_gym.envs.registry import ENVIRONMENTS
+    from train import presets
 
     assert [path.stem for path in FILES] == ["ppo", "sac"]
     assert set(entries(FILES[0])) == set(ENVIRONMENTS)
     crawl = entries(FILES[0])["spidar_gym/Crawl-v0"]
-    # A held action is taken apart: what 64 decisions of 20 ticks are, in ticks.
-    assert crawl["n_steps"] == 64 * 20
-    assert crawl["gamma"] ** 20 == pytest.approx(0.98, abs=1e-4)
+    # A held action is taken apart: what decisions of several ticks are, in ticks.
+    preset = presets.RESIDUAL["crawl-ppo"]
+    assert crawl["n_steps"] == preset["n_steps"] * preset["hold"]
+    assert crawl["gamma"] ** preset["hold"] == pytest.approx(preset["gamma"], abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -83,5 +85,5 @@ def test_stable_baselines_takes_every_value(algorithm, env_id):
     actor = model.policy.mlp_extractor.policy_net if algorithm == "ppo" else model.actor.latent_pi
     assert [m.out_features for m in actor if isinstance(m, nn.Linear)] == kwargs["net_arch"]["pi"]
     if algorithm == "ppo":
-        assert model.policy.log_std.detach().unique().tolist() == [kwargs["log_std_init"]]
+        assert model.policy.log_std.detach().unique().tolist() == pytest.approx([kwargs["log_std_init"]])
     envs.close()
