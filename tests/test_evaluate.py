@@ -327,10 +327,17 @@ def test_a_cluster_that_is_not_there_is_one_line(error, monkeypatch, here):
         raise error("nobody answers")
 
     monkeypatch.setattr(ray, "init", unreachable)
-    message = refused(SpidarError, "mine:Zero", TRACK, 1, ray="10.0.0.1:6379", folder=here / "kept")
-    assert "10.0.0.1:6379" in message
+    message = refused(SpidarError, "mine:Zero", TRACK, 1, ray="auto", folder=here / "kept")
+    assert "no Ray cluster at 'auto'" in message
     assert "nobody answers" in message
     assert "valid: local" in message
+
+
+def test_an_address_where_nobody_listens_is_refused_before_ray_tries_for_minutes(monkeypatch, here):
+    ray = pytest.importorskip("ray")
+    monkeypatch.setattr(ray, "init", lambda **options: pytest.fail("Ray was asked"))
+    message = refused(SpidarError, "mine:Zero", TRACK, 1, ray="127.0.0.1:9")
+    assert "no Ray cluster at '127.0.0.1:9'" in message
 
 
 def test_rays_workers_import_from_the_working_folder_and_from_where_the_caller_does(monkeypatch, here):

@@ -6,9 +6,8 @@ Every trial is a run like any other: it has a folder of its own, and goes on whe
 again. On a cluster the folder must be one that all its machines share.
 """
 
+import importlib.util
 import itertools
-import os
-import socket
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from spidar_gym.benchmark.cluster import cluster
 from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.tables import aligned
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_name
@@ -29,8 +29,6 @@ from train.run import called
 
 FOUND = ("chosen", "score", "worst", "success", "steps", "seconds")
 """What a trial reports: the paired score of the agent that it would publish, and the last line of its curve."""
-PATIENCE = 5.0
-"""How long a cluster may take to answer [s]."""
 SWEPT = ("lr", "gamma", "log_std", "washout", "penalty")
 """Hyperparameters of which a sweep tries several."""
 
@@ -97,39 +95,16 @@ def settings(args: Args, trial: dict[str, Any]) -> Run:
     return replace(run, **trial, row=False, out=args.out.absolute() / ("_".join(words) or "preset"))
 
 
-def require_answer(address: str) -> None:
-    """Refuse an address where nobody listens (`OSError`); Ray itself tries again for many minutes."""
-    host, colon, port = address.rpartition("://")[2].rpartition(":")
-    if colon and port.isdigit():
-        socket.create_connection((host, int(port)), PATIENCE).close()
-
-
 def sweep(args: Args) -> list[dict[str, Any]]:
     """Run all trials; a line of results each, best first, those that failed last."""
-    try:
-        import ray
-        from ray import tune
-    except ImportError as error:
-        raise MissingDependencyError("Ray Tune", "pip install 'spidar-gym[ray,train]'") from error
+    if importlib.util.find_spec("ray") is None or importlib.util.find_spec("ray.tune") is None:
+        raise MissingDependencyError("Ray Tune", "pip install 'spidar-gym[ray,train]'")
     folder = output_folder(args.out).absolute()
-    paths = os.pathsep.join(filter(None, [str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
-    # A trial stays in this folder, where `train` is found; one core each, or BLAS would take them all.
-    variables = {"PYTHONPATH": paths, "RAY_CHDIR_TO_TRIAL_DIR": "0", "OMP_NUM_THREADS": "1"}
-    here: dict[str, Any] = {"runtime_env": {"env_vars": variables}, "log_to_driver": False, "logging_level": "ERROR"}
-    try:
-        if args.ray == "local":
-            ray.init(num_cpus=args.workers, include_dashboard=False, **here)
-        else:
-            require_answer(args.ray)
-            ray.init(address=args.ray, **here)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise SpidarError(
-            f"no Ray cluster at {args.ray!r}: {error}; valid: local, auto, or what `ray start` prints"
-        ) from error
-
     command = called().split()[2:]
 
     def trial(config: dict[str, Any]) -> None:
+        from ray import tune
+
         # What an artifact says it was made by.
         sys.argv = command
 
@@ -141,14 +116,16 @@ def sweep(args: Args) -> list[dict[str, Any]]:
         curve = read_curve(path.with_name("curve.json"))
         report({**curve["curve"][-1], "chosen": curve["chosen"]["score"]})
 
-    try:
+    # A trial stays in this folder, where `train` is found; one core each, or BLAS would take them all.
+    variables = {"RAY_CHDIR_TO_TRIAL_DIR": "0", "OMP_NUM_THREADS": "1"}
+    with cluster(args.ray, args.workers, variables=variables, logging_level="ERROR"):
+        from ray import tune
+
         grid = tune.Tuner(
             tune.with_resources(trial, {"cpu": 1}),
             param_space={"trial": tune.grid_search(args.trials())},
             run_config=tune.RunConfig(storage_path=str(folder / "tune"), verbose=1),
         ).fit()
-    finally:
-        ray.shutdown()
     lines = []
     for result in grid:
         metrics, error = result.metrics or {}, str(result.error or "").strip()

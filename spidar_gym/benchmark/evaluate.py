@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -12,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.cluster import cluster
 from spidar_gym.benchmark.episode import ACT_LIMIT_S, METRICS, play
 from spidar_gym.benchmark.policy import Policy, load_policy, policy_digest, policy_name
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least
+from spidar_gym.errors import InvalidValueError, SpidarError, require_least
 from spidar_gym.files import write_text
 
 BEHAVIOUR = (
@@ -208,26 +208,7 @@ def _in_processes(jobs: Iterable[tuple[int, Shard]], workers: int, ray: str | No
 
 
 def _on_ray(jobs: Iterable[tuple[int, Shard]], workers: int, address: str | None) -> _Done:
-    try:
-        import ray
-        from ray.exceptions import RayTaskError
-    except ImportError as error:
-        raise MissingDependencyError("Ray", "pip install 'spidar-gym[ray]'") from error
-    started = not ray.is_initialized()
-    if started:
-        # Policies are also looked for in the working folder, there as here.
-        paths = os.pathsep.join(filter(None, [str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
-        here = {"runtime_env": {"env_vars": {"PYTHONPATH": paths}}, "include_dashboard": False}
-        try:
-            if address == "local":
-                ray.init(num_cpus=workers, log_to_driver=False, **here)
-            else:
-                ray.init(address=address, log_to_driver=False, runtime_env=here["runtime_env"])
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise SpidarError(
-                f"no Ray cluster at {address!r}: {error}; valid: local, auto, or what `ray start` prints"
-            ) from error
-    try:
+    with cluster(address or "local", workers) as ray:
         remote = ray.remote(play_shard)
         waiting = {remote.remote(shard): k for k, shard in jobs}
         while waiting:
@@ -235,8 +216,5 @@ def _on_ray(jobs: Iterable[tuple[int, Shard]], workers: int, address: str | None
             for reference in done:
                 try:
                     yield waiting.pop(reference), ray.get(reference)
-                except RayTaskError as error:
+                except ray.exceptions.RayTaskError as error:
                     raise (error.cause if isinstance(error.cause, SpidarError) else error) from None
-    finally:
-        if started:
-            ray.shutdown()
