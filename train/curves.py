@@ -65,7 +65,7 @@ def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, 
         for run in curve["runs"]:
             base = run["base"].get(track)
             for metric, value in (base or {}).items():
-                steps = [0.0, *(line["steps"] for line in run["curve"])]
+                steps = [0.0, *(float(line["steps"]) for line in run["curve"])]
                 values = [value, *(value * (1.0 + line["cells"][track][metric]) for line in run["curve"])]
                 found.setdefault(metric, {}).setdefault(curve["row"], []).append((steps, values))
     return found

@@ -166,7 +166,7 @@ class TrainingEnv(gymnasium.Wrapper):
 
     def _look(self, info: dict[str, Any]) -> dict[str, Any]:
         """`info`, and how far the goal of a crawl is."""
-        env = self.unwrapped
+        env: Any = self.unwrapped
         return {**info, "way": env.progress.rest} if "finished" in info else info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

@@ -1,7 +1,7 @@
 """The learner: a Stable-Baselines3 agent that starts as its base, and what of it becomes an artifact."""
 
-from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -10,33 +10,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+if TYPE_CHECKING:
+    from train.residual import Args
+
 ALGORITHMS = ("ppo", "sac")
 """Learners by name."""
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 """W (out, in) and b (out,) of every layer of an actor."""
-
-
-class Settings(Protocol):
-    """What a learner needs to be told; see `train.residual.Args`."""
-
-    algorithm: str
-    seed: int
-    hidden: int
-    critic_hidden: int
-    lr: float
-    gamma: float
-    gae_lambda: float
-    n_steps: int
-    batch_size: int
-    epochs: int
-    clip_range: float
-    log_std: float
-    target_kl: float
-    entropy: float
-    buffer: int
-    warmup: int
-    updates: int
-    average: float
 
 
 class BaseFirstSAC(SAC):
@@ -53,39 +33,39 @@ class BaseFirstSAC(SAC):
         return action, action
 
 
-def build(settings: Settings, envs: VecEnv, logs: str | None, hidden: np.ndarray, still: np.ndarray) -> PPO | SAC:
+def build(args: "Args", envs: VecEnv, logs: str | None, hidden: np.ndarray, still: np.ndarray) -> PPO | SAC:
     """An agent on the CPU whose mean action is exactly zero.
 
     Args:
-        settings: Hyperparameters.
+        args: Hyperparameters.
         envs: Environments.
         logs: Folder for TensorBoard; none if None.
         hidden: Which numbers of the observation the actor does not see, though the critic does.
         still: Which entries of the action stay 0.
     """
-    pi, vf = [settings.hidden] * 2, [settings.critic_hidden] * 2
+    pi, vf = [args.hidden] * 2, [args.critic_hidden] * 2
     shared: dict[str, Any] = {
-        "learning_rate": settings.lr, "gamma": settings.gamma, "seed": settings.seed, "device": "cpu",
-        "tensorboard_log": logs, "batch_size": settings.batch_size,
+        "learning_rate": args.lr, "gamma": args.gamma, "seed": args.seed, "device": "cpu",
+        "tensorboard_log": logs, "batch_size": args.batch_size,
     }  # fmt: skip
-    if settings.algorithm == "ppo":
-        kwargs = {"net_arch": {"pi": pi, "vf": vf}, "activation_fn": nn.Tanh, "log_std_init": settings.log_std}
+    if args.algorithm == "ppo":
+        kwargs = {"net_arch": {"pi": pi, "vf": vf}, "activation_fn": nn.Tanh, "log_std_init": args.log_std}
         model = PPO(
-            "MlpPolicy", envs, n_steps=settings.n_steps, n_epochs=settings.epochs, gae_lambda=settings.gae_lambda,
-            clip_range=settings.clip_range, target_kl=settings.target_kl or None, ent_coef=settings.entropy,
+            "MlpPolicy", envs, n_steps=args.n_steps, n_epochs=args.epochs, gae_lambda=args.gae_lambda,
+            clip_range=args.clip_range, target_kl=args.target_kl or None, ent_coef=args.entropy,
             policy_kwargs=kwargs, **shared,
         )  # fmt: skip
     else:
-        kwargs = {"net_arch": {"pi": pi, "qf": vf}, "activation_fn": nn.ReLU, "log_std_init": settings.log_std}
+        kwargs = {"net_arch": {"pi": pi, "qf": vf}, "activation_fn": nn.ReLU, "log_std_init": args.log_std}
         model = BaseFirstSAC(
-            "MlpPolicy", envs, buffer_size=settings.buffer, learning_starts=settings.warmup,
-            gradient_steps=settings.updates, train_freq=1, policy_kwargs=kwargs, **shared,
+            "MlpPolicy", envs, buffer_size=args.buffer, learning_starts=args.warmup,
+            gradient_steps=args.updates, train_freq=1, policy_kwargs=kwargs, **shared,
         )  # fmt: skip
         log_std = model.actor.log_std
         assert isinstance(log_std, nn.Linear)
         with torch.no_grad():
             log_std.weight.zero_()
-            log_std.bias.fill_(settings.log_std)
+            log_std.bias.fill_(args.log_std)
     first, last = _actor(model)[0], _actor(model)[-1]
     with torch.no_grad():
         last.weight.zero_()
@@ -189,7 +169,7 @@ BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "t
 """Arrays of SB3's replay buffer."""
 
 
-def load_state(model: PPO | SAC, state: dict[str, Any]) -> None:
+def load_state(model: PPO | SAC, state: Mapping[str, Any]) -> None:
     """Become what was saved."""
     model.set_parameters(state["parameters"], exact_match=True, device="cpu")
     model.num_timesteps, model._n_updates = state["num_timesteps"], state["updates"]

@@ -57,6 +57,13 @@ def play(env: gymnasium.Env, seed: int, ticks: int) -> tuple[float, Saved, list[
     return time.perf_counter() - began, saved, commands
 
 
+def plant_of(env: gymnasium.Env) -> Plant:
+    """The simulated robot in an environment."""
+    inner = env.unwrapped
+    assert isinstance(inner, SpidarEnv)
+    return inner.plant
+
+
 def replay(plant: Plant, saved: Saved, commands: Sequence[Command]) -> float:
     """How long the very same ticks take without controller and environment [s]: physics, air, actuators, sensors."""
     plant.restore(saved)
@@ -100,9 +107,7 @@ def measure_row(args: Args, ticks: int, on_round: Callable[[], object]) -> dict[
     for k in range(ROUNDS):
         seed = training_seed(args.seed, 2, k)
         played = {control: [play(env, seed, ticks) for env in own] for control, own in envs.items()}
-        alone = sum(
-            replay(env.unwrapped.plant, *of[1:]) for env, of in zip(envs["python"], played["python"], strict=True)
-        )
+        alone = sum(replay(plant_of(env), *of[1:]) for env, of in zip(envs["python"], played["python"], strict=True))
         python, core = (sum(of[0] for of in played.get(control, ())) for control in ("python", "core"))
         rates.append([whole / alone, whole / python, whole / core if core else math.nan, args.segment / teach(k)])
         on_round()

@@ -162,15 +162,13 @@ def fit(
     position as much as attitude, each over the base's.
     """
     size = len(scaling.mean)
-    network = nn.Sequential(
-        nn.Linear(size, args.hidden), nn.Tanh(), nn.Linear(args.hidden, args.hidden), nn.Tanh(),
-        nn.Linear(args.hidden, POSE),
+    first, middle, last = (
+        nn.Linear(size, args.hidden), nn.Linear(args.hidden, args.hidden), nn.Linear(args.hidden, POSE)
     )  # fmt: skip
+    network = nn.Sequential(first, nn.Tanh(), middle, nn.Tanh(), last)
     hidden = torch.tensor(~visible(args))
-    last = network[-1]
-    assert isinstance(last, nn.Linear)
     with torch.no_grad():
-        network[0].weight[:, hidden] = 0.0
+        first.weight[:, hidden] = 0.0
         last.weight.zero_()
         last.bias.zero_()
     reversed_ = torch.tensor(response[:, :, ::-1].copy(), dtype=torch.float32)
@@ -195,8 +193,7 @@ def fit(
         optimizer.step()
         schedule.step()
         on_update()
-    linear = [m for m in network if isinstance(m, nn.Linear)]
-    return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in linear)
+    return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in (first, middle, last))
 
 
 def visible(args: Args) -> np.ndarray:
@@ -296,17 +293,15 @@ def judge(
     args: Args, referee: Referee, layers: Layers, scaling: Scaling, state: State, on_scenario: Callable[[], object]
 ) -> tuple[Verdict, Layers]:
     """The strongest share of a residual with which nothing gets worse; the weakest where there is none."""
+    found = []
     for share in SHARES:
         candidate = weakened(layers, share)
-        verdict = referee.judge(artifact(args, candidate, scaling, state), on_scenario)
-        on_scenario = _nothing  # the bar counts one share
-        if verdict.admissible:
+        # The bar counts one share.
+        told = (on_scenario,) if share == SHARES[0] else ()
+        found.append((referee.judge(artifact(args, candidate, scaling, state), *told), candidate))
+        if found[-1][0].admissible:
             break
-    return verdict, candidate
-
-
-def _nothing() -> None:
-    pass
+    return found[-1]
 
 
 def main() -> None:
