@@ -23,8 +23,11 @@ STATIC: list[tuple[str, list[str]]] = [
     ("generated files", ["spidar", "assets", "--check"]),
     ("onboard core", ["spidar", "export", "--build"]),
 ]
+PYTEST = ["pytest", "-n", WORKERS, "--dist", "loadfile", "--durations", "12"]
 STEPS: list[tuple[str, list[str]]] = [
-    ("tests", ["pytest", "-n", WORKERS, "--dist", "loadfile", "-m", "not ros", "--durations", "12"]),
+    ("tests, shapes and types checked", [*PYTEST, "-m", "not ros and not slow and not train"]),
+    # The same code for longer: the checks at run time would double its time, and have been made above.
+    ("long tests", [*PYTEST, "-o", "addopts=--strict-markers -q", "-m", "(slow or train) and not ros"]),
     # In real time: nothing else runs beside them.
     ("tests through ROS 1", ["pytest", "-n", "2", "-m", "ros"]),
     ("rows of the leaderboard, played again", ["spidar", "leaderboard", "verify", "--sample", "10"]),

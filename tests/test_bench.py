@@ -13,6 +13,7 @@ from spidar_gym.bench import PAIRS, bench_table, hard_demands, measure, run_benc
 from spidar_gym.cli import main
 
 
+@pytest.mark.slow
 def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
     monkeypatch.setattr(bench, "ROUNDS", 1)
     result = run_bench(seconds=0.02)
