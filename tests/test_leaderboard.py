@@ -329,3 +329,17 @@ def test_a_summary_names_both_rows_and_has_the_cells_of_the_board():
         assert found["tracks"][part["track"]] == {k: v for k, v in part.items() if k not in ("policy", "track")}
     assert summary(own, None)["reference"] is None
     assert list(summary(own, None)["tracks"]) == [FLIGHT, GROUND]
+
+
+def test_a_residual_is_compared_with_the_controller_that_it_adds_to_and_with_no_other():
+    base, tuned = qp(), made_row({FLIGHT: [errors(0.5)]}, "qp_tuned")
+    learned = made_row({FLIGHT: [errors(0.4), errors(0.45)]}, "learned", "residual", arguments={"preset": "tuned"})
+    assert (learned.base, base.base) == ("qp_tuned", "")
+    page = markdown(board_of(base, tuned, learned))
+    assert "## What learning adds" in page
+    assert "`learned`† against `qp_tuned`:" in page
+    assert "`learned`† against `qp`:" not in page
+    assert "What learning adds" not in markdown(board_of(base, tuned))
+    assert "What learning adds" not in markdown(board_of(base, learned))  # its base has no row there
+    own = made_row({FLIGHT: [errors(0.4)]}, "own", "residual", arguments={"preset": "mine"})
+    assert own.base == ""

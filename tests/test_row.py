@@ -39,9 +39,10 @@ SPEC = "spidar_gym.benchmark.policy:PresetPolicy"
 TRACK = "flight-fast5"
 
 
-def policy(name="qp", kind="classical", doc="What it is.", training=None):
+def policy(name="qp", kind="classical", doc="What it is.", training=None, arguments=None):
     made = PresetPolicy()
     made.name, made.kind, made.training, made.__doc__ = name, kind, training, doc
+    made.arguments = lambda env_id: arguments or {}
     return made
 
 
@@ -58,14 +59,14 @@ def score(track, errors, *, indices=None, split="test", steps=0.001, **columns):
     return Score(track, split, digest, tuple(indices or range(n)), metrics | columns, timing)
 
 
-def made_row(scores, name="qp", kind="classical", *, doc="What it is.", training=None, **options):
+def made_row(scores, name="qp", kind="classical", *, doc="What it is.", training=None, arguments=None, **options):
     """A row from errors: for each track those of every run, or scores."""
     scores = {
         track: [run if isinstance(run, Score) else score(track, run, **options) for run in runs]
         for track, runs in scores.items()
     }
     runs = max(map(len, scores.values()))
-    policies = [policy(name, kind, doc, training) for _ in range(runs)]
+    policies = [policy(name, kind, doc, training, arguments) for _ in range(runs)]
     return make_row(policies, [SPEC] * runs, scores, command=f"spidar eval --policy {name}")
 
 
@@ -373,3 +374,10 @@ def test_a_second_file_of_the_same_row_is_refused(row, tmp_path):
     (tmp_path / "copy.json").write_bytes((tmp_path / f"{row.name}.json").read_bytes())
     with pytest.raises(RowError, match="a second row"):
         read_rows(tmp_path)
+
+
+def test_a_learned_row_says_what_it_asked_its_environment_for_and_a_classical_one_does_not():
+    asked = {"preset": "tuned", "action_mode": "residual_wrench", "controller": object()}
+    learned = made_row({TRACK: [[0.1]]}, "learned", "residual", arguments=asked)
+    assert learned.content["arguments"] == {"preset": "tuned", "action_mode": "residual_wrench"}
+    assert "arguments" not in made_row({TRACK: [[0.1]]}, arguments=asked).content

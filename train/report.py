@@ -9,11 +9,8 @@ from tqdm import tqdm
 from spidar_gym.benchmark.comparison import comparison_text
 from spidar_gym.benchmark.evaluate import evaluate
 from spidar_gym.benchmark.policy import load_policy, policy_name
-from spidar_gym.benchmark.row import ROWS, make_row, read_row, write_row
+from spidar_gym.benchmark.row import BASES, ROWS, make_row, read_row, write_row
 from spidar_gym.benchmark.track import SCENARIOS
-
-BASES = {"paper": "qp", "tuned": "qp_tuned", "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped"}
-"""Preset → the committed row of that controller."""
 
 
 def evaluate_row(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
 from spidar_gym.benchmark.episode import METRICS
 from spidar_gym.benchmark.row import REFERENCE, Row, RowError
 from spidar_gym.benchmark.statistics import (
@@ -249,6 +250,7 @@ def markdown(board: Board) -> str:
         "",
         *piped(_overall_lines(board)),
     ]
+    lines += _added_lines(board)
     if any(_flag(row) for row in board.rows.values()):
         lines += ["", f"† fewer than {FEWEST_RUNS} training runs."]
     for track in board.tracks:
@@ -284,6 +286,22 @@ def markdown(board: Board) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _added_lines(board: Board) -> list[str]:
+    """What learning adds: every residual against the controller that it adds to."""
+    lines = []
+    for row in board.rows.values():
+        if row.base not in board.rows:
+            continue
+        for table in comparison_tables(compare_rows(row, board.rows[row.base])):
+            lines += ["", f"`{row.name}`{_flag(row)} against `{row.base}`:", "", *piped(table)]
+    if not lines:
+        return []
+    head = (
+        "IQM of the paired differences over that of the base, with 95 % intervals over scenarios and runs; below 0 is"
+    )
+    return ["", "## What learning adds", "", head, "better.", *lines]
 
 
 def _trained(row: Row) -> str:

@@ -20,6 +20,7 @@ from spidar_gym.benchmark.policy import (
     KINDS,
     Policy,
     check_name,
+    policy_arguments,
     policy_digest,
     policy_doc,
     policy_kind,
@@ -37,6 +38,8 @@ PACKAGES = ("mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
 """Packages whose versions stand in a row, beside Python's and our own."""
 REFERENCE = "qp"
 """The row that scores refer to."""
+BASES = {"paper": "qp", "tuned": "qp_tuned", "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped"}
+"""Preset → the row of that controller, with which what adds to it is compared."""
 ROWS = "baselines/scores"
 """Folder of the committed rows in a checkout."""
 
@@ -64,6 +67,12 @@ class Row:
     def tracks(self) -> list[str]:
         """Tracks on which it was evaluated, in the table's order."""
         return [name for name in TRACKS if name in self.content["tracks"]]
+
+    @property
+    def base(self) -> str:
+        """Name of the row of the controller that it adds to; empty where it adds to none that is known."""
+        chosen = self.content.get("arguments") or {}
+        return BASES.get(str(chosen.get("preset", "")), "") if self.kind == "residual" else ""
 
     def errors(self, track: str) -> np.ndarray:
         """Error of every run on every scenario, shape (runs, scenarios)."""
@@ -152,6 +161,7 @@ def make_row(
         "policies": list(specs),
         "policies_sha256": [policy_digest(policy) for policy in policies],
         "training": training if any(training) else None,
+        **_arguments(first, scores),
         "command": command,
         "versions": versions(),
         "model_sha256": model_hash(),
@@ -160,6 +170,14 @@ def make_row(
     }
     content["sha256"] = row_hash(content)
     return _row(content)
+
+
+def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
+    """What a learned policy asked its environment for; nothing for a controller, whose code says it."""
+    if policy_kind(policy) == "classical":
+        return {}
+    chosen = policy_arguments(policy, TRACKS[next(iter(scores))].env_id) or {}
+    return {"arguments": {name: value for name, value in chosen.items() if isinstance(value, str | int | float)}}
 
 
 def require_one_policy(policies: Sequence[Policy], specs: Sequence[str]) -> None:
