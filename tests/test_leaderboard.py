@@ -337,8 +337,8 @@ def test_a_residual_is_compared_with_the_controller_that_it_adds_to_and_with_no_
     assert (learned.base, base.base) == ("qp_tuned", "")
     page = markdown(board_of(base, tuned, learned))
     assert "## What learning adds" in page
-    assert "`learned`† against `qp_tuned`:" in page
-    assert "`learned`† against `qp`:" not in page
+    assert "`learned` † against `qp_tuned`:" in page
+    assert "`learned` † against `qp`:" not in page
     assert "What learning adds" not in markdown(board_of(base, tuned))
     assert "What learning adds" not in markdown(board_of(base, learned))  # its base has no row there
     own = made_row({FLIGHT: [errors(0.4)]}, "own", "residual", arguments={"preset": "mine"})

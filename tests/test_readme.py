@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from spidar_gym.benchmark.comparison import comparison_text
+from spidar_gym.benchmark.row import read_row
 from spidar_gym.control.presets import controller_config
 from spidar_gym.crawl_experiment import crawl_figures, crawl_paper, crawl_table
 from spidar_gym.experiments import flight_figures, flight_table, fly_paper
@@ -54,3 +56,12 @@ def test_the_crawl_table_is_what_the_crawl_gives():
 def test_the_margins_are_those_of_the_preset():
     for line in margin_table(controller_config("tuned")).splitlines():
         assert line in README
+
+
+def test_the_comparisons_are_those_of_the_rows():
+    found = re.findall(r"<!-- compare: (\w+) (\w+) -->\n```text\n(.*?)```", README, re.S)
+    assert found
+    for name, base, shown in found:
+        row, other = (read_row(ROOT / "baselines" / "scores" / f"{n}.json") for n in (name, base))
+        text = comparison_text(row, other)
+        assert [line.rstrip() for line in text.splitlines()] == shown.splitlines(), name

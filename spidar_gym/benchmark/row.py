@@ -177,7 +177,8 @@ def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[st
     if policy_kind(policy) == "classical":
         return {}
     chosen = policy_arguments(policy, TRACKS[next(iter(scores))].env_id) or {}
-    return {"arguments": {name: value for name, value in chosen.items() if isinstance(value, str | int | float)}}
+    plain = {name: value for name, value in chosen.items() if isinstance(value, str | int | float)}
+    return {"arguments": plain} if plain else {}
 
 
 def require_one_policy(policies: Sequence[Policy], specs: Sequence[str]) -> None:
