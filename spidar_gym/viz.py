@@ -311,7 +311,8 @@ def leaderboard_picture(board: Board, path: Path) -> None:
     figure, axes = plt.subplots(
         len(groups), 1, figsize=(9.0, 1.2 + 0.75 * sum(heights)), squeeze=False, gridspec_kw={"height_ratios": heights}
     )
-    colors = {name: f"C{k % 10}" for k, name in enumerate(board.names)}
+    palette = plt.get_cmap("tab10" if len(board.names) <= 10 else "tab20")
+    colors = {name: palette(k % palette.N) for k, name in enumerate(board.names)}
     for ax, tracks in zip(axes[:, 0], groups.values(), strict=True):
         for y, track in enumerate(tracks):
             own = [name for name in board.names if (name, track) in board.cells]

@@ -42,7 +42,7 @@ def test_a_lasting_force_displaces_the_robot_as_far_as_its_spring_gives(paper):
     assert integral < 0.05 * stiffness  # within the 5 s of the answer it does little
     for axis in range(2):
         expected = -WRENCH_AUTHORITY[axis] / (ROBOT.total_mass * stiffness)
-        assert paper[axis, axis].sum() == pytest.approx(expected, rel=0.15)
+        assert paper[axis, axis].sum() == pytest.approx(expected, rel=0.05)
 
 
 def test_a_pulse_moves_the_robot_by_its_momentum_at_most_and_by_half_of_it_at_least(paper):
