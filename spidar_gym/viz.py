@@ -378,6 +378,8 @@ def learning_curves(
             style = ("-", "--", ":")[k % 3]
             ax.axhline(factor * values[metric], color="0.35", linewidth=1.0, linestyle=style, label=row)
         ax.set_yscale("log")
+        for axis in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+            axis(lambda value, _: f"{value:g}")
         ax.set_xlabel("control ticks [million]")
         ax.set_ylabel(label)
         ax.grid(color="0.92", which="both")
