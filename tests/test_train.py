@@ -161,7 +161,8 @@ def test_an_agent_that_is_worse_than_its_base_is_not_chosen(tmp_path):
 
 def test_a_checkpoint_of_another_run_is_refused_and_left_alone(done):
     before = (done / "checkpoint.pt").read_bytes()
-    with pytest.raises(CheckpointError, match=r"another run: lr = 0\.0003 instead of 0\.1; valid: the same settings"):
+    words = rf"another run: lr = {TINY.lr:g} instead of 0\.1; valid: the same settings"
+    with pytest.raises(CheckpointError, match=words):
         learn(replace(TINY, lr=0.1, out=done.parent.parent))
     assert (done / "checkpoint.pt").read_bytes() == before
 
