@@ -201,5 +201,5 @@ def learn_segment(
     model.set_random_seed(seed)
     model.learning_rate = lr
     model._setup_lr_schedule()
-    model.learn(steps, callback=coach, reset_num_timesteps=first, log_interval=4, tb_log_name="log")
+    model.learn(steps, callback=coach, reset_num_timesteps=first, log_interval=1, tb_log_name="log")
     coach.mix()
