@@ -21,6 +21,8 @@ NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
 """Kinds of flights to learn in: three speeds on the robot of the description."""
 MOTION = ("joint_velocity", "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate")
 """What an observation says of the joints' motion."""
+MOMENTUM = ("leg_momentum", "leg_momentum_rate")
+"""… and what of it turns the torso: six numbers, in which a gradient is not lost among the noise of two hundred."""
 PREVIEW = ("next_form", "time_to_next_form")
 """… and of the form after this one."""
 FLIGHT_PPO: Mapping[str, Any] = {
@@ -38,8 +40,10 @@ FLIGHT_PPO: Mapping[str, Any] = {
     "batch_size": 510,
     "target_kl": 0.03,
     "segment": 48_960,
-    "lr": 4e-4,
-    "lr_end": 4e-5,
+    "hidden": 32,
+    "critic_first": 8160,
+    "lr": 1e-3,
+    "lr_end": 1e-4,
     "average": 0.8,
 }
 """PPO in flight, whatever it adds to."""
@@ -51,7 +55,7 @@ RESIDUAL: dict[str, Mapping[str, Any]] = {
         "tracks": NOMINAL,
         "base": "paper",
         "action_mode": "residual_wrench",
-        "sees": MOTION,
+        "sees": MOMENTUM,
         "washout": 1.0,
         "position": 0.01,
         "attitude": 0.015,
@@ -64,7 +68,7 @@ RESIDUAL: dict[str, Mapping[str, Any]] = {
         "tracks": NOMINAL,
         "base": "tuned",
         "action_mode": "residual",
-        "sees": MOTION + PREVIEW,
+        "sees": MOMENTUM + PREVIEW,
         "washout": 1.0,
         "position": 0.0015,
         "attitude": 0.003,
