@@ -29,7 +29,7 @@ CONTROL = "core" if core_path().is_file() else "python"
 TINY = Args(**presets.RESIDUAL["hover-paper-ppo"])
 TINY = replace(
     TINY, tracks=("flight-fast3",), steps=192, segment=96, envs=3, n_steps=16, batch_size=24, epochs=2, hidden=8,
-    critic_hidden=8, scenarios=1, scaling_ticks=40, critic_first=0, control=CONTROL, select=False,
+    critic_hidden=8, scenarios=1, scaling_ticks=40, critic_first=0, control=CONTROL, select=False, sees=(), hold=1,
 )  # fmt: skip
 
 
