@@ -35,13 +35,13 @@ FLIGHT_PPO: Mapping[str, Any] = {
     # At 40 Hz most of the noise is lost in the rotors and servos; at 20 Hz less.
     "hold": 2,
     "envs": 24,
-    "n_steps": 340,
+    "n_steps": 336,
     # Small batches: the critic needs many steps before its advantages mean anything.
-    "batch_size": 510,
+    "batch_size": 504,
     "target_kl": 0.03,
-    "segment": 48_960,
+    "segment": 48_384,
     "hidden": 32,
-    "critic_first": 8160,
+    "critic_first": 8064,
     "lr": 1e-3,
     "lr_end": 1e-4,
     "average": 0.8,
