@@ -13,17 +13,17 @@ from spidar_gym.benchmark import leaderboard
 from spidar_gym.benchmark import verify as verifying
 from spidar_gym.benchmark.comparison import compare_rows, comparison_json, comparison_text
 from spidar_gym.benchmark.episode import ACT_LIMIT_S
-from spidar_gym.benchmark.evaluate import Score, evaluate
+from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.policy import defined_on, load_policy, policy_name
 from spidar_gym.benchmark.row import (
     ROWS,
     Row,
-    called,
+    committed_row,
     cores,
+    eval_command,
     make_row,
     read_row,
     read_rows,
-    reference_row,
     require_one_policy,
     write_row,
 )
@@ -82,25 +82,16 @@ def eval_(
             if baselines:
                 continue
             raise InvalidValueError("tracks", tracks, f"tracks of {', '.join(defined) or 'another policy'}")
-        scores: dict[str, list[Score]] = {}
         total = len(chosen) * scenarios * len(specs)
         with tqdm(total=total, unit="scenario", desc=policy_name(policies[0]), file=sys.__stderr__) as bar:
-            for track in chosen:
-                bar.set_postfix_str(track)
-                scores[track] = [
-                    evaluate(
-                        spec, track, scenarios, split=split, workers=workers, folder=cache, ray=ray,
-                        act_limit_s=act_limit, on_scenario=bar.update,
-                    )
-                    for spec in specs
-                ]  # fmt: skip
-        words = ["--policy", *specs, *(["--tracks", *tracks] if tracks else [])]
-        words += [] if split == "test" else ["--split", split]
-        words += [] if scenarios == SCENARIOS else ["--scenarios", str(scenarios)]
-        row = make_row(policies, specs, scores, command=called(["eval", *words]))
+            scores = evaluate_runs(
+                specs, chosen, scenarios, split=split, workers=workers, folder=cache, ray=ray,
+                act_limit_s=act_limit, on_scenario=bar.update, on_track=bar.set_postfix_str,
+            )  # fmt: skip
+        row = make_row(policies, specs, scores, command=eval_command(specs, tracks, split, scenarios))
         write_row(row, out)
         rows.append(row)
-    base = next((row for row in rows if row.name == "qp"), None) or reference_row()
+    base = next((row for row in rows if row.name == "qp"), None) or committed_row()
     if json:
         print(json_text({"rows": [leaderboard.summary(row, base) for row in rows]}))
         return

@@ -18,13 +18,13 @@ from spidar_gym.benchmark.row import (
     ROWS,
     RowError,
     called,
+    committed_row,
     cores,
     make_row,
     model_hash,
     processor,
     read_row,
     read_rows,
-    reference_row,
     row_hash,
     row_text,
     versions,
@@ -297,11 +297,11 @@ def test_a_folder_without_rows_is_refused(tmp_path):
         read_rows(tmp_path)
 
 
-def test_the_reference_row_of_a_checkout_is_that_of_the_working_folder(tmp_path, monkeypatch):
+def test_the_committed_row_of_a_checkout_is_that_of_the_working_folder(tmp_path, monkeypatch):
     own = made_row({TRACK: [[0.123]]}, "qp")
     write_row(own, tmp_path / ROWS)
     monkeypatch.chdir(tmp_path)
-    assert reference_row() == own
+    assert committed_row() == own
 
 
 def test_versions_are_those_that_run():

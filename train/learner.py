@@ -121,13 +121,17 @@ class Coach(BaseCallback):
         self._average, self._critic_first, self._on_steps = average, critic_first, on_steps
         self._told = 0
 
+    def _agent(self) -> PPO | SAC:
+        assert isinstance(self.model, PPO | SAC)
+        return self.model
+
     def _on_training_start(self) -> None:
         self._told = self.num_timesteps
         self._free()
 
     def _free(self) -> None:
         free = self.num_timesteps >= self._critic_first
-        for parameter in _actor_parameters(self.model):  # type: ignore[arg-type] - PPO or SAC
+        for parameter in _actor_parameters(self._agent()):
             parameter.requires_grad_(free)
 
     def _on_rollout_start(self) -> None:
@@ -138,7 +142,7 @@ class Coach(BaseCallback):
     def mix(self) -> None:
         """Take the present weights into the average."""
         keep = self._average
-        now = actor_layers(self.model)  # type: ignore[arg-type] - PPO or SAC
+        now = actor_layers(self._agent())
         self.mean = tuple(
             (keep * w + (1.0 - keep) * v, keep * b + (1.0 - keep) * c)
             for (w, b), (v, c) in zip(self.mean, now, strict=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from spidar_gym.benchmark.artifact import Artifact, LearnedPolicy
 from spidar_gym.benchmark.episode import play
-from spidar_gym.benchmark.policy import PresetPolicy
+from spidar_gym.benchmark.policy import Policy, PresetPolicy
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.errors import InvalidValueError, SpidarError
@@ -94,11 +94,7 @@ class Referee:
             means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
         return means
 
-    def __len__(self) -> int:
-        """Number of scenarios."""
-        return len(self._chosen)
-
-    def _play(self, policy: Any, k: int, on_scenario: Callable[[], object]) -> dict[str, Any]:  # noqa: ANN401 - a policy
+    def _play(self, policy: Policy, k: int, on_scenario: Callable[[], object]) -> dict[str, Any]:
         metrics = play(policy, *self._chosen[k], control=self._control)["metrics"]
         on_scenario()
         return metrics

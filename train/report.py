@@ -7,40 +7,34 @@ from pathlib import Path
 from tqdm import tqdm
 
 from spidar_gym.benchmark.comparison import comparison_text
-from spidar_gym.benchmark.evaluate import evaluate
+from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.policy import load_policy, policy_name
-from spidar_gym.benchmark.row import BASES, ROWS, make_row, read_row, write_row
+from spidar_gym.benchmark.row import BASES, committed_row, eval_command, make_row, write_row
 from spidar_gym.benchmark.track import SCENARIOS
 
 
 def evaluate_row(
-    paths: Sequence[Path], tracks: Sequence[str], folder: Path, base: str, *, scenarios: int = SCENARIOS, workers: int
+    path: Path, tracks: Sequence[str], folder: Path, base: str, *, scenarios: int = SCENARIOS, workers: int
 ) -> str:
     """Play the test scenarios, write the row, and say how it compares with its base.
 
     Args:
-        paths: Artifacts, one a training seed.
+        path: The artifact.
         tracks: Tracks.
         folder: Where the row goes.
-        base: Preset of the controller that it adds to.
+        base: Preset of the controller that it adds to, or that it is to replace.
         scenarios: How many of each track.
         workers: Processes.
     """
-    specs = [str(path) for path in paths]
-    policies = [load_policy(spec) for spec in specs]
-    total = len(specs) * len(tracks) * scenarios
-    with tqdm(total=total, unit="scenario", desc=f"test {policy_name(policies[0])}", file=sys.__stderr__) as bar:
-        scores = {
-            track: [
-                evaluate(spec, track, scenarios, workers=workers, folder=Path("out/eval"), on_scenario=bar.update)
-                for spec in specs
-            ]
-            for track in tracks
-        }
-    words = " ".join(["spidar eval --policy", *specs, "--tracks", *tracks])
-    row = make_row(
-        policies, specs, scores, command=words + ("" if scenarios == SCENARIOS else f" --scenarios {scenarios}")
-    )
-    path = write_row(row, folder)
-    committed = Path(ROWS) / f"{BASES[base]}.json"
-    return f"{comparison_text(row, read_row(committed))}\nwritten to {path}"
+    spec = str(path)
+    policy = load_policy(spec)
+    with tqdm(
+        total=len(tracks) * scenarios, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
+    ) as bar:
+        scores = evaluate_runs(
+            [spec], tracks, scenarios, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
+            on_track=bar.set_postfix_str,
+        )  # fmt: skip
+    row = make_row([policy], [spec], scores, command=eval_command([spec], tracks, scenarios=scenarios))
+    written, against = f"written to {write_row(row, folder)}", committed_row(BASES[base])
+    return written if against is None else f"{comparison_text(row, against)}\n{written}"

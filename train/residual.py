@@ -36,7 +36,7 @@ from train.kinds import Goal, Scaling, TrainingEnv, baseline_scaling, make_train
 from train.learner import ALGORITHMS, Coach, Layers, actor_layers, build, learn_segment, load_state, save_state
 from train.referee import Base, Referee
 from train.report import evaluate_row
-from train.run import Run, State, called, curve_line
+from train.run import Run, State, curve_line, make_artifact
 
 
 @dataclass(frozen=True)
@@ -225,28 +225,13 @@ def pieces(args: Args) -> tuple[Field, ...]:
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
     """An actor as the benchmark's artifact."""
-    return Artifact(
-        args.name,
-        "residual" if args.adds else "learned",
-        args.doc,
-        args.env_id,
-        args.arguments,
-        tuple(w for w, _ in layers),
-        tuple(b for _, b in layers),
-        scaling.mean,
-        scaling.variance,
-        scaling.clip,
-        activation="tanh" if args.algorithm == "ppo" else "relu",
-        output="clip" if args.algorithm == "ppo" else "tanh",
-        washout=washout(args),
-        training={
-            "command": called(),
-            "seed": args.seed,
-            "steps": state.segment * args.segment,
-            "chosen_at": state.best_steps,
-            "curve": [[entry["steps"], round(entry["score"], 5)] for entry in state.curve],
-        },
-    )
+    ppo = args.algorithm == "ppo"
+    return make_artifact(
+        layers, scaling, state, name=args.name, kind="residual" if args.adds else "learned", doc=args.doc,
+        env_id=args.env_id, arguments=args.arguments, activation="tanh" if ppo else "relu",
+        output="clip" if ppo else "tanh", washout=washout(args),
+        training={"seed": args.seed, "steps": state.segment * args.segment, "chosen_at": state.best_steps},
+    )  # fmt: skip
 
 
 def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda _: None) -> Path:
@@ -337,7 +322,7 @@ def main() -> None:
     path = learn(args)
     print(f"{path}: {args.name}, seed {args.seed}")
     if args.row:
-        print(evaluate_row([path], args.tracks, args.out / "scores", args.base, workers=cores()))
+        print(evaluate_row(path, args.tracks, args.out / "scores", args.base, workers=cores()))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,8 @@ from spidar_gym.benchmark.artifact import Artifact, interface, write_artifact
 from spidar_gym.benchmark.row import processor, versions
 from spidar_gym.errors import SpidarError
 from spidar_gym.files import json_text, output_folder, write_bytes, write_text
+from train.kinds import Scaling
+from train.learner import Layers
 from train.referee import Verdict
 
 FORMAT = 1
@@ -36,9 +38,9 @@ class State:
     """What `train.learner.save_state` gave."""
     scaling: Mapping[str, Any] = field(default_factory=dict)
     """Mean and variance of the observations."""
-    mean: Any = ()
+    mean: Layers = ()
     """The averaged actor."""
-    best: Any = ()
+    best: Layers = ()
     """The chosen actor; the one that adds nothing until there is a better one."""
     best_score: float = 0.0
     """Its paired score."""
@@ -140,6 +142,26 @@ class Run:
         return path
 
 
+def make_artifact(layers: Layers, scaling: Scaling, state: State, **about: Any) -> Artifact:  # noqa: ANN401 - of `Artifact`
+    """An actor as the benchmark's artifact.
+
+    Args:
+        layers: Of the actor.
+        scaling: Of its observations.
+        state: Of the run, whose curve the artifact carries.
+        **about: Everything else of the `Artifact`; to `training` come the command and the curve.
+    """
+    curve = [[entry["steps"], round(entry["score"], 5)] for entry in state.curve]
+    return Artifact(
+        weights=tuple(w for w, _ in layers),
+        biases=tuple(b for _, b in layers),
+        mean=scaling.mean,
+        variance=scaling.variance,
+        clip=scaling.clip,
+        **{**about, "training": {"command": called(), **about["training"], "curve": curve}},
+    )
+
+
 def curve_line(steps: int, seconds: float, verdict: Verdict, reward: float | None = None) -> dict[str, Any]:
     """One line of a learning curve."""
     return {
@@ -153,15 +175,10 @@ def curve_line(steps: int, seconds: float, verdict: Verdict, reward: float | Non
     }
 
 
-def _called() -> list[str]:
-    """The command that is being run, in words: `train.residual …`."""
-    module = sys.modules["__main__"].__spec__
-    return [module.name if module else Path(sys.argv[0]).name, *sys.argv[1:]]
-
-
 def called() -> str:
-    """The command that is being run."""
-    return " ".join(["python -m", *_called()])
+    """The command that is being run: `python -m train.residual …`."""
+    module = sys.modules["__main__"].__spec__
+    return " ".join(["python -m", module.name if module else Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 def _difference(name: str, was: Any, now: Any) -> str:  # noqa: ANN401 - JSON

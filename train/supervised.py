@@ -37,7 +37,7 @@ from train.learner import Layers
 from train.referee import Base, Referee, Verdict
 from train.report import evaluate_row
 from train.response import POSE, RESPONSE_TICKS, answer, pose_error, pulse_response
-from train.run import Run, State, called, curve_line
+from train.run import Run, State, curve_line, make_artifact
 
 
 @dataclass(frozen=True)
@@ -214,24 +214,10 @@ SHARES = (1.0, 0.7, 0.5, 0.3)
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
     """A network as the benchmark's artifact."""
-    return Artifact(
-        args.name,
-        "residual",
-        args.doc,
-        HOVER,
-        args.arguments,
-        tuple(w for w, _ in layers),
-        tuple(b for _, b in layers),
-        scaling.mean,
-        scaling.variance,
-        scaling.clip,
-        training={
-            "command": called(),
-            "seed": args.seed,
-            "steps": state.best_steps,
-            "curve": [[entry["steps"], round(entry["score"], 5)] for entry in state.curve],
-        },
-    )
+    return make_artifact(
+        layers, scaling, state, name=args.name, kind="residual", doc=args.doc, env_id=HOVER, arguments=args.arguments,
+        training={"seed": args.seed, "steps": state.best_steps},
+    )  # fmt: skip
 
 
 def learn(args: Args) -> Path:
@@ -311,7 +297,7 @@ def main() -> None:
     path = learn(args)
     print(f"{path}: {args.name}, seed {args.seed}")
     if args.row:
-        print(evaluate_row([path], args.tracks, args.out / "scores", args.base, workers=args.workers))
+        print(evaluate_row(path, args.tracks, args.out / "scores", args.base, workers=args.workers))
 
 
 if __name__ == "__main__":

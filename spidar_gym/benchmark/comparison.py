@@ -1,6 +1,5 @@
 """A row against another one, metric by metric: paired differences on the scenarios that both have played."""
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.row import Row
-from spidar_gym.benchmark.statistics import Change, Interval, Numbers, iqm, one, paired_difference, stratified_bootstrap
+from spidar_gym.benchmark.statistics import (
+    Change,
+    Interval,
+    Numbers,
+    iqm,
+    named_generator,
+    one,
+    paired_difference,
+    stratified_bootstrap,
+)
 from spidar_gym.benchmark.tables import aligned
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.errors import InvalidValueError
@@ -44,13 +52,29 @@ class Comparison:
     """The two shares: the base's, one's own."""
 
 
-def _rng(*words: str) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64([zlib.crc32(word.encode()) for word in words]))
-
-
 def _gain(base: np.ndarray, own: np.ndarray) -> Numbers:
     """Difference of the means; shapes as in `paired_difference`."""
     return np.mean(own, axis=(-1, -2)) - np.mean(base, axis=-1)
+
+
+def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
+    """A row against a base on a track; `places`, shape (2, scenarios), is where the common scenarios are in either."""
+
+    def columns(metric: str) -> tuple[np.ndarray, np.ndarray]:
+        return base.column(track, metric)[0][places[1]], row.column(track, metric)[:, places[0]]
+
+    changes = {}
+    for metric in COMPARED["flight" if TRACKS[track].flies else "ground"]:
+        before, after = columns(metric)
+        generator = named_generator(row.name, base.name, track, metric)
+        interval = stratified_bootstrap([(before, after)], one(paired_difference), generator)
+        changes[metric] = Change(
+            float(iqm(before)), float(iqm(after.mean(axis=0))), interval.value, interval.low, interval.high
+        )
+    before, after = columns("success")
+    generator = named_generator(row.name, base.name, track, "success")
+    success = stratified_bootstrap([(before, after)], one(_gain), generator)
+    return Comparison(track, places.shape[1], changes, success, (float(before.mean()), float(after.mean())))
 
 
 def compare_rows(row: Row, base: Row) -> list[Comparison]:
@@ -66,25 +90,8 @@ def compare_rows(row: Row, base: Row) -> list[Comparison]:
             continue
         where = {index: k for k, index in enumerate(theirs["scenarios"])}
         both = [(k, where[index]) for k, index in enumerate(mine["scenarios"]) if index in where]
-        if not both:
-            continue
-        own_at, base_at = (list(places) for places in zip(*both, strict=True))
-
-        def columns(metric: str, track: str = track, at: Any = (own_at, base_at)) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN401 - two lists
-            return base.column(track, metric)[0][at[1]], row.column(track, metric)[:, at[0]]
-
-        changes = {}
-        for metric in COMPARED["flight" if TRACKS[track].flies else "ground"]:
-            before, after = columns(metric)
-            interval = stratified_bootstrap(
-                [(before, after)], one(paired_difference), _rng(row.name, base.name, track, metric)
-            )
-            changes[metric] = Change(
-                float(iqm(before)), float(iqm(after.mean(axis=0))), interval.value, interval.low, interval.high
-            )
-        before, after = columns("success")
-        success = stratified_bootstrap([(before, after)], one(_gain), _rng(row.name, base.name, track, "success"))
-        found.append(Comparison(track, len(both), changes, success, (float(before.mean()), float(after.mean()))))
+        if both:
+            found.append(_compare(row, base, track, np.array(both).T))
     if not found:
         raise InvalidValueError("base", base.name, f"a row that has played scenarios of {', '.join(row.tracks)}")
     return found

@@ -146,6 +146,33 @@ def evaluate(
     return Score(track, split, digest, tuple(indices), columns, [result["timing"] for result in results])
 
 
+def evaluate_runs(
+    policies: Sequence[str],
+    tracks: Sequence[str],
+    scenarios: int,
+    *,
+    on_track: Callable[[str], object] = lambda _: None,
+    **how: Any,  # noqa: ANN401 - of `evaluate`
+) -> dict[str, list[Score]]:
+    """Let every run of one policy play the same scenarios of every track.
+
+    Args:
+        policies: Specifications, one for each run.
+        tracks: Tracks.
+        scenarios: How many of each, from the first on.
+        on_track: Called with each track before it is played.
+        **how: The other arguments of `evaluate`.
+
+    Returns:
+        Track → a score for each run.
+    """
+    scores: dict[str, list[Score]] = {}
+    for track in tracks:
+        on_track(track)
+        scores[track] = [evaluate(spec, track, scenarios, **how) for spec in policies]
+    return scores
+
+
 def run_shards(
     shards: Sequence[Shard],
     *,

@@ -1,7 +1,6 @@
 """The leaderboard: rows → scores with intervals, as text, Markdown and JSON."""
 
 import math
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -16,6 +15,7 @@ from spidar_gym.benchmark.statistics import (
     Numbers,
     improvement,
     iqm,
+    named_generator,
     one,
     overall_score,
     paired_difference,
@@ -121,17 +121,12 @@ def pair(row: Row, base: Row, track: str) -> tuple[np.ndarray, np.ndarray]:
     return base.errors(track)[0][[where[index] for index in row.scenarios(track)]], row.errors(track)
 
 
-def _rng(*words: str) -> np.random.Generator:
-    """A generator for one interval, so that no row's interval depends on which others there are."""
-    return np.random.Generator(np.random.PCG64([zlib.crc32(word.encode()) for word in words]))
-
-
 def cell(row: Row, base: Row, track: str) -> Cell:
     """A row on a track."""
     strata = [pair(row, base, track)]
 
     def interval(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Interval:
-        return stratified_bootstrap(strata, one(statistic), _rng(row.name, track))
+        return stratified_bootstrap(strata, one(statistic), named_generator(row.name, track))
 
     metrics = {}
     for name, *_ in SHOWN["flight" if TRACKS[track].flies else "ground"]:
@@ -156,7 +151,7 @@ def overall_interval(row: Row, base: Row, group: str) -> Interval | None:
     if not set(GROUPS[group]) <= set(_common(row, base)):
         return None
     strata = [pair(row, base, track) for track in GROUPS[group]]
-    return stratified_bootstrap(strata, overall_score, _rng(row.name, group))
+    return stratified_bootstrap(strata, overall_score, named_generator(row.name, group))
 
 
 def _number(interval: Interval, *, percent: bool = False) -> str:

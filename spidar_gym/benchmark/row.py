@@ -300,10 +300,10 @@ def read_rows(folder: Path) -> dict[str, Row]:
     return {name: rows[name] for name in sorted(rows, key=lambda name: (name != REFERENCE, name))}
 
 
-def reference_row() -> Row | None:
-    """The committed row that scores refer to, of a checkout or of the installed wheel; None if there is none."""
-    candidates = (Path(ROWS) / f"{REFERENCE}.json", assets_dir() / "scores" / f"{REFERENCE}.json",
-                  assets_dir().parent / ROWS / f"{REFERENCE}.json")  # fmt: skip
+def committed_row(name: str = REFERENCE) -> Row | None:
+    """A committed row of a checkout or of the installed wheel, the one that scores refer to; None if there is none."""
+    candidates = (Path(ROWS) / f"{name}.json", assets_dir() / "scores" / f"{name}.json",
+                  assets_dir().parent / ROWS / f"{name}.json")  # fmt: skip
     path = next((path for path in candidates if path.is_file()), None)
     return None if path is None else read_row(path)
 
@@ -312,6 +312,14 @@ def called(arguments: Sequence[str] | None = None) -> str:
     """The command that is being run, in words."""
     given = sys.argv[1:] if arguments is None else arguments
     return " ".join(["spidar", *given])
+
+
+def eval_command(specs: Sequence[str], tracks: Sequence[str], split: str = "test", scenarios: int = SCENARIOS) -> str:
+    """The command with which anybody evaluates a row again: what is not by default, and nothing else."""
+    words = ["eval", "--policy", *specs, *(["--tracks", *tracks] if tracks else [])]
+    words += [] if split == "test" else ["--split", split]
+    words += [] if scenarios == SCENARIOS else ["--scenarios", str(scenarios)]
+    return called(words)
 
 
 def cores() -> int:

@@ -1,5 +1,6 @@
 """Statistics of comparisons: interquartile means, bootstrap intervals over scenarios and runs, paired differences."""
 
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,11 @@ Numbers = np.ndarray | np.floating
 """One number, or one for each draw."""
 Strata = Sequence[tuple[np.ndarray, np.ndarray]]
 """For each track the errors of the base (…, scenarios) and of a policy (…, runs, scenarios)."""
+
+
+def named_generator(*words: str) -> np.random.Generator:
+    """A generator for one interval, seeded by what it is of, so that it does not depend on which others there are."""
+    return np.random.Generator(np.random.PCG64([zlib.crc32(word.encode()) for word in words]))
 
 
 def iqm(values: np.ndarray) -> Numbers:
