@@ -35,7 +35,8 @@ from spidar_gym.files import has_text, json_text, write_text
 
 BASELINES = (
     "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_unconstrained:QPUnconstrained",
-    "baselines.pinv:Pinv", "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPOverlapped", "baselines.hold:Hold",
+    "baselines.pinv:Pinv", "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPOverlapped",
+    "baselines.qp_robust_overlapped:QPRobustOverlapped", "baselines.hold:Hold",
 )  # fmt: skip
 """The classical baselines of a checkout."""
 

@@ -344,7 +344,7 @@ def leaderboard_picture(board: Board, path: Path) -> None:
 
 AXES = {
     "position_rms_m": ("position RMS [mm]", 1e3), "attitude_rms_rad": ("attitude RMS [mrad]", 1e3),
-    "duration_s": ("time [s]", 1.0), "energy_wh": ("energy [Wh]", 1.0), "final_error_m": ("final error [mm]", 1e3),
+    "duration_s": ("time [s]", 1.0), "energy_wh": ("energy [Wh]", 1.0), "error": ("error", 1.0),
 }  # fmt: skip
 """Label and factor of metrics of learning curves."""
 
@@ -375,7 +375,7 @@ def learning_curves(
                     alpha=0.8, label=row if k == 0 else None, marker=".", markersize=3,
                 )  # fmt: skip
         for k, (row, values) in enumerate(lines.items()):
-            style = ("-", "--", ":")[k % 3]
+            style = ("-", "--", ":", "-.")[k % 4]
             ax.axhline(factor * values[metric], color="0.35", linewidth=1.0, linestyle=style, label=row)
         ax.set_yscale("log")
         for axis in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):

@@ -21,7 +21,12 @@ from train.referee import Base, Referee
 
 LINES = {
     True: {"qp": "paper", "qp_tuned": "tuned"},
-    False: {"qp": "published", "qp_tuned": "robust", "qp_overlapped": "overlapped"},
+    False: {
+        "qp": "published",
+        "qp_tuned": "robust",
+        "qp_overlapped": "overlapped",
+        "qp_robust_overlapped": "robust_overlapped",
+    },
 }
 """Whether it flies → rows that are drawn as lines, with their presets."""
 

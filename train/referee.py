@@ -15,7 +15,7 @@ from spidar_gym.errors import InvalidValueError, SpidarError
 
 SPLIT = "validation"
 """The only scenarios that training may look at."""
-FLIGHT, GROUND = ("position_rms_m", "attitude_rms_rad"), ("duration_s", "energy_wh", "final_error_m")
+FLIGHT, GROUND = ("position_rms_m", "attitude_rms_rad"), ("duration_s", "energy_wh", "error")
 """What is compared on a flight's and on a crawl's track."""
 TOLERANCE = 0.02
 """A candidate that is worse than the base by more than this in any cell is not chosen."""

@@ -38,7 +38,8 @@ PACKAGES = ("mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
 """Packages whose versions stand in a row, beside Python's and our own."""
 REFERENCE = "qp"
 """The row that scores refer to."""
-BASES = {"paper": "qp", "tuned": "qp_tuned", "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped"}
+BASES = {"paper": "qp", "tuned": "qp_tuned", "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped",
+         "robust_overlapped": "qp_robust_overlapped"}  # fmt: skip
 """Preset → the row of that controller, with which what adds to it is compared."""
 ROWS = "baselines/scores"
 """Folder of the committed rows in a checkout."""
