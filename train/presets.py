@@ -152,6 +152,15 @@ SUPERVISED: dict[str, Mapping[str, Any]] = {
     },
 }
 """Settings of `train.supervised` by name."""
+GAIT: dict[str, Mapping[str, Any]] = {
+    "crawl": {
+        "name": "learned_gait",
+        "doc": "Random search: gait parameters and foot forces by phase on the crawler `robust_overlapped`.",
+        "tracks": ("ground-randomised",),
+        "base": "robust_overlapped",
+    },
+}
+"""Settings of `train.gait` by name."""
 ZOO = {"ppo": ("hover-paper-ppo", "crawl-ppo"), "sac": ("hover-paper-sac",)}
 """Algorithm → presets of `train.residual` that rl-zoo gets, one an environment id."""
 FOLDER = Path(__file__).parent / "zoo"

@@ -94,6 +94,16 @@ class Referee:
             means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
         return means
 
+    def shares(self) -> dict[str, float]:
+        """Track → error of the base over its mean on all tracks, mean over the metrics."""
+        every = {
+            metric: np.mean([means[metric] for means in self.means.values()]) for metric in self.means[self._tracks[0]]
+        }
+        return {
+            track: float(np.mean([value / every[metric] for metric, value in means.items()]))
+            for track, means in self.means.items()
+        }
+
     def _play(self, policy: Policy, k: int, on_scenario: Callable[[], object]) -> dict[str, Any]:
         metrics = play(policy, *self._chosen[k], control=self._control)["metrics"]
         on_scenario()

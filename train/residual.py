@@ -8,10 +8,11 @@ it and on nothing else: an interrupted run goes on with the same command, and en
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,8 @@ class Args:
     reward: str = "pose"
     """environment, pose, or economy."""
     position: float = 0.01
-    """Position error that halves its term of the reward `pose` [m]."""
+    """Position error that halves its term of the reward `pose` [m]: like the next three that of the mean track, on the
+    others in proportion to the base's own errors, so that no track is learned at another one's cost."""
     attitude: float = 0.02
     """Attitude error that halves its term [rad]."""
     velocity: float = 0.0
@@ -163,11 +165,11 @@ class Args:
         return self.action_mode != "direct"
 
 
-def make_env(args: Args, track: str, scaling: Scaling | None = None) -> TrainingEnv:
-    """An environment to learn in."""
+def make_env(args: Args, track: str, scaling: Scaling | None = None, share: float = 1.0) -> TrainingEnv:
+    """An environment to learn in; `share` is how large the base's errors are there, over their mean on all tracks."""
     goal = Goal(
-        args.reward, args.position, args.attitude, args.velocity, args.rate, args.penalty,
-        shift=args.reward_shift, scale=args.reward_scale,
+        args.reward, share * args.position, share * args.attitude, share * args.velocity, share * args.rate,
+        args.penalty, shift=args.reward_shift, scale=args.reward_scale,
     )  # fmt: skip
     return make_training_env(
         track,
@@ -181,11 +183,11 @@ def make_env(args: Args, track: str, scaling: Scaling | None = None) -> Training
     )
 
 
-def make_envs(args: Args, scaling: Scaling) -> DummyVecEnv:
-    """The environments side by side; the kinds take turns."""
+def make_envs(args: Args, scaling: Scaling, shares: Mapping[str, float] = MappingProxyType({})) -> DummyVecEnv:
+    """The environments side by side; the kinds take turns. `shares` are those of `Referee.shares`."""
 
     def monitored(track: str) -> Monitor:
-        return Monitor(make_env(args, track, scaling))
+        return Monitor(make_env(args, track, scaling, shares.get(track, 1.0)))
 
     return DummyVecEnv([partial(monitored, args.tracks[k % len(args.tracks)]) for k in range(args.envs)])
 
@@ -265,7 +267,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
         state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold))
     scaling = Scaling(**state.scaling)
 
-    envs = make_envs(args, scaling)
+    envs = make_envs(args, scaling, referee.shares())
     model = build(args, envs, str(run.folder / "tensorboard"), hidden(args), still(args))
     if state.learner:
         load_state(model, state.learner)
