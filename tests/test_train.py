@@ -296,5 +296,4 @@ def test_a_crawl_is_over_when_it_is_finished_and_its_reward_prefers_the_shorter_
     assert reward(way=0.4) == pytest.approx(0.2)  # a fifth of the way
     assert reward(energy_wh=2.0) == pytest.approx(-0.1)  # a tenth of what 20 Wh/m are
     assert reward(foot_slip_m=0.05) == pytest.approx(-0.5)
-    assert reward(is_success=True, finished=True) == pytest.approx(1.0)
     assert reward(failure="tilt") == -1.0

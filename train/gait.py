@@ -141,7 +141,7 @@ class Course:
         """Make the environments."""
         self._args = args
         self._envs = [
-            make_training_env(track, args.arguments, Goal(), washout=np.zeros(0), control=args.control).unwrapped
+            make_training_env(track, args.arguments, Goal(), washout=np.zeros(0), control=args.control).env
             for track in args.tracks
         ]
 
@@ -151,8 +151,8 @@ class Course:
         The benchmark's error, of which one crawl that fails counts for no more than four good ones, and beside it what
         time costs and what missing the goal does.
         """
-        args = self._args
-        env: Any = self._envs[number % len(self._envs)]
+        args, env = self._args, self._envs[number % len(self._envs)]
+        inner: Any = env.unwrapped
         agent = artifact(args, table, State())
         observation, info = env.reset(seed=seed)
         ticks, terminated, truncated = 0, False, False
@@ -160,8 +160,8 @@ class Course:
             observation, _, terminated, truncated, info = env.step(agent.act(observation))
             ticks += 1
         failed = not info["finished"]
-        error = ground_error(env.progress.rest, info["energy_wh"] / env.progress.whole, failed=failed)
-        hurry = args.hurry * ticks / CONTROL_RATE / env.progress.nominal_time
+        error = ground_error(inner.progress.rest, info["energy_wh"] / inner.progress.whole, failed=failed)
+        hurry = args.hurry * ticks / CONTROL_RATE / inner.progress.nominal_time
         return min(2.0, error) + hurry + args.failure * (not info["is_success"]), ticks
 
     def close(self) -> None:

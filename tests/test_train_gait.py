@@ -1,0 +1,146 @@
+"""Pins the search for gait parameters: the table is the network, paired crawls lead downhill, runs resume."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+import torch
+
+from spidar_gym.benchmark.artifact import read_artifact
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.control.core import core_path
+from spidar_gym.control.crawl_observation import crawl_layout
+from spidar_gym.control.phases import PHASES
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from train import gait, presets
+from train.gait import Args, Course, artifact, learn, update, zeros
+from train.kinds import training_seed
+from train.run import CheckpointError, State
+
+pytestmark = pytest.mark.train
+CONTROL = "core" if core_path().is_file() else "python"
+TINY = replace(Args(**presets.GAIT["crawl"]), directions=1, scenarios=1, control=CONTROL)
+TRACK = "ground-randomised"
+
+
+def observe(phase, steps_left, rng):
+    """An observation in a phase, with anything elsewhere."""
+    pieces = []
+    for piece in crawl_layout(gait.MODE.size):
+        value = rng.uniform(-piece.bound, piece.bound, piece.size)
+        if piece.name == "phase":
+            value = np.array([name == phase for name in PHASES], float)
+        pieces.append(np.full(1, steps_left) if piece.name == "steps_left" else value)
+    return np.concatenate(pieces).astype(np.float32)
+
+
+def test_a_network_says_what_its_table_says_in_every_phase_of_the_last_cycle_and_of_the_others():
+    rng = np.random.default_rng(0)
+    table = rng.uniform(-0.9, 0.9, zeros().shape)
+    agent = artifact(TINY, table, State())
+    for k, phase in enumerate(PHASES):
+        for steps_left in (0, 1, 2, 3, 17):
+            rate, raised, lift, force = table[k if steps_left <= 1 else len(PHASES) + k]
+            action = agent.act(observe(phase, steps_left, rng))
+            np.testing.assert_allclose(action[:4], [rate, raised, 0.0, lift], atol=1e-6)
+            np.testing.assert_allclose(action[4:].reshape(4, 3), [[0.0, 0.0, force]] * 4, atol=1e-6)
+
+
+class Bowl:
+    """Instead of crawls: a cost with its least at a table, and what an episode draws on top, the same for its seed."""
+
+    def __init__(self, least):
+        self.least, self.seeds = least, []
+
+    def cost(self, table, number, seed):
+        self.seeds.append(seed)
+        luck = 100.0 * np.random.default_rng(seed).normal()
+        return float(np.mean((table - self.least) ** 2)) + luck, 800
+
+    def close(self):
+        pass
+
+
+def test_the_search_goes_downhill_whatever_the_episodes_draw():
+    """The luck of an episode is some thousand times what a table changes; it is the same on both sides."""
+    least = np.random.default_rng(1).uniform(-0.6, 0.6, zeros().shape)
+    bowl, table = Bowl(least), zeros()
+    args = replace(TINY, directions=8)
+    for number in range(60):
+        table, ticks = update(args, bowl, table, number, number / 60, lambda _: None)
+        assert ticks == 2 * 8 * 800
+    first, last = np.mean(least**2), np.mean((table - least) ** 2)
+    assert last < 0.35 * first
+    assert np.abs(table).max() <= 1.0
+    assert all(a == b for a, b in zip(bowl.seeds[::2], bowl.seeds[1::2], strict=True))  # pairs
+    assert len(set(bowl.seeds)) == 60 * 8
+    assert min(bowl.seeds) >= 2**31
+
+
+def test_where_nothing_makes_a_difference_nothing_changes():
+    flat = type("Flat", (), {"cost": lambda *_: (1.0, 10)})()
+    table = np.full_like(zeros(), 0.25)
+    np.testing.assert_array_equal(update(TINY, flat, table, 0, 0.0, lambda _: None)[0], table)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Crawls of two seconds: nobody arrives, but runs are runs."""
+    monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=2.0))
+
+
+def test_a_crawl_costs_the_more_the_sooner_it_fails_and_less_the_less_energy_it_takes(short):
+    course = Course(TINY)
+    cost, ticks = course.cost(zeros(), 0, training_seed(0, 6, 0))
+    assert ticks == 80
+    nominal = course._envs[0].unwrapped.progress.nominal_time
+    # Not arrived: two for the error, which is no more than that, half for the failure, and its time.
+    assert cost == pytest.approx(2.0 + TINY.failure + TINY.hurry * 2.0 / nominal)
+    assert course.cost(zeros(), 0, training_seed(0, 6, 0)) == (cost, ticks)
+    course.close()
+
+
+def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path, monkeypatch):
+    monkeypatch.setattr(gait, "Course", lambda _: Bowl(np.full_like(zeros(), 0.5)))
+    args = replace(TINY, steps=6400, validations=2)
+    whole = learn(replace(args, out=tmp_path / "whole")).read_bytes()
+
+    calls = []
+
+    def stop(*args, **kwargs):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return update(*args, **kwargs)
+
+    monkeypatch.setattr(gait, "update", stop)
+    with pytest.raises(KeyboardInterrupt):
+        learn(replace(args, out=tmp_path / "cut"))
+    path = learn(replace(args, out=tmp_path / "cut"))
+    assert path.read_bytes() == whole
+    assert len(calls) == 5  # four updates, one of them begun twice
+    curve = json.loads((path.parent / "curve.json").read_text())
+    assert [line["steps"] for line in curve["curve"]] == [3200, 6400]
+    agent = read_artifact(path)
+    assert (agent.kind, dict(agent.arguments)) == ("residual", args.arguments)
+    folders = [tmp_path / name / "learned_gait" / "seed0" for name in ("whole", "cut")]
+    tables = [
+        torch.load(folder / "checkpoint.pt", weights_only=False)["state"]["learner"]["table"] for folder in folders
+    ]
+    np.testing.assert_array_equal(*tables)
+    assert np.abs(tables[0]).max() > 0.0
+
+    with pytest.raises(CheckpointError, match=r"spread = 0.3 instead of 0.2"):
+        learn(replace(args, out=tmp_path / "cut", spread=0.2))
+
+
+def test_bad_settings_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InvalidValueError, match="crawls"):
+        replace(TINY, tracks=("flight-fast3",))
+    with pytest.raises(UnknownNameError):
+        replace(TINY, tracks=("moon",))
+    with pytest.raises(InvalidValueError):
+        replace(TINY, directions=0)
