@@ -1,25 +1,28 @@
 """Pins learning curves: gathered from runs, drawn in absolute numbers from the base on, refused where damaged."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
 from spidar_gym.errors import SpidarError
-from train.curves import gather, panels, read_curve
+from train.curves import costs, gather, panels, read_curve
 
 pytestmark = pytest.mark.train
+ROOT = Path(__file__).parent.parent
 
 
 def line(steps, position, attitude):
     return {"steps": steps, "cells": {"flight-fast3": {"position_rms_m": position, "attitude_rms_rad": attitude}}}
 
 
-def run(folder, seed, *lines):
+def run(folder, seed, *lines, **more):
     path = folder / "ppo" / f"seed{seed}" / "curve.json"
     path.parent.mkdir(parents=True)
     base = {"flight-fast3": {"position_rms_m": 0.01, "attitude_rms_rad": 0.02}}
-    path.write_text(json.dumps({"settings": {"scenarios": 2}, "base": base, "curve": list(lines)}))
+    path.write_text(json.dumps({"settings": {"scenarios": 2}, "base": base, "curve": list(lines), **more}))
 
 
 def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
@@ -35,6 +38,20 @@ def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
     assert second == ([0.0, 100], pytest.approx([0.01, 0.011]))
     assert found["attitude_rms_rad"]["ppo"][0][1] == pytest.approx([0.02, 0.02, 0.03])
     assert panels([curve], "flight-fast5") == {}
+
+
+def test_the_readme_says_what_every_committed_row_cost():
+    curves = [read_curve(path) for path in sorted((ROOT / "train" / "curves").glob("*.json"))]
+    (shown,) = re.findall(r"<!-- costs -->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    assert shown == costs(curves) + "\n"
+
+
+def test_costs_are_ranges_over_the_runs(tmp_path):
+    for seed, (steps, seconds) in enumerate(((200_000, 60.0), (200_400, 150.0))):
+        run(tmp_path / "runs", seed, line(steps, -0.5, 0.0), seconds=seconds, chosen={"steps": steps, "score": -0.25})
+    (path,) = gather(tmp_path / "runs", tmp_path / "curves")
+    _, _, row = costs([read_curve(path)]).splitlines()
+    assert re.split(r"  +", row) == ["ppo", "2", "200 k", "1.0 … 2.5", "200 k", "-25.0 %"]
 
 
 def test_a_damaged_curve_is_refused_in_words(tmp_path):

@@ -21,9 +21,9 @@ supervised_paper() { row supervised_paper "0 1 2 3 4" "$FLIGHTS" supervised hove
 supervised_tuned() { row supervised_tuned "0 1 2 3 4" "$FLIGHTS" supervised hover-tuned; }
 ppo_paper() { row ppo_paper "0 1 2 3 4" "$FLIGHTS" residual hover-paper-ppo; }
 ppo_tuned() { row ppo_tuned "0 1 2 3 4" "$FLIGHTS" residual hover-tuned-ppo; }
-ppo_crawl() { row ppo_crawl "0 1 2 3 4" ground-randomised residual crawl-ppo; }
+learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl; }
 ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }
 
-for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned ppo_crawl ppo_direct}; do "$name"; done
+for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned learned_gait ppo_direct}; do "$name"; done
 python -m train.curves
 spidar leaderboard build

@@ -11,6 +11,7 @@ from typing import Any
 
 import tyro
 
+from spidar_gym.benchmark.tables import aligned
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.control.core import core_path
 from spidar_gym.errors import SpidarError
@@ -76,6 +77,27 @@ def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, 
     return found
 
 
+def costs(curves: Sequence[dict[str, Any]]) -> str:
+    """What each row cost: its runs, ticks and wall time of each, and when the chosen agent had been found."""
+    lines = [["row", "runs", "ticks a run", "minutes a run", "chosen at", "score on validation"]]
+    for curve in curves:
+        runs = curve["runs"]
+        lines.append([
+            curve["row"],
+            str(len(runs)),
+            _range([run["curve"][-1]["steps"] / 1e3 for run in runs], ".0f", " k"),
+            _range([run["seconds"] / 60.0 for run in runs], ".1f", ""),
+            _range([run["chosen"]["steps"] / 1e3 for run in runs], ".0f", " k"),
+            _range([100.0 * run["chosen"]["score"] for run in runs], "+.1f", " %"),
+        ])  # fmt: skip
+    return aligned(lines)
+
+
+def _range(values: Sequence[float], form: str, unit: str) -> str:
+    """The least and the largest of some numbers, or one where they look the same."""
+    return " … ".join(dict.fromkeys(f"{value:{form}}" for value in (min(values), max(values)))) + unit
+
+
 def main() -> None:
     """Entry point."""
     args = tyro.cli(Args, description=__doc__, prog="python -m train.curves")
@@ -96,6 +118,7 @@ def main() -> None:
         }
         learning_curves(drawn, lines, f"{track}: validation scenarios", args.out / f"{track}.png")
         print(args.out / f"{track}.png")
+    print(costs(curves))
 
 
 if __name__ == "__main__":
