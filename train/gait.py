@@ -2,10 +2,10 @@
 
     python -m train.gait crawl --seed 0
 
-What is learned is a table: phase rate, raise angle, lift height and the vertical force at the feet, for every phase of
-a cycle, once for the cycles on the way and once for the last one, which decides where the robot ends. An episode's
-cost is known at its end alone; so the table is changed as a whole, up and down one direction on the very same robot,
-floor and way, and moved along the directions by the differences of the costs (augmented random search, Mania 2018).
+What is learned are 28 numbers: phase rate and vertical force at the feet for every phase that moves, raise angle and
+lift height, once for the cycles on the way and once for the last one, which decides where the robot ends. An episode's
+cost is known at its end alone; so they are changed together, up and down one direction on the very same robot, floor
+and way, and moved along the directions by the differences of the costs (augmented random search, Mania 2018).
 """
 
 import sys
@@ -38,11 +38,13 @@ from train.report import evaluate_row
 from train.run import Run, State, curve_line, make_artifact
 
 MODE = find_action_mode("residual_gait_force", CRAWL_MODES)
-"""What the table's entries do."""
-CHANNELS = ("rate", "raise", "lift", "force")
-"""Columns of the table: entries 0, 1 and 3 of the gait's action, and the vertical force of every leg."""
-CONTEXTS = 2 * len(PHASES)
-"""Rows of the table: every phase in the last cycle, then every phase in the cycles before it."""
+"""What they do."""
+MOVING = tuple(PHASES.index(name) for name in ("raise", "swing", "lower", "up", "forward", "down"))
+"""Phases that have a rate and a force of their own; the others are over at once."""
+CYCLES = 2
+"""The last cycle, and those before it."""
+SIZE = CYCLES * (2 * len(MOVING) + 2)
+"""How many numbers: rates, forces, raise angle and lift height of the last cycle, then of the others."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +63,15 @@ class Args:
     """Of everything that is drawn."""
     steps: int = 500_000
     """Control ticks to learn from."""
-    directions: int = 8
+    directions: int = 4
     """Directions between two updates, each with two crawls."""
     spread: float = 0.3
-    """Standard deviation of an entry's change along a direction."""
-    rate: float = 0.1
-    """How far an update moves an entry of the table, root mean square, at the beginning; it falls to 0 evenly."""
-    failure: float = 0.5
+    """Standard deviation of a number's change along a direction."""
+    rate: float = 0.05
+    """How far an update moves a number, root mean square, at the beginning; it falls to 0 evenly."""
+    momentum: float = 0.7
+    """Share of the last update's direction that the next one keeps."""
+    failure: float = 0.25
     """What it costs to miss the goal, beside an error of 0.5 or so."""
     hurry: float = 0.5
     """What a crawl as long as the base's costs."""
@@ -105,37 +109,45 @@ def scaling() -> Scaling:
     return Scaling(mean, variance, 1.0)
 
 
-def layers(table: np.ndarray) -> Layers:
-    """A table as a network: a hidden unit for each of its rows that is 1 there and 0 elsewhere.
+def table(numbers: np.ndarray) -> np.ndarray:
+    """Rate, raise, lift and force in every phase of the last cycle, then of the others, shape (2 phases, 4)."""
+    whole = np.zeros((CYCLES, len(PHASES), 4))
+    for rows, own in zip(whole, numbers.reshape(CYCLES, -1), strict=True):
+        n = len(MOVING)
+        rows[MOVING, 0], rows[MOVING, 3] = own[:n], own[n : 2 * n]
+        # What counts is the tick in which a leg begins to rise, or the torso.
+        rows[:, 1:3] = own[2 * n :]
+    return whole.reshape(-1, 4)
 
-    Args:
-        table: Shape (`CONTEXTS`, `CHANNELS`), within ± 1.
-    """
+
+def layers(numbers: np.ndarray) -> Layers:
+    """The numbers, shape (`SIZE`,), within ± 1, as a network: two hidden units for each phase."""
     places, place = {}, 0
     for piece in crawl_layout(MODE.size):
         places[piece.name], place = place, place + piece.size
     n = len(PHASES)
-    hidden = np.zeros((CONTEXTS, place), np.float32)
+    hidden = np.zeros((CYCLES * n, place), np.float32)
     for k in range(n):
         hidden[[k, n + k], places["phase"] + k] = 1.0
     hidden[:n, places["steps_left"]], hidden[n:, places["steps_left"]] = -0.5, 0.5
-    last = np.zeros((MODE.size, CONTEXTS), np.float32)
-    last[[0, 1, 3]] = table.T[:3]
-    last[GAIT.size + 2 :: 3] = table.T[3]
-    return (hidden, np.full(CONTEXTS, -0.5, np.float32)), (last, np.zeros(MODE.size, np.float32))
+    columns = table(numbers).T
+    last = np.zeros((MODE.size, CYCLES * n), np.float32)
+    last[[0, 1, 3]] = columns[:3]
+    last[GAIT.size + 2 :: 3] = columns[3]
+    return (hidden, np.full(CYCLES * n, -0.5, np.float32)), (last, np.zeros(MODE.size, np.float32))
 
 
-def artifact(args: Args, table: np.ndarray, state: State) -> Artifact:
-    """A table as the benchmark's artifact."""
+def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
+    """The numbers as the benchmark's artifact."""
     return make_artifact(
-        layers(table), scaling(), state, name=args.name, kind="residual", doc=args.doc, env_id=CRAWL,
+        layers(numbers), scaling(), state, name=args.name, kind="residual", doc=args.doc, env_id=CRAWL,
         arguments=args.arguments, activation="relu",
         training={"seed": args.seed, "steps": state.learner.get("ticks", 0), "chosen_at": state.best_steps},
     )  # fmt: skip
 
 
 class Course:
-    """Crawls of the tracks' kinds: what a table costs on one of them."""
+    """Crawls of the tracks' kinds: what a gait costs on one of them."""
 
     def __init__(self, args: Args) -> None:
         """Make the environments."""
@@ -145,7 +157,7 @@ class Course:
             for track in args.tracks
         ]
 
-    def cost(self, table: np.ndarray, number: int, seed: int) -> tuple[float, int]:
+    def cost(self, numbers: np.ndarray, number: int, seed: int) -> tuple[float, int]:
         """Cost of a crawl, and its ticks; the kinds take turns.
 
         The benchmark's error, of which one crawl that fails counts for no more than four good ones, and beside it what
@@ -153,7 +165,7 @@ class Course:
         """
         args, env = self._args, self._envs[number % len(self._envs)]
         inner: Any = env.unwrapped
-        agent = artifact(args, table, State())
+        agent = artifact(args, numbers, State())
         observation, info = env.reset(seed=seed)
         ticks, terminated, truncated = 0, False, False
         while not (terminated or truncated or info["finished"]):
@@ -171,34 +183,35 @@ class Course:
 
 
 def update(
-    args: Args, course: Course, table: np.ndarray, number: int, done: float, on_ticks: Callable[[int], object]
-) -> tuple[np.ndarray, int]:
-    """The table after one update, and the ticks it took.
+    args: Args, course: Course, numbers: np.ndarray, way: np.ndarray, number: int, done: float,
+    on_ticks: Callable[[int], object],
+) -> tuple[np.ndarray, np.ndarray, int]:  # fmt: skip
+    """The numbers after one update, its direction, and the ticks it took.
 
     Args:
         args: Settings.
         course: Where it crawls.
-        table: Before.
+        numbers: Before.
+        way: Direction of the last update.
         number: Of the update; everything drawn in it depends on it and on the run's seed.
         done: Share of the run that is done.
         on_ticks: Called with the ticks of each crawl.
     """
     rng = np.random.Generator(np.random.PCG64(training_seed(args.seed, 5, number)))
-    step, differences, whole = np.zeros_like(table), [], 0
-    directions = rng.standard_normal((args.directions, *table.shape))
+    directions, whole = rng.standard_normal((args.directions, SIZE)), 0
+    way = args.momentum * way
     for k, direction in enumerate(directions):
         seed, costs = training_seed(args.seed, 6, number, k), []
         for sign in (1.0, -1.0):
-            tried = np.clip(table + sign * args.spread * direction, -1.0, 1.0)
+            tried = np.clip(numbers + sign * args.spread * direction, -1.0, 1.0)
             cost, ticks = course.cost(tried, number * args.directions + k, seed)
             costs.append(cost)
             whole += ticks
             on_ticks(ticks)
-        differences.append(costs[0] - costs[1])
-        step -= differences[-1] * direction
-    size = float(np.sqrt(np.mean(step**2)))
-    moved = table + args.rate * (1.0 - done) * step / size if size > 0.0 else table
-    return np.clip(moved, -1.0, 1.0), whole
+        way = way - (costs[0] - costs[1]) * direction
+    size = float(np.sqrt(np.mean(way**2)))
+    moved = numbers + args.rate * (1.0 - done) * way / size if size > 0.0 else numbers
+    return np.clip(moved, -1.0, 1.0), way, whole
 
 
 def learn(args: Args) -> Path:
@@ -212,40 +225,49 @@ def learn(args: Args) -> Path:
     bar.set_postfix_str("playing the base")
     referee = Referee(args.tracks, Base(args.arguments), args.scenarios, control=args.control)
     state.base, state.scaling = referee.means, vars(scaling())
-    table, best, ticks, number = (
-        state.learner.get(name, zero)
-        for name, zero in (("table", zeros()), ("best", zeros()), ("ticks", 0), ("number", 0))
-    )
-    if number == 0:
-        referee.require_equal(artifact(args, table, state))
-    bar.update(ticks)
+    learner = dict(state.learner) or {"numbers": zeros(), "way": zeros(), "best": zeros(), "ticks": 0, "updates": 0}
+    if not state.learner:
+        referee.require_equal(artifact(args, learner["numbers"], state))
+    bar.update(learner["ticks"])
     course = Course(args)
-    while ticks < args.steps:
-        began, judged = time.perf_counter(), state.segment
-        table, more = update(args, course, table, number, ticks / args.steps, bar.update)
-        number, ticks = number + 1, ticks + more
-        state.learner = {"table": table, "best": best, "ticks": ticks, "number": number}
-        if ticks >= args.steps * (judged + 1) / args.validations:
-            verdict = referee.judge(artifact(args, table, state))
+    while learner["ticks"] < args.steps:
+        began = time.perf_counter()
+        learner["numbers"], learner["way"], ticks = update(
+            args,
+            course,
+            learner["numbers"],
+            learner["way"],
+            learner["updates"],
+            learner["ticks"] / args.steps,
+            bar.update,
+        )
+        learner["ticks"], learner["updates"] = learner["ticks"] + ticks, learner["updates"] + 1
+        state.learner = dict(learner)
+        verdict = None
+        if learner["ticks"] >= args.steps * (state.segment + 1) / args.validations:
+            verdict = referee.judge(artifact(args, learner["numbers"], state))
             if verdict.admissible and verdict.score < state.best_score:
-                best, state.best_score, state.best_steps = table, verdict.score, ticks
-                state.learner = {**state.learner, "best": best}
-            state.segment, state.mean, state.best = judged + 1, layers(table), layers(best)
+                learner["best"], state.best_score, state.best_steps = (
+                    learner["numbers"],
+                    verdict.score,
+                    learner["ticks"],
+                )
+            state.learner, state.segment = dict(learner), state.segment + 1
+            state.mean, state.best = layers(learner["numbers"]), layers(learner["best"])
             bar.set_postfix_str(f"against the base {verdict.score:+.1%}, worst {verdict.worst:+.1%}")
-            state.seconds += time.perf_counter() - began
-            state.curve.append(curve_line(ticks, state.seconds, verdict))
-        else:
-            state.seconds += time.perf_counter() - began
+        state.seconds += time.perf_counter() - began
+        if verdict is not None:
+            state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
         run.save(state)
     bar.close()
     course.close()
     run.write_curve(state)
-    return run.publish(artifact(args, best, state))
+    return run.publish(artifact(args, learner["best"], state))
 
 
 def zeros() -> np.ndarray:
-    """The table that adds nothing."""
-    return np.zeros((CONTEXTS, len(CHANNELS)))
+    """The gait as it is."""
+    return np.zeros(SIZE)
 
 
 def main() -> None:
