@@ -93,13 +93,15 @@ def short(monkeypatch):
     monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=2.0))
 
 
-def test_a_crawl_costs_the_more_the_sooner_it_fails_and_less_the_less_energy_it_takes(short):
+def test_a_crawl_costs_its_time_its_energy_and_what_is_missing_at_its_end(short):
     course = Course(TINY)
     cost, ticks = course.cost(zeros(), 0, training_seed(0, 6, 0))
     assert ticks == 80
-    nominal = course._envs[0].unwrapped.progress.nominal_time
-    # Not arrived: two for the error, which is no more than that, half for the failure, and its time.
-    assert cost == pytest.approx(2.0 + TINY.failure + TINY.hurry * 2.0 / nominal)
+    # Not arrived: nearly all that an error at the goal can cost, the failure, its energy, its time.
+    inner = course._envs[0].unwrapped
+    progress, energy = inner.progress, inner.plant.memory.energy_wh
+    known = TINY.failure + TINY.hurry * 2.0 / progress.nominal_time + TINY.energy * energy / progress.whole
+    assert cost - known == pytest.approx(TINY.goal, rel=0.01)
     assert course.cost(zeros(), 0, training_seed(0, 6, 0)) == (cost, ticks)
     course.close()
 
