@@ -106,7 +106,8 @@ def test_outside_a_clone_and_without_a_learning_framework_train_is_refused_in_on
 
     for name in ("speed", "residual", "learner", "run"):
         monkeypatch.delitem(sys.modules, f"train.{name}", raising=False)
-    monkeypatch.setitem(sys.modules, "torch", None)
+    # Not torch: tyro imports it, too, where sys.modules has the name.
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     assert "pip install -e '.[train]'" in refused()
     monkeypatch.setattr(spidar_gym, "__file__", str(tmp_path / "spidar_gym" / "__init__.py"))
     assert "a clone of the repository" in refused()

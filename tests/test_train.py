@@ -297,3 +297,17 @@ def test_a_crawl_is_over_when_it_is_finished_and_its_reward_prefers_the_shorter_
     assert reward(energy_wh=2.0) == pytest.approx(-0.1)  # a tenth of what 20 Wh/m are
     assert reward(foot_slip_m=0.05) == pytest.approx(-0.5)
     assert reward(failure="tilt") == -1.0
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(1.0, 1.0), (0.6, 0.5), (0.0, 0.3)])
+def test_of_what_makes_something_worse_the_largest_share_that_does_not_is_taken(limit, expected, monkeypatch):
+    judged = []
+
+    def judge(self, share, on_scenario=lambda: None):
+        judged.append(share)
+        return referee.Verdict({"flight-fast3": {"error": share - limit}}, 0.0, failed=False)
+
+    monkeypatch.setattr(Referee, "judge", judge)
+    verdict, share = Referee.strongest(object.__new__(Referee), lambda share: share)
+    assert (share, verdict.admissible) == (expected, limit > 0.0)
+    assert tuple(judged) == referee.SHARES[: len(judged)]

@@ -79,9 +79,9 @@ class Args:
     """Cost of a crawl that takes the nominal time."""
     goal: float = 0.5
     """Cost of an error at the goal at the most; 10 mm are half of it, a radian counts 0.5 m."""
-    failure: float = 0.25
+    failure: float = 0.4
     """Cost of what is no success, for whatever reason."""
-    scenarios: int = 12
+    scenarios: int = 16
     """Validation scenarios of each track."""
     validations: int = 8
     """How often it is judged."""
@@ -263,6 +263,15 @@ def learn(args: Args) -> Path:
         if verdict is not None:
             state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
         run.save(state)
+    if not state.best_steps:
+        # All of it made something worse at every validation; perhaps less of it does not.
+        verdict, share = referee.strongest(lambda share: artifact(args, share * learner["numbers"], state))
+        if verdict.admissible and verdict.score < 0.0:
+            learner["best"], state.best_score, state.best_steps = (
+                share * learner["numbers"],
+                verdict.score,
+                learner["ticks"],
+            )
     bar.close()
     course.close()
     run.write_curve(state)

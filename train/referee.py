@@ -33,6 +33,10 @@ class Base(PresetPolicy):
         return self._arguments
 
 
+SHARES = (1.0, 0.7, 0.5, 0.3)
+"""Shares of what was learned that are tried where all of it makes anything worse."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What a comparison gave."""
@@ -120,6 +124,23 @@ class Referee:
         success = float(np.mean([m["success"] for m in found]) - np.mean([m["success"] for m in self.base]))
         failed = any(m["failed"] and not b["failed"] for m, b in zip(found, self.base, strict=True))
         return Verdict(cells, success, failed)
+
+    def strongest(
+        self, candidate: Callable[[float], Artifact], on_scenario: Callable[[], object] = lambda: None
+    ) -> tuple[Verdict, float]:
+        """The largest of `SHARES` of what was learned with which nothing gets worse; the least where there is none.
+
+        Args:
+            candidate: Artifact of a share.
+            on_scenario: Called after each scenario of the first one.
+        """
+        share = SHARES[0]
+        verdict = self.judge(candidate(share), on_scenario)
+        for less in SHARES[1:]:
+            if verdict.admissible:
+                break
+            share, verdict = less, self.judge(candidate(less))
+        return verdict, share
 
     def require_equal(self, artifact: Artifact) -> None:
         """Refuse an agent that is to add nothing, and is not the base bit for bit (`SpidarError`)."""

@@ -34,7 +34,7 @@ from spidar_gym.terminal import speak_plainly
 from train import presets
 from train.kinds import Goal, Scaling, make_training_env, scaling_of, training_seed
 from train.learner import Layers
-from train.referee import Base, Referee, Verdict
+from train.referee import Base, Referee
 from train.report import evaluate_row
 from train.response import POSE, RESPONSE_TICKS, answer, pose_error, pulse_response
 from train.run import Run, State, curve_line, make_artifact
@@ -208,16 +208,17 @@ def weakened(layers: Layers, share: float) -> Layers:
     return (*rest, (share * w, share * b))
 
 
-SHARES = (1.0, 0.7, 0.5, 0.3)
-"""Shares of the fitted residual that are tried on the validation scenarios, the first admissible one is taken."""
-
-
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
     """A network as the benchmark's artifact."""
     return make_artifact(
         layers, scaling, state, name=args.name, kind="residual", doc=args.doc, env_id=HOVER, arguments=args.arguments,
         training={"seed": args.seed, "steps": state.best_steps},
     )  # fmt: skip
+
+
+def candidate(args: Args, layers: Layers, scaling: Scaling, state: State, share: float) -> Artifact:
+    """A share of a network."""
+    return artifact(args, weakened(layers, share), scaling, state)
 
 
 def learn(args: Args) -> Path:
@@ -263,7 +264,8 @@ def learn(args: Args) -> Path:
             bar.set_postfix_str(f"round {round_ + 1}: fitting")
             layers = fit(args, flights, unit, response, scaling, bar.update)
             bar.set_postfix_str(f"round {round_ + 1}: against the base")
-            verdict, layers = judge(args, referee, layers, scaling, state, bar.update)
+            verdict, share = referee.strongest(partial(candidate, args, layers, scaling, state), bar.update)
+            layers = weakened(layers, share)
             state.seconds = time.perf_counter() - began
             state.segment, state.mean = round_ + 1, layers
             state.curve.append(curve_line(steps, state.seconds, verdict))
@@ -273,21 +275,6 @@ def learn(args: Args) -> Path:
         bar.set_postfix_str(f"against the base {state.best_score:+.1%}")
     assert scaling is not None
     return run.publish(artifact(args, state.best or weakened(layers or (), 0.0), scaling, state))
-
-
-def judge(
-    args: Args, referee: Referee, layers: Layers, scaling: Scaling, state: State, on_scenario: Callable[[], object]
-) -> tuple[Verdict, Layers]:
-    """The strongest share of a residual with which nothing gets worse; the weakest where there is none."""
-    found = []
-    for share in SHARES:
-        candidate = weakened(layers, share)
-        # The bar counts one share.
-        told = (on_scenario,) if share == SHARES[0] else ()
-        found.append((referee.judge(artifact(args, candidate, scaling, state), *told), candidate))
-        if found[-1][0].admissible:
-            break
-    return found[-1]
 
 
 def main() -> None:
