@@ -311,3 +311,14 @@ def test_of_what_makes_something_worse_the_largest_share_that_does_not_is_taken(
     verdict, share = Referee.strongest(object.__new__(Referee), lambda share: share)
     assert (share, verdict.admissible) == (expected, limit > 0.0)
     assert tuple(judged) == referee.SHARES[: len(judged)]
+
+
+def test_errors_are_measured_by_the_base_s_own_kind_by_kind():
+    judge = object.__new__(Referee)
+    judge._tracks = ("flight-fast3", "flight-fast5")
+    judge.means = {"flight-fast3": {"p": 1.0, "a": 0.02}, "flight-fast5": {"p": 3.0, "a": 0.02}}
+    shares = judge.shares()
+    assert shares == pytest.approx({"flight-fast3": 0.75, "flight-fast5": 1.25})
+    goal = residual.make_env(TINY, "flight-fast3", share=0.75)._goal
+    assert goal.position_m == pytest.approx(0.75 * TINY.position)
+    assert goal.rate == pytest.approx(0.75 * TINY.rate)

@@ -44,9 +44,9 @@ def test_a_network_says_what_its_table_says_in_every_phase_of_the_last_cycle_and
     assert len(set(np.abs(rows[rows != 0.0]))) == len(numbers)
     for k, phase in enumerate(PHASES):
         for steps_left in (0, 1, 2, 3, 17):
-            rate, raised, lift, force = rows[k if steps_left <= 1 else len(PHASES) + k]
+            raised, lift, force = rows[k if steps_left <= 1 else len(PHASES) + k]
             action = agent.act(observe(phase, steps_left, rng))
-            np.testing.assert_allclose(action[:4], [rate, raised, 0.0, lift], atol=1e-6)
+            np.testing.assert_allclose(action[:4], [0.0, raised, 0.0, lift], atol=1e-6)
             np.testing.assert_allclose(action[4:].reshape(4, 3), [[0.0, 0.0, force]] * 4, atol=1e-6)
 
 

@@ -40,7 +40,7 @@ from train.report import evaluate_row
 from train.run import Run, State, curve_line, make_artifact
 
 MODE = find_action_mode("residual_gait_force", CRAWL_MODES)
-"""What they do."""
+"""What the numbers do."""
 MOVING = tuple(PHASES.index(name) for name in ("raise", "swing", "lower", "up", "forward", "down"))
 """Phases that have a force of their own; the others are over at once."""
 CYCLES = 2
@@ -116,13 +116,13 @@ def scaling() -> Scaling:
 
 
 def table(numbers: np.ndarray) -> np.ndarray:
-    """Rate, raise, lift and force in every phase of the last cycle, then of the others, shape (2 phases, 4)."""
-    whole = np.zeros((CYCLES, len(PHASES), 4))
+    """Raise, lift and force in every phase of the last cycle, then of the others, shape (2 phases, 3)."""
+    whole = np.zeros((CYCLES, len(PHASES), 3))
     for rows, own in zip(whole, numbers.reshape(CYCLES, -1), strict=True):
-        rows[MOVING, 3] = own[: len(MOVING)]
+        rows[MOVING, 2] = own[: len(MOVING)]
         # What counts is the tick in which a leg begins to rise, or the torso.
-        rows[:, 1:3] = own[len(MOVING) :]
-    return whole.reshape(-1, 4)
+        rows[:, :2] = own[len(MOVING) :]
+    return whole.reshape(-1, 3)
 
 
 def layers(numbers: np.ndarray) -> Layers:
@@ -137,8 +137,8 @@ def layers(numbers: np.ndarray) -> Layers:
     hidden[:n, places["steps_left"]], hidden[n:, places["steps_left"]] = -0.5, 0.5
     columns = table(numbers).T
     last = np.zeros((MODE.size, CYCLES * n), np.float32)
-    last[[0, 1, 3]] = columns[:3]
-    last[GAIT.size + 2 :: 3] = columns[3]
+    last[[1, 3]] = columns[:2]
+    last[GAIT.size + 2 :: 3] = columns[2]
     return (hidden, np.full(CYCLES * n, -0.5, np.float32)), (last, np.zeros(MODE.size, np.float32))
 
 
@@ -257,7 +257,6 @@ def learn(args: Args) -> Path:
                     learner["ticks"],
                 )
             state.learner, state.segment = dict(learner), state.segment + 1
-            state.mean, state.best = layers(learner["numbers"]), layers(learner["best"])
             bar.set_postfix_str(f"against the base {verdict.score:+.1%}, worst {verdict.worst:+.1%}")
         state.seconds += time.perf_counter() - began
         if verdict is not None:
