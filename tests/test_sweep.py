@@ -29,7 +29,7 @@ def trials(folder: Path) -> list[dict]:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
 def test_a_sweep_learns_what_this_process_learns_and_a_damaged_run_is_last(tmp_path, monkeypatch):
-    from train import residual
+    from train import residual, run
 
     folder = tmp_path / "sweep"
     options = [*SWEEP, "--out", str(folder)]
@@ -45,7 +45,7 @@ def test_a_sweep_learns_what_this_process_learns_and_a_damaged_run_is_last(tmp_p
     assert failed["seed"] == 2
     assert "checkpoint.pt is no checkpoint" in failed["error"]
     assert "\n" not in failed["error"]
-    monkeypatch.setattr(residual, "called", lambda: " ".join(["python -m train.sweep", *options]))
+    monkeypatch.setattr(run, "called", lambda: " ".join(["python -m train.sweep", *options]))
     line = found[0]
     path = residual.learn(residual.Args(**RESIDUAL[PRESET], **TINY, seed=line["seed"], out=tmp_path / "here"))
     assert (folder / f"preset/ppo_direct/seed{line['seed']}/policy.npz").read_bytes() == path.read_bytes()
