@@ -79,7 +79,7 @@ class Args:
     """Cost of a crawl that takes the nominal time."""
     goal: float = 0.5
     """Cost of an error at the goal at the most; 10 mm are half of it, a radian counts 0.5 m."""
-    failure: float = 0.4
+    failure: float = 0.6
     """Cost of what is no success, for whatever reason."""
     scenarios: int = 16
     """Validation scenarios of each track."""

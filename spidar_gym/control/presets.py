@@ -62,8 +62,8 @@ CRAWL_PRESETS: dict[str, CrawlerConfig] = {
     "published": CrawlerConfig(),
     "overlapped": CrawlerConfig(gait=GaitConfig(rolling=True, **SCHEDULES["overlapped"])),
     "robust": ROBUST,
-    # Its margins with the fast schedule.
-    "robust_overlapped": replace(ROBUST, gait=GaitConfig(rolling=True, **SCHEDULES["overlapped"])),
+    # Its margins with the fast schedule, but the torso waits until it has arrived before it goes down.
+    "robust_overlapped": replace(ROBUST, gait=GaitConfig(rolling=True, **{**SCHEDULES["overlapped"], "down_at": 1.0})),
 }
 """Crawlers by name."""
 
