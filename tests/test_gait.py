@@ -336,6 +336,14 @@ def test_a_torso_held_up_in_the_air_has_not_touched_down_and_the_phase_times_out
         assert times_out == bool(timeouts)
 
 
+@pytest.mark.parametrize(("down_at", "arrives"), [(1.0, True), (0.97, False)])
+def test_a_torso_that_stays_behind_arrives_before_it_goes_down_unless_it_may_begin_on_the_way(down_at, arrives):
+    config = replace(GaitConfig(), down_at=down_at)
+    world = World(config, lost=0.1).run(FORWARD)
+    assert (world.missed(FORWARD.way).max() <= config.arrival) == arrives
+    assert world.gait.memory.timeouts == 0
+
+
 def test_feet_have_not_touched_down_before_the_legs_are_still_and_where_they_should_be():
     class Sluggish(World):
         """Inner pitches that go down at half the joint speed."""
