@@ -18,7 +18,7 @@ from spidar_gym.control.core import core_path
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from train import kinds, presets, referee, residual
-from train.kinds import FIRST_SEED, Goal, Scaling, make_training_env, scaling_of, training_seed
+from train.kinds import FIRST_SEED, Goal, Scaling, baseline_scaling, make_training_env, scaling_of, training_seed
 from train.learner import actor_layers, build
 from train.referee import Base, Referee
 from train.residual import Args, artifact, hidden, learn, make_envs, still, washout
@@ -95,6 +95,25 @@ def test_before_training_the_agent_is_its_base_bit_for_bit_and_an_agent_that_is_
     *rest, (w, b) = layers
     with pytest.raises(SpidarError, match=r"differs from its base on flight-fast3 in attitude_rms_rad"):
         judge.require_equal(artifact(TINY, (*rest, (w, b + 1e-3)), scaling, State()))
+
+
+def test_a_learner_from_nothing_is_not_blind_in_the_flights_that_it_explores():
+    env = make_training_env("flight-paper", {"action_mode": "direct"}, Goal(), washout=np.zeros(0), control=CONTROL)
+    rng, spread, seen = np.random.default_rng(1), 0.135, []
+    observation, _ = env.reset(seed=5)
+    for _ in range(300):
+        action = np.clip(spread * rng.standard_normal(env.action_space.shape), -1.0, 1.0)
+        observation, _, terminated, truncated, _ = env.step(action)
+        seen.append(observation)
+        if terminated or truncated:
+            observation, _ = env.reset()
+    # Scaled by a fall without actions, which never turns, half of all rates would lie beyond the clip.
+    for tried, blind in ((spread, False), (0.0, True)):
+        scaling = baseline_scaling([env], 3, 400, tried)
+        beyond = np.abs(np.array(seen) - scaling.mean) >= scaling.clip * np.sqrt(scaling.variance)
+        assert (beyond.mean() > 0.1) == blind
+        assert (beyond.mean() < 0.001) != blind
+    env.close()
 
 
 @pytest.mark.parametrize("name", presets.RESIDUAL)

@@ -224,21 +224,23 @@ def make_training_env(
     return TrainingEnv(env, goal, washout=washout, still=still, hold=hold, scaling=scaling)
 
 
-def baseline_scaling(envs: Sequence[TrainingEnv], seed: int, ticks: int) -> Scaling:
+def baseline_scaling(envs: Sequence[TrainingEnv], seed: int, ticks: int, spread: float = 0.0) -> Scaling:
     """Mean and variance of what the baseline sees, frozen from then on.
 
     Args:
         envs: Environments without scaling, one of each kind.
         seed: Of the run.
         ticks: How many of each.
+        spread: Standard deviation of random actions; 0 is the baseline, which a learner from nothing does not have.
     """
     seen = []
+    rng = np.random.Generator(np.random.PCG64(training_seed(seed, 7)))
     for k, env in enumerate(envs):
         zero = np.zeros(env.action_space.shape or ())
         observation, _ = env.reset(seed=training_seed(seed, 0, k))
         for _ in range(ticks):
             seen.append(observation)
-            observation, _, terminated, truncated, _ = env.step(zero)
+            observation, _, terminated, truncated, _ = env.step(np.clip(rng.normal(zero, spread), -1.0, 1.0))
             if terminated or truncated:
                 observation, _ = env.reset()
     space = envs[0].observation_space

@@ -6,6 +6,7 @@ A run is a chain of segments. Each begins with fresh episodes and seeds of its o
 it and on nothing else: an interrupted run goes on with the same command, and ends as it would have ended.
 """
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -261,10 +262,12 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
 
     state.base = referee.means
 
-    # What the network is shown is scaled by what the baseline sees, once and for all.
+    # What the network is shown is scaled by what the baseline sees, once and for all; without one, by what it will
+    # see itself: nothing but falls, in which every error is far beyond those of a flight that is held level.
     if not state.scaling:
         kinds = [make_env(args, track) for track in args.tracks]
-        state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold))
+        spread = 0.0 if args.adds else math.exp(args.log_std)
+        state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold, spread))
     scaling = Scaling(**state.scaling)
 
     envs = make_envs(args, scaling, referee.shares())
