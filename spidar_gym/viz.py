@@ -378,8 +378,11 @@ def learning_curves(
             style = ("-", "--", ":", "-.")[k % 4]
             ax.axhline(factor * values[metric], color="0.35", linewidth=1.0, linestyle=style, label=row)
         ax.set_yscale("log")
+        low, high = ax.get_ylim()
+        # Beyond a decade not every line has room for its number.
+        digits = "125" if high > 12.0 * low else "123456789"
         for axis in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
-            axis(lambda value, _: f"{value:g}")
+            axis(lambda value, _, digits=digits: f"{value:g}" if f"{value:e}"[0] in digits else "")
         ax.set_xlabel("control ticks [million]")
         ax.set_ylabel(label)
         ax.grid(color="0.92", which="both")

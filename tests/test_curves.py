@@ -22,7 +22,7 @@ def run(folder, seed, *lines, **more):
     path = folder / "ppo" / f"seed{seed}" / "curve.json"
     path.parent.mkdir(parents=True)
     base = {"flight-fast3": {"position_rms_m": 0.01, "attitude_rms_rad": 0.02}}
-    path.write_text(json.dumps({"settings": {"scenarios": 2}, "base": base, "curve": list(lines), **more}))
+    path.write_text(json.dumps({"settings": {"scenarios": 2}, "base": base, "curve": list(lines)} | more))
 
 
 def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
@@ -38,6 +38,13 @@ def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
     assert second == ([0.0, 100], pytest.approx([0.01, 0.011]))
     assert found["attitude_rms_rad"]["ppo"][0][1] == pytest.approx([0.02, 0.02, 0.03])
     assert panels([curve], "flight-fast5") == {}
+
+
+def test_a_run_from_nothing_does_not_start_as_the_controller_that_it_is_compared_with(tmp_path):
+    run(tmp_path / "runs", 0, line(100, 9.0, 4.0), settings={"action_mode": "direct"})
+    (path,) = gather(tmp_path / "runs", tmp_path / "curves")
+    ((steps, values),) = panels([read_curve(path)], "flight-fast3")["position_rms_m"]["ppo"]
+    assert (steps, values) == ([100], pytest.approx([0.1]))
 
 
 def test_the_readme_says_what_every_committed_row_cost():

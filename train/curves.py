@@ -65,14 +65,19 @@ def read_curve(path: Path) -> dict[str, Any]:
 
 
 def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, list[tuple[list[float], list[float]]]]]:
-    """Metric → row → for each run its steps and absolute values on the validation scenarios, the base at step 0."""
+    """Metric → row → for each run its steps and absolute values on the validation scenarios.
+
+    A run that adds to a controller begins as that one; one from nothing begins where it was judged first.
+    """
     found: dict[str, dict[str, list[tuple[list[float], list[float]]]]] = {}
     for curve in curves:
         for run in curve["runs"]:
             base = run["base"].get(track)
+            adds = run["settings"].get("action_mode") != "direct"
             for metric, value in (base or {}).items():
-                steps = [0.0, *(float(line["steps"]) for line in run["curve"])]
-                values = [value, *(value * (1.0 + line["cells"][track][metric]) for line in run["curve"])]
+                judged = [(float(n["steps"]), value * (1.0 + n["cells"][track][metric])) for n in run["curve"]]
+                points = [(0.0, value), *judged] if adds else judged
+                steps, values = [step for step, _ in points], [value for _, value in points]
                 found.setdefault(metric, {}).setdefault(curve["row"], []).append((steps, values))
     return found
 
