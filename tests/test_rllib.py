@@ -28,7 +28,7 @@ def test_rllib_trains_the_same_id_through_its_own_interface():
 
 def test_without_rllib_it_is_said_in_one_line_how_to_get_it():
     try:
-        import ray.rllib  # noqa: F401
+        import ray.rllib  # noqa: F401 - only whether it is there
     except ImportError:
         result = called()
         assert result.returncode == 2

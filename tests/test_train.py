@@ -116,6 +116,20 @@ def test_a_learner_from_nothing_is_not_blind_in_the_flights_that_it_explores():
     env.close()
 
 
+def test_a_run_is_scaled_by_its_base_and_without_one_by_its_own_first_exploration(done, tmp_path, monkeypatch):
+    monkeypatch.setitem(TRACKS, "flight-paper", replace(TRACKS["flight-paper"], seconds=2.0))
+    alone = replace(
+        Args(**presets.RESIDUAL["hover-direct-ppo"]), steps=32, segment=32, envs=1, n_steps=16, batch_size=16, epochs=1,
+        hidden=8, critic_hidden=8, scenarios=1, scaling_ticks=100, control=CONTROL, out=tmp_path,
+    )  # fmt: skip
+    for args, folder, spread in ((TINY, done, 0.0), (alone, learn(alone).parent, np.exp(alone.log_std))):
+        envs = [residual.make_env(args, track) for track in args.tracks]
+        scaling = baseline_scaling(envs, args.seed, args.scaling_ticks // args.hold, spread)
+        found = read_artifact(folder / "policy.npz")
+        np.testing.assert_allclose(found.mean, scaling.mean, rtol=1e-6)
+        np.testing.assert_allclose(found.variance, scaling.variance, rtol=1e-6)
+
+
 @pytest.mark.parametrize("name", presets.RESIDUAL)
 def test_every_preset_starts_with_a_mean_action_of_zero_and_small_exploration(name):
     args = replace(Args(**presets.RESIDUAL[name]), control=CONTROL, envs=1, n_steps=8, batch_size=8, buffer=100)
