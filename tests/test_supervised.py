@@ -18,6 +18,7 @@ from spidar_gym.envs.actions import WRENCH_AUTHORITY
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import ROBOT
 from train import presets, supervised
+from train.referee import Base, Referee
 from train.response import RESPONSE_TICKS, answer, pulse_response
 from train.supervised import Args, learn, visible, weakened
 
@@ -84,13 +85,15 @@ def test_a_minute_of_flight_is_enough_to_foresee_half_of_what_moving_joints_do(t
     assert learned.training["steps"] == curve["chosen"]["steps"] > 6 * 480
 
 
-def test_the_same_seed_gives_the_same_bytes(tmp_path, monkeypatch):
+def test_the_same_seed_gives_the_same_bytes_however_many_processes_fly(tmp_path, monkeypatch):
     monkeypatch.setattr(supervised, "RESPONSE_TICKS", 40)
     monkeypatch.setitem(TRACKS, "flight-fast3", replace(TRACKS["flight-fast3"], seconds=2.0))
-    args = replace(TINY, flights=2, updates=5, scenarios=1)
-    first, second = (learn(replace(args, out=tmp_path / name)).read_bytes() for name in ("a", "b"))
-    assert first == second
-    assert learn(replace(args, seed=1, out=tmp_path / "c")).read_bytes() != first
+    args = replace(TINY, flights=2, updates=5)
+    first, second = (learn(replace(args, out=tmp_path / str(n), workers=n)) for n in (1, 2))
+    assert first.read_bytes() == second.read_bytes()
+    alone = Referee(args.tracks, Base(args.arguments), args.scenarios, control=CONTROL)
+    assert json.loads((second.parent / "curve.json").read_text())["base"] == alone.means
+    assert learn(replace(args, seed=1, out=tmp_path / "other")).read_bytes() != first.read_bytes()
 
 
 def test_a_share_of_a_residual_is_that_share_of_its_output():

@@ -5,16 +5,19 @@ python -m train.curves --runs out/train --out train/curves
 
 import json
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
+from tqdm import tqdm
 
+from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.tables import aligned
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.control.core import core_path
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import SpidarError, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.terminal import speak_plainly
 from spidar_gym.viz import learning_curves
@@ -42,6 +45,12 @@ class Args:
     """Folder for NAME.json and TRACK.png."""
     control: str = "core" if core_path().is_file() else "python"
     """Who flies the lines: python, or core."""
+    workers: int = cores()
+    """Processes that fly."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        require_least(1, workers=self.workers)
 
 
 def gather(runs: Path, out: Path) -> list[Path]:
@@ -112,17 +121,25 @@ def main() -> None:
         raise SpidarError(
             f"no curves in {args.runs} and none in {args.out}; valid: a folder that a training script wrote"
         )
-    for track, spec in TRACKS.items():
-        drawn = panels(curves, track)
-        if not drawn:
-            continue
-        scenarios = next(run["settings"]["scenarios"] for c in curves for run in c["runs"] if track in run["base"])
-        lines = {
-            row: Referee([track], Base({"preset": preset}), scenarios, control=args.control).means[track]
-            for row, preset in LINES[spec.flies].items()
-        }
-        learning_curves(drawn, lines, f"{track}: validation scenarios", args.out / f"{track}.png")
-        print(args.out / f"{track}.png")
+    played = {
+        track: next(run["settings"]["scenarios"] for c in curves for run in c["runs"] if track in run["base"])
+        for track in TRACKS
+        if panels(curves, track)
+    }
+    total = sum(scenarios * len(LINES[TRACKS[track].flies]) for track, scenarios in played.items())
+    with ProcessPoolExecutor(args.workers) as pool, tqdm(total=total, unit="scenario", desc="lines") as bar:
+        for track, scenarios in played.items():
+            bar.set_postfix_str(track)
+            lines = {
+                row: Referee(
+                    [track], Base({"preset": preset}), scenarios, control=args.control, on_scenario=bar.update,
+                    each=pool.map,
+                ).means[track]
+                for row, preset in LINES[TRACKS[track].flies].items()
+            }  # fmt: skip
+            picture = args.out / f"{track}.png"
+            learning_curves(panels(curves, track), lines, f"{track}: validation scenarios", picture)
+            bar.write(str(picture))
     print(costs(curves))
 
 

@@ -1,7 +1,8 @@
 """Paired judgement: a candidate against the controller that it adds to, on the same validation scenarios."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from spidar_gym.benchmark.artifact import Artifact, LearnedPolicy
 from spidar_gym.benchmark.episode import play
 from spidar_gym.benchmark.policy import Policy, PresetPolicy
-from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.scenario import Scenario, load_scenarios
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.errors import InvalidValueError, SpidarError
 
@@ -64,12 +65,16 @@ class Verdict:
         return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
 
 
+def _metrics(policy: Policy, control: str, chosen: tuple[str, Scenario]) -> dict[str, Any]:
+    return play(policy, *chosen, control=control)["metrics"]
+
+
 class Referee:
     """Knows how the base does, and plays candidates against it."""
 
     def __init__(
         self, tracks: Sequence[str], base: Base, scenarios: int, *, control: str,
-        on_scenario: Callable[[], object] = lambda: None,
+        on_scenario: Callable[[], object] = lambda: None, each: Callable[..., Iterable[Any]] = map,
     ) -> None:  # fmt: skip
         """Play the base.
 
@@ -79,13 +84,14 @@ class Referee:
             scenarios: How many of each track's validation scenarios, from the first on.
             control: `python` or `core`.
             on_scenario: Called after each.
+            each: `map`, or that of a pool of processes: no scenario depends on another.
         """
-        self._control = control
+        self._control, self._each = control, each
         self._chosen = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
         if not self._chosen:
             raise InvalidValueError("validation scenarios", scenarios, "at least one scenario of one track")
         self._tracks = tuple(tracks)
-        self.base = [self._play(base, k, on_scenario) for k in range(len(self._chosen))]
+        self.base = self._play(base, self._chosen, on_scenario)
         self.means = self._means(self.base)
         """Track → metric → mean of the base."""
 
@@ -108,15 +114,18 @@ class Referee:
             for track, means in self.means.items()
         }
 
-    def _play(self, policy: Policy, k: int, on_scenario: Callable[[], object]) -> dict[str, Any]:
-        metrics = play(policy, *self._chosen[k], control=self._control)["metrics"]
-        on_scenario()
-        return metrics
+    def _play(
+        self, policy: Policy, chosen: Sequence[tuple[str, Scenario]], on_scenario: Callable[[], object] = lambda: None
+    ) -> list[dict[str, Any]]:
+        found = []
+        for metrics in self._each(partial(_metrics, policy, self._control), chosen):
+            found.append(metrics)
+            on_scenario()
+        return found
 
     def judge(self, artifact: Artifact, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
         """Play a candidate on all scenarios."""
-        policy = LearnedPolicy(artifact)
-        found = [self._play(policy, k, on_scenario) for k in range(len(self._chosen))]
+        found = self._play(LearnedPolicy(artifact), self._chosen, on_scenario)
         cells = {
             track: {name: value / self.means[track][name] - 1.0 for name, value in means.items()}
             for track, means in self._means(found).items()
@@ -144,10 +153,9 @@ class Referee:
 
     def require_equal(self, artifact: Artifact) -> None:
         """Refuse an agent that is to add nothing, and is not the base bit for bit (`SpidarError`)."""
-        policy = LearnedPolicy(artifact)
         first = {track: k for k, (track, _) in reversed(list(enumerate(self._chosen)))}
-        for track, k in first.items():
-            mine = self._play(policy, k, lambda: None)
+        found = self._play(LearnedPolicy(artifact), [self._chosen[k] for k in first.values()])
+        for (track, k), mine in zip(first.items(), found, strict=True):
             differ = {name for name, value in mine.items() if value != self.base[k][name]}
             if differ:
                 raise SpidarError(

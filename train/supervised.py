@@ -238,8 +238,9 @@ def learn(args: Args) -> Path:
     ):
         bar.set_postfix_str("playing the base")
         referee = Referee(
-            args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=bar.update
-        )
+            args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=bar.update,
+            each=pool.map,
+        )  # fmt: skip
         state.base = referee.means
         bar.set_postfix_str("pulses")
         pulses = []
