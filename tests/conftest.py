@@ -1,0 +1,47 @@
+"""Fixtures of the compiled runner, which several files drive: exported, compiled and flown once a process."""
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def onboard():
+    """The module, imported late: a package that a conftest imports escapes the checks of shapes and types."""
+    import onboard
+
+    return onboard
+
+
+@pytest.fixture(scope="session")
+def folder(onboard, tmp_path_factory):
+    return onboard.export(tmp_path_factory.mktemp("runner") / "onboard")
+
+
+@pytest.fixture(scope="session")
+def runner(onboard, folder):
+    return onboard.compile_as_shipped(folder)
+
+
+@pytest.fixture(scope="session")
+def checked(onboard, folder):
+    """The runner with sanitizers, not optimised."""
+    return onboard.compile_(folder, folder.parent / "checked", *onboard.CHECKED)
+
+
+@pytest.fixture(scope="session")
+def library(onboard, folder):
+    return onboard.load(onboard.compile_(folder, folder.parent / "librunner.so", "-O1", "-fPIC", "-shared"))
+
+
+@pytest.fixture(scope="session")
+def hover(onboard, library, runner, folder):
+    return onboard.fly(library, runner, folder)
+
+
+@pytest.fixture(scope="session")
+def crawl(onboard, library, runner, folder):
+    return onboard.walk(library, runner, folder)
+
+
+@pytest.fixture(params=["hover", "crawl"])
+def stream(request):
+    return request.getfixturevalue(request.param)
