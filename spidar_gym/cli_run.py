@@ -1,4 +1,4 @@
-"""`spidar run`: episodes of the zero action, shown or recorded."""
+"""`spidar run`: episodes of a controller alone or of a policy, shown or recorded."""
 
 import math
 import sys
@@ -11,6 +11,8 @@ import tyro
 from tqdm import tqdm
 
 from spidar_gym import viz
+from spidar_gym.benchmark.episode import ACT_LIMIT_S
+from spidar_gym.benchmark.policy import Actor, Policy, PresetPolicy, defined_on, load_policy, policy_arguments
 from spidar_gym.control.controller import CONTROL_RATE
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.description import CAMERAS
@@ -31,6 +33,7 @@ CameraArg = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(CAMERAS) + "}")]
 
 def run(
     env_id: tyro.conf.Positional[str] = "spidar_gym/Hover-v0",
+    policy: str | None = None,
     episodes: int = 1,
     seed: int = 0,
     preset: PresetArg = None,
@@ -55,10 +58,11 @@ def run(
     out: Path | None = None,
     show: tyro.conf.FlagCreatePairsOff[bool] = False,
 ) -> None:
-    """Run episodes with the zero action, which is the controller alone; show them or record them.
+    """Run episodes with the zero action, which is the controller alone, or with a policy; show them or record them.
 
     Args:
         env_id: Environment.
+        policy: module:Class, or the path of a learned policy's artifact; it chooses its own controller.
         episodes: How many episodes.
         seed: Seed of the first episode; the next ones follow it.
         preset: Controller; the environment's own if not given.
@@ -91,8 +95,10 @@ def run(
         **{name: None if angle is None else math.radians(angle)
            for name, angle in (("direction", direction), ("turn", turn), ("slope", slope))},
     }  # fmt: skip
+    given = {name: value for name, value in given.items() if value is not None}
+    actor = None if policy is None else load_policy(policy)
     env = gymnasium.make(
-        env_id, **{name: value for name, value in given.items() if value is not None},
+        env_id, **given, **_chosen(actor, policy, env_id, given),
         horizon_s=horizon / CONTROL_RATE, max_episode_steps=horizon,
         wake=wake, sensors=sensors, randomization=randomization,
         disturbances={"wind": wind, "push": push, "lost_rotor": lost_rotor, "fault": fault},
@@ -100,6 +106,7 @@ def run(
     )  # fmt: skip
     inner = env.unwrapped
     assert isinstance(inner, SpidarEnv)
+    acts = Actor(actor or PresetPolicy(), env.action_space.shape or (), env_id, limit_s=ACT_LIMIT_S)
     film = None
     if out is not None:
         output_folder(out.parent)
@@ -107,7 +114,7 @@ def run(
     finished, survived, succeeded, finite = False, 0, 0, 0
     try:
         for episode in range(episodes):
-            infos, rewards, healthy = _episode(env, inner, seed + episode, episode, horizon, film)
+            infos, rewards, healthy = _episode(env, inner, acts, seed + episode, episode, horizon, film)
             last = infos[-1]
             finite += healthy
             survived += not last["failure"]
@@ -129,19 +136,20 @@ def run(
 
 
 def _episode(
-    env: gymnasium.Env, inner: SpidarEnv, seed: int, number: int, horizon: int, film: viz.FlightVideo | None
-) -> tuple[list[dict[str, Any]], list[float], bool]:
+    env: gymnasium.Env, inner: SpidarEnv, actor: Actor, seed: int, number: int, horizon: int,
+    film: viz.FlightVideo | None,
+) -> tuple[list[dict[str, Any]], list[float], bool]:  # fmt: skip
     """Infos and rewards of one episode, and whether its last observation is finite; a crawl ends when it is done."""
-    env.reset(seed=seed)
+    observation, _ = env.reset(seed=seed)
+    actor.reset(seed)
     if film is not None:
         film.lay(inner.plant.config.ground)
-    zero = np.zeros(env.action_space.shape or ())
     infos: list[dict[str, Any]] = []
     rewards: list[float] = []
-    ended, observation = False, zero
+    ended = False
     with tqdm(total=horizon, unit="tick", desc=f"episode {number + 1}", file=sys.__stderr__, leave=False) as bar:
         while not ended:
-            observation, reward, terminated, truncated, info = env.step(zero)
+            observation, reward, terminated, truncated, info = env.step(actor.act(observation))
             ended = terminated or truncated or info.get("finished", False)
             rewards.append(float(reward))
             infos.append(info)
@@ -151,6 +159,19 @@ def _episode(
                 contacts = inner.plant.contact_forces() if inner.plant.in_contact else None
                 film.film(len(rewards), inner.plant.data.qpos, caption, info["thrust"], contacts)
     return infos, rewards, bool(np.isfinite(observation).all())
+
+
+def _chosen(policy: Policy | None, spec: str | None, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
+    """What a policy asks `gym.make` for; nobody else chooses that."""
+    if policy is None:
+        return {}
+    chosen = policy_arguments(policy, env_id)
+    if chosen is None:
+        raise InvalidValueError("policy", spec, f"one for {env_id}; this one is for {', '.join(defined_on(policy))}")
+    for name in chosen:
+        if name in given:
+            raise InvalidValueError(name, given[name], f"nothing beside this policy, which chooses {chosen[name]}")
+    return chosen
 
 
 def _errors(infos: list[dict[str, Any]]) -> str:

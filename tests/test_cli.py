@@ -38,6 +38,8 @@ NAMES = (
     "bench",
     "list",
 )
+ROOT = Path(__file__).resolve().parent.parent
+LEARNED = str(ROOT / "baselines" / "learned" / "supervised_paper" / "seed0.npz")
 COMMANDS = [["paper"], ["paper", "flight"], ["paper", "crawl"], *([name] for name in NAMES[1:])]
 drawing = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
@@ -181,6 +183,10 @@ def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
         (["run", "--lost-rotor", "2.5"], "INT"),
         (["run", "--lost-rotor", "3", "--fault", "engine"], "thrust, vectoring"),
         (["run", "--seconds", "0.1", "--seed", "-1"], "at least 0"),
+        (["run", "--policy", "nobody"], "module:Class, or the path of an artifact"),
+        (["run", "--policy", "none.npz"], "none.npz"),
+        (["run", "spidar_gym/Crawl-v0", "--policy", LEARNED], "this one is for spidar_gym/Hover-v0"),
+        (["run", "--policy", LEARNED, "--preset", "tuned"], "nothing beside this policy, which chooses paper"),
         (["run", "--camera", "back", "--seconds", "0.1"], "chase, side, front, top"),
         (["run", "--camera", "back", "--seconds", "0.1", "--out", "films/x.mp4"], "chase, side, front, top"),
         *((["run", "--seconds", "0.1", "--joint-speed", v], "above 0 [rad/s]") for v in ("0", "-0.2", "nan", "inf")),
@@ -528,6 +534,17 @@ def test_every_option_of_run_changes_the_flight(options, capfd):
         flights.append(capfd.readouterr().out)
     assert flights[0] != flights[1]
     assert flights[1] == flights[2]
+
+
+def test_a_learned_policy_flies_on_the_controller_that_it_learned_on_and_does_better(capfd, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    off = []
+    for who in (["--preset", "paper"], ["--policy", "baselines.qp:QP"], ["--policy", LEARNED]):
+        main(["run", "--seconds", "6", "--forms", "independent", "--joint-speed", "1.25", *who])
+        off.append(float(re.findall(r"attitude ([\d.]+) mrad", capfd.readouterr().out)[0]))
+    alone, baseline, learned = off
+    assert baseline == alone
+    assert learned < 0.9 * alone
 
 
 def test_a_short_hover_that_stays_on_its_reference_is_reported_as_a_success(capfd):
