@@ -123,9 +123,10 @@ class Referee:
             on_scenario()
         return found
 
-    def judge(self, artifact: Artifact, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
+    def judge(self, candidate: Artifact | Policy, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
         """Play a candidate on all scenarios."""
-        found = self._play(LearnedPolicy(artifact), self._chosen, on_scenario)
+        policy = LearnedPolicy(candidate) if isinstance(candidate, Artifact) else candidate
+        found = self._play(policy, self._chosen, on_scenario)
         cells = {
             track: {name: value / self.means[track][name] - 1.0 for name, value in means.items()}
             for track, means in self._means(found).items()

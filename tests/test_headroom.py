@@ -1,0 +1,67 @@
+"""Pins the headroom of the action's doors: rules read what they say, count in pairs, and the table has them all."""
+
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+
+from spidar_gym.benchmark.track import HOVER
+from spidar_gym.control.core import core_path
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.robot import N_JOINTS
+from train import headroom
+from train.headroom import IN_FLIGHT, ON_THE_GROUND, Args, Rule, headroom_table, measure, timed
+
+pytestmark = pytest.mark.train
+CONTROL = "core" if core_path().is_file() else "python"
+
+
+def test_a_rule_reads_the_pieces_of_the_observation_by_their_names():
+    env = gymnasium.make(HOVER, forms="independent", joint_speed=1.0, action_mode="residual_joint").unwrapped
+    rule = Rule("paper", *IN_FLIGHT["joint targets 20 ms ahead"])
+    observation, _ = env.reset(seed=35)
+    for _ in range(60):
+        observation = env.step(rule.act(observation))[0]
+    speed = (rule.act(observation) * 0.1 / 0.02)[:N_JOINTS]
+    assert np.abs(speed).max() > 0.5
+    measured = env.plant.state().joint_velocity
+    assert np.corrcoef(speed, measured)[0, 1] > 0.9
+    env.close()
+
+
+@pytest.mark.parametrize(("rules", "preset", "modes"), [(IN_FLIGHT, "paper", ACTION_MODES),
+                                                        (ON_THE_GROUND, "robust", CRAWL_MODES)])  # fmt: skip
+def test_every_rule_gives_an_action_of_its_mode_within_its_bounds(rules, preset, modes):
+    for mode, action in rules.values():
+        rule = Rule(preset, mode, action)
+        for observation in np.random.default_rng(1).normal(scale=10.0, size=(5, 400)):
+            found = rule.act(observation)
+            assert found.shape == (modes[mode].size,)
+            assert np.abs(found).max() <= 1.0
+
+
+def test_rules_are_counted_against_the_base_in_pairs(monkeypatch):
+    rules = {"nothing": timed(1.0), **{k: IN_FLIGHT[f"torque of {k} ḣ of the legs"] for k in ("0.25", "-0.25")}}
+    monkeypatch.setattr(headroom, "IN_FLIGHT", rules)
+    monkeypatch.setattr(headroom, "FLIGHTS", ("flight-fast3",))
+    found = measure(Args("paper", scenarios=1, workers=1, control=CONTROL))
+    attitude = {name: verdict.cells["flight-fast3"]["attitude_rms_rad"] for name, verdict in found.items()}
+    assert list(found["nothing"].cells["flight-fast3"].values()) == [0.0, 0.0]
+    # The paper's controller does not know what its moving legs do to the torso: some of it helps, the opposite harms.
+    assert attitude["0.25"] < -0.05
+    assert attitude["-0.25"] > 0.05
+    lines = headroom_table("paper", found).splitlines()
+    assert lines[0].startswith("change of position_rms_m, attitude_rms_rad")
+    assert [line.split("  ")[0] for line in lines[4:]] == list(rules)
+
+
+def test_an_unknown_controller_is_refused_in_one_line():
+    command = [sys.executable, "-m", "train.headroom", "mine"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "paper, as_flown, tuned" in line
