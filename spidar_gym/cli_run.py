@@ -96,9 +96,9 @@ def run(
            for name, angle in (("direction", direction), ("turn", turn), ("slope", slope))},
     }  # fmt: skip
     given = {name: value for name, value in given.items() if value is not None}
-    actor = None if policy is None else load_policy(policy)
+    flier = None if policy is None else load_policy(policy)
     env = gymnasium.make(
-        env_id, **given, **_chosen(actor, policy, env_id, given),
+        env_id, **given, **_chosen(flier, policy, env_id, given),
         horizon_s=horizon / CONTROL_RATE, max_episode_steps=horizon,
         wake=wake, sensors=sensors, randomization=randomization,
         disturbances={"wind": wind, "push": push, "lost_rotor": lost_rotor, "fault": fault},
@@ -106,7 +106,7 @@ def run(
     )  # fmt: skip
     inner = env.unwrapped
     assert isinstance(inner, SpidarEnv)
-    acts = Actor(actor or PresetPolicy(), env.action_space.shape or (), env_id, limit_s=ACT_LIMIT_S)
+    actor = Actor(flier or PresetPolicy(), env.action_space.shape or (), env_id, limit_s=ACT_LIMIT_S)
     film = None
     if out is not None:
         output_folder(out.parent)
@@ -114,7 +114,7 @@ def run(
     finished, survived, succeeded, finite = False, 0, 0, 0
     try:
         for episode in range(episodes):
-            infos, rewards, healthy = _episode(env, inner, acts, seed + episode, episode, horizon, film)
+            infos, rewards, healthy = _episode(env, inner, actor, seed + episode, episode, horizon, film)
             last = infos[-1]
             finite += healthy
             survived += not last["failure"]
@@ -167,7 +167,8 @@ def _chosen(policy: Policy | None, spec: str | None, env_id: str, given: dict[st
         return {}
     chosen = policy_arguments(policy, env_id)
     if chosen is None:
-        raise InvalidValueError("policy", spec, f"one for {env_id}; this one is for {', '.join(defined_on(policy))}")
+        found = ", ".join(defined_on(policy)) or "none"
+        raise InvalidValueError("policy", spec, f"one for {env_id}; this one is for {found}")
     for name in chosen:
         if name in given:
             raise InvalidValueError(name, given[name], f"nothing beside this policy, which chooses {chosen[name]}")

@@ -43,13 +43,15 @@ def same(a, b) -> bool:
     """Whether two entries of an info or two saved moments are equal bit for bit, whatever they hold."""
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
     if isinstance(a, np.random.Generator):
         return a.bit_generator.state == b.bit_generator.state
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(same, a, b))
     if hasattr(a, "__dataclass_fields__"):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    return np.array_equal(a, b)
+    return bool(a == b)
 
 
 def assert_same(a, b):

@@ -8,6 +8,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from episodes import same
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.errors import InvalidValueError
@@ -111,19 +112,6 @@ def witnessed(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
             parts += [np.ravel(value) for value in asdict(plant.measure()).values()]
         seen.append(np.concatenate(parts))
     return seen
-
-
-def same(a, b) -> bool:
-    """Whether two saved moments are the same, bit for bit."""
-    if isinstance(a, np.ndarray):
-        return a.dtype == b.dtype and np.array_equal(a, b)
-    if isinstance(a, np.random.Generator):
-        return a.bit_generator.state == b.bit_generator.state
-    if isinstance(a, list | tuple):
-        return len(a) == len(b) and all(map(same, a, b))
-    if hasattr(a, "__dataclass_fields__"):
-        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    return bool(a == b)
 
 
 def touching(plant: Plant) -> set[str]:

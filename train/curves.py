@@ -121,10 +121,10 @@ def main() -> None:
         raise SpidarError(
             f"no curves in {args.runs} and none in {args.out}; valid: a folder that a training script wrote"
         )
+    drawn = {track: found for track in TRACKS if (found := panels(curves, track))}
     played = {
         track: next(run["settings"]["scenarios"] for c in curves for run in c["runs"] if track in run["base"])
-        for track in TRACKS
-        if panels(curves, track)
+        for track in drawn
     }
     total = sum(scenarios * len(LINES[TRACKS[track].flies]) for track, scenarios in played.items())
     with ProcessPoolExecutor(args.workers) as pool, tqdm(total=total, unit="scenario", desc="lines") as bar:
@@ -138,7 +138,7 @@ def main() -> None:
                 for row, preset in LINES[TRACKS[track].flies].items()
             }  # fmt: skip
             picture = args.out / f"{track}.png"
-            learning_curves(panels(curves, track), lines, f"{track}: validation scenarios", picture)
+            learning_curves(drawn[track], lines, f"{track}: validation scenarios", picture)
             bar.write(str(picture))
     print(costs(curves))
 

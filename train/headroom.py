@@ -17,7 +17,6 @@ from tqdm import tqdm
 from spidar_gym.benchmark.policy import PresetPolicy
 from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.tables import aligned
-from spidar_gym.benchmark.track import find_track
 from spidar_gym.control.core import core_path
 from spidar_gym.control.crawl_observation import crawl_layout
 from spidar_gym.control.observation import layout
@@ -25,12 +24,13 @@ from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs import actions
 from spidar_gym.errors import require_least, require_name
 from spidar_gym.terminal import speak_plainly
-from train.referee import FLIGHT, GROUND, Base, Referee, Verdict
+from train import presets
+from train.referee import Base, Referee, Verdict
 
 Seen = Mapping[str, np.ndarray]
 """Pieces of an observation by name."""
-FLIGHTS = ("flight-forms", "flight-fast3", "flight-fast5", "flight-randomised")
-WALKS = ("ground-randomised",)
+Rules = Mapping[str, tuple[str, Callable[[Seen], np.ndarray]]]
+"""Rule → its action mode, and the action by what is seen."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def shaped(entry: int, scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]
     return "residual_gait", partial(one, entry, (scale - 1.0) / authority, actions.GAIT.size)
 
 
-IN_FLIGHT: dict[str, tuple[str, Callable[[Seen], np.ndarray]]] = {
+IN_FLIGHT: Rules = {
     **{f"joint speed × {scale:g}": timed(scale) for scale in (1.1, 0.9, 0.8)},
     **{
         f"joint targets {abs(s) * 1e3:.0f} ms {'ahead' if s > 0 else 'behind'}": ("residual_joint", partial(ahead, s))
@@ -107,8 +107,8 @@ IN_FLIGHT: dict[str, tuple[str, Callable[[Seen], np.ndarray]]] = {
         for share in (-0.25, 0.25, 0.5)
     },
 }
-"""Rule → its action mode, and the action by what is seen."""
-ON_THE_GROUND: dict[str, tuple[str, Callable[[Seen], np.ndarray]]] = {
+"""What is tried in flight."""
+ON_THE_GROUND: Rules = {
     **{
         f"{name} × {scale:g}": shaped(entry, scale)
         for entry, name in enumerate(("phase rate", "raise", "stride", "lift height"))
@@ -128,8 +128,7 @@ class Rule(PresetPolicy):
         flies = preset in PRESETS
         modes = actions.ACTION_MODES if flies else actions.CRAWL_MODES
         fields = (layout if flies else crawl_layout)(modes[mode].size)
-        ends = np.cumsum([field.size for field in fields])
-        self._pieces = {f.name: slice(end - f.size, end) for f, end in zip(fields, ends.tolist(), strict=True)}
+        self._names, self._ends = [field.name for field in fields], np.cumsum([field.size for field in fields[:-1]])
 
     def arguments(self, env_id: str) -> Mapping[str, Any]:
         """The same for every environment."""
@@ -137,42 +136,41 @@ class Rule(PresetPolicy):
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The rule's action, within its bounds."""
-        return np.clip(self._action({name: observation[at] for name, at in self._pieces.items()}), -1.0, 1.0)
+        pieces = np.split(observation, self._ends)
+        return np.clip(self._action(dict(zip(self._names, pieces, strict=True))), -1.0, 1.0)
+
+
+def measured_on(base: str) -> tuple[tuple[str, ...], Rules]:
+    """Tracks and rules for a controller."""
+    return (presets.FLIGHTS, IN_FLIGHT) if base in PRESETS else (("ground-randomised",), ON_THE_GROUND)
 
 
 def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dict[str, Verdict]:
     """Rule → how it does against the base alone, on the validation scenarios of the base's tracks."""
-    flies = args.base in PRESETS
-    tracks, rules = (FLIGHTS, IN_FLIGHT) if flies else (WALKS, ON_THE_GROUND)
+    tracks, rules = measured_on(args.base)
     with ProcessPoolExecutor(args.workers) as pool:
-        base = Base({"preset": args.base})
+        alone = Base({"preset": args.base})
         referee = Referee(
-            tracks, base, args.scenarios, control=args.control, on_scenario=on_scenario, each=pool.map
+            tracks, alone, args.scenarios, control=args.control, on_scenario=on_scenario, each=pool.map
         )  # fmt: skip
         return {name: referee.judge(Rule(args.base, *rule), on_scenario) for name, rule in rules.items()}
 
 
 def headroom_table(base: str, verdicts: Mapping[str, Verdict]) -> str:
     """A line a rule: change of each metric on each track [%], and of success where it changed."""
-    tracks = list(next(iter(verdicts.values())).cells)
-    lines = [[f"on {base}", *tracks, "success"]]
+    first = next(iter(verdicts.values())).cells
+    lines = [[f"on {base}", *first, "success"]]
     for name, verdict in verdicts.items():
-        cells = [" / ".join(f"{100.0 * value:+.1f}" for value in verdict.cells[track].values()) for track in tracks]
+        cells = [" / ".join(f"{100.0 * value:+.1f}" for value in cell.values()) for cell in verdict.cells.values()]
         lines.append([name, *cells, f"{verdict.success:+.0%}" if verdict.success else ""])
-    metrics = FLIGHT if find_track(tracks[0]).flies else GROUND
-    return "\n".join(
-        [
-            f"change of {', '.join(metrics)} on the validation scenarios [%]:",
-            "",
-            aligned(lines),
-        ]
-    )
+    metrics = ", ".join(next(iter(first.values())))
+    return f"change of {metrics} on the validation scenarios [%]:\n\n{aligned(lines)}"
 
 
 def main() -> None:
     """Entry point."""
     args = tyro.cli(Args, description=__doc__, prog="python -m train.headroom")
-    tracks, rules = (FLIGHTS, IN_FLIGHT) if args.base in PRESETS else (WALKS, ON_THE_GROUND)
+    tracks, rules = measured_on(args.base)
     total = (1 + len(rules)) * len(tracks) * args.scenarios
     with tqdm(total=total, unit="scenario", desc=f"headroom of {args.base}", file=sys.__stderr__) as bar:
         verdicts = measure(args, bar.update)
