@@ -1,5 +1,6 @@
 """Figures and videos of experiments."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -309,8 +310,9 @@ def leaderboard_picture(board: Board, path: Path) -> None:
     groups = {group: tracks for group, tracks in groups.items() if tracks}
     heights = [len(tracks) for tracks in groups.values()]
     figure, axes = plt.subplots(
-        len(groups), 1, figsize=(9.0, 1.2 + 0.75 * sum(heights)), squeeze=False, gridspec_kw={"height_ratios": heights}
-    )
+        len(groups), 1, figsize=(9.0, 0.8 + 0.25 * math.ceil(len(board.names) / 4) + 0.75 * sum(heights)),
+        squeeze=False, gridspec_kw={"height_ratios": heights}, layout="constrained",
+    )  # fmt: skip
     palette = plt.get_cmap("tab10" if len(board.names) <= 10 else "tab20")
     colors = {name: palette(k % palette.N) for k, name in enumerate(board.names)}
     for ax, tracks in zip(axes[:, 0], groups.values(), strict=True):
@@ -337,8 +339,7 @@ def leaderboard_picture(board: Board, path: Path) -> None:
         ax.set_axisbelow(True)
     axes[-1, 0].set_xlabel("score: mean error of qp over one's own, 95 % interval (log scale)")
     handles = [plt.Line2D([], [], color=colors[name], marker="o", label=name) for name in board.names]
-    figure.legend(handles=handles, loc="upper center", ncols=4, frameon=False)
-    figure.tight_layout(rect=(0, 0, 1, 1 - 0.7 / figure.get_figheight()))
+    figure.legend(handles=handles, loc="outside upper center", ncols=4, frameon=False)
     _save(figure, path)
 
 

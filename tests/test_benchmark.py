@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from spidar_gym import viz
 from spidar_gym.benchmark import TRACKS
 from spidar_gym.benchmark.leaderboard import GROUPS, markdown, tabulate, text
 from spidar_gym.benchmark.policy import defined_on, load_policy, policy_name
@@ -60,3 +61,18 @@ def test_the_reference_scores_one_on_every_track():
         assert cell.improvement.value == 0.5
     for group in GROUPS:
         assert board().overall["qp", group].value == pytest.approx(1.0, abs=1e-12)
+
+
+def test_in_the_picture_the_names_of_all_rows_stand_above_the_panels_and_not_on_them(monkeypatch):
+    pytest.importorskip("matplotlib")
+    kept = []
+    monkeypatch.setattr(viz, "_save", lambda figure, path: kept.append(figure))
+    viz.leaderboard_picture(board(), ROOT)
+    (figure,) = kept
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    names = legend.get_window_extent()
+    assert {text.get_text() for text in legend.get_texts()} == set(board().names)
+    assert names.y1 <= figure.bbox.y1
+    assert names.y0 >= max(ax.get_tightbbox().y1 for ax in figure.axes)
+    viz._pyplot().close(figure)
