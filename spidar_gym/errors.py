@@ -1,8 +1,15 @@
-"""Every error that the tools raise: one base class, each message says what would have been valid."""
+"""Every error that the tools raise: one base class, each message is a line that says what would have been valid."""
 
+import difflib
 import math
-from collections.abc import Iterable
-from numbers import Real
+from collections.abc import Iterable, Mapping
+from numbers import Integral
+from typing import Any, TypeGuard
+
+import numpy as np
+
+SHOWN = 200
+"""No more characters of a refused value are shown."""
 
 
 class SpidarError(Exception):
@@ -23,8 +30,11 @@ class UnknownNameError(SpidarError, ValueError):
     """A name (form, preset, action mode, camera, id) that does not exist."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
-        """Say which `kind` of name is unknown and list the `valid` ones."""
-        super().__init__(f"unknown {kind} {name!r}; valid: {', '.join(valid)}")
+        """Say which `kind` of name is unknown, list the `valid` ones, and point at the one that is most like it."""
+        valid = list(valid)
+        alike = difflib.get_close_matches(name, valid, n=1) if isinstance(name, str) and len(name) < SHOWN else []
+        meant = f"; did you mean {alike[0]}?" if alike else ""
+        super().__init__(f"unknown {kind} {shown(name)}; valid: {', '.join(valid)}{meant}")
 
 
 class InvalidValueError(SpidarError, ValueError):
@@ -32,18 +42,19 @@ class InvalidValueError(SpidarError, ValueError):
 
     def __init__(self, name: str, value: object, expected: str) -> None:
         """Say which argument has which `value` and what was `expected`."""
-        super().__init__(f"{name} = {value!r} is not valid; expected {expected}")
+        super().__init__(f"{name} = {shown(value)} is not valid; expected {expected}")
 
 
 class StaleAssetError(SpidarError, RuntimeError):
     """A generated file that differs from what the robot description generates."""
 
-    def __init__(self, path: object, command: str = "spidar assets") -> None:
-        """Name the file and the command that writes it anew."""
-        super().__init__(
-            f"{path} is missing or differs from what the code generates (edited by hand, or written by "
-            f"another version); valid: the file that `{command}` writes"
+    def __init__(self, path: object, command: str = "spidar assets", cause: str = "") -> None:
+        """Name the file, the command that writes it anew, and the `cause` where it is known."""
+        cause = (
+            cause
+            or "is missing or differs from what the code generates (edited by hand, or written by another version)"
         )
+        super().__init__(f"{path} {cause}; valid: the file that `{command}` writes")
 
 
 class MissingDependencyError(SpidarError, ImportError):
@@ -54,21 +65,80 @@ class MissingDependencyError(SpidarError, ImportError):
         super().__init__(f"{what} is not available; install it with: {install}")
 
 
-def require_name(kind: str, name: str, valid: Iterable[str]) -> None:
+def shown(value: object) -> str:
+    """A value in one line of at most `SHOWN` characters, whatever it is."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # how a value shows itself is foreign code
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"
+
+
+def is_finite(value: object) -> TypeGuard[float]:
+    """Whether it is a number that a float can hold, neither NaN nor infinite."""
+    try:
+        return isinstance(value, int | float | np.integer | np.floating) and math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def require_name(kind: str, name: object, valid: Iterable[str]) -> None:
     """Raise `UnknownNameError` unless `name` is one of the valid ones."""
-    if name not in valid:
+    if not (isinstance(name, str) and name in valid):
         raise UnknownNameError(kind, name, valid)
 
 
-def require_not_negative(**numbers: float) -> None:
+def require_keys(argument: str, kind: str, value: object, valid: Iterable[str]) -> Mapping[str, Any]:
+    """The value of an argument, where it is a mapping from valid names.
+
+    Args:
+        argument: Its name.
+        kind: What its keys are called.
+        value: Its value.
+        valid: Every key that it may have.
+
+    Raises:
+        InvalidValueError: When it is no mapping.
+        UnknownNameError: For the first key that is not valid.
+    """
+    valid = list(valid)
+    if not isinstance(value, Mapping):
+        raise InvalidValueError(argument, value, f"a dictionary with any of {', '.join(valid)}")
+    for name in value:
+        require_name(kind, name, valid)
+    return value
+
+
+def require_within(low: float, high: float, unit: str = "1", **numbers: object) -> None:
+    """Raise `InvalidValueError` for the first of the named numbers that is not within low … high [unit]."""
+    for name, value in numbers.items():
+        if not (is_finite(value) and low <= value <= high):
+            raise InvalidValueError(name, value, f"a number within {low:.6g} … {high:.6g} [{unit}]")
+
+
+def require_flag(**flags: object) -> None:
+    """Raise `InvalidValueError` for the first of the named values that is neither true nor false."""
+    for name, value in flags.items():
+        if not (isinstance(value, Integral | np.bool_) and value in (0, 1)):
+            raise InvalidValueError(name, value, "True or False")
+
+
+def require_instance(kind: type, **values: object) -> None:
+    """Raise `InvalidValueError` for the first of the named values that is not of that class."""
+    for name, value in values.items():
+        if not isinstance(value, kind):
+            raise InvalidValueError(name, value, f"a {kind.__name__}")
+
+
+def require_not_negative(**numbers: object) -> None:
     """Raise `InvalidValueError` for the first of the named numbers that is negative or not finite."""
     for name, value in numbers.items():
-        if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
+        if not (is_finite(value) and value >= 0.0):
             raise InvalidValueError(name, value, "a number of at least 0")
 
 
-def require_least(least: int, **numbers: int) -> None:
-    """Raise `InvalidValueError` for the first of the named numbers that is below `least`."""
+def require_least(least: int, **numbers: object) -> None:
+    """Raise `InvalidValueError` for the first of the named numbers that is no whole number or below `least`."""
     for name, value in numbers.items():
-        if value < least:
+        if not (isinstance(value, Integral) and int(value) >= least):
             raise InvalidValueError(name, value, f"a whole number of at least {least}")

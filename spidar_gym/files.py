@@ -1,20 +1,172 @@
 """Files that appear whole or not at all."""
 
+import contextlib
+import errno
+import fcntl
 import json
 import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from spidar_gym.errors import SpidarError
 
+BEFORE, AFTER = ".spidar.", ".part"
+"""How the name of a writer's own folder begins and ends."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+"""What a disk says that takes nothing more."""
 
-def replace_file(path: Path, temporary: Path) -> None:
-    """Move a finished file into its place, so that an interrupted run leaves no half of it."""
+
+class WholeFile:
+    """A file, or a folder, that appears under its name when it is complete; until then it lies in the writer's own.
+
+    The writer's own folder is beside the target, on the same disk, and no two writers share one: each may write as it
+    likes, with any library or compiler, and the last to finish is read. A target that is a link is replaced itself, not
+    what it points at. As a context manager it gives the path to write to, and keeps what is there unless something is
+    raised.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Prepare to write `path`, whose folders are made if needed (`SpidarError` where nothing can be written)."""
+        self._target = path
+        self._stack = contextlib.ExitStack()
+        try:
+            self.path = self._stack.enter_context(own_folder(output_folder(path.parent))) / path.name
+        except OSError as error:
+            raise cannot_write(path, error) from error
+
+    def keep(self) -> None:
+        """Put it in its place, on the disk and not only in memory (`SpidarError` where that fails)."""
+        with self._stack:
+            try:
+                for inner in self.path.rglob("*"):
+                    _sync(inner)
+                _sync(self.path)
+                _replace(self._target, self.path)
+                _sync(self._target.parent)
+            except OSError as error:
+                raise cannot_write(self._target, error) from error
+
+    def discard(self) -> None:
+        """Throw away what was written."""
+        self._stack.close()
+
+    def __enter__(self) -> Path:
+        """Where to write."""
+        return self.path
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Keep the file; throw it away where something was raised (`SpidarError` for what the disk refused)."""
+        if error is None:
+            return self.keep()
+        self.discard()
+        if isinstance(error, OSError):
+            raise cannot_write(self._target, error) from error
+        return None
+
+
+@contextlib.contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A new folder among the temporary ones, gone afterwards (`SpidarError` where they have no room for it)."""
+    made = False
     try:
-        os.replace(temporary, path)
+        with own_folder(Path(tempfile.gettempdir())) as folder:
+            made = True
+            yield folder
     except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
+        if made and error.errno not in FULL and not isinstance(error, shutil.Error):
+            raise  # of something else that was done meanwhile
+        raise SpidarError(
+            f"no room for temporary files: {_reason(error)}; valid: a TMPDIR that is writable and has room"
+        ) from error
+
+
+@contextlib.contextmanager
+def own_folder(parent: Path) -> Iterator[Path]:
+    """A new folder in another for one writer, gone afterwards; what killed writers have left there goes as well.
+
+    It is locked while its writer lives: that is how a folder without one is known.
+
+    Raises:
+        OSError: Where it cannot be made.
+    """
+    _sweep(parent.absolute())
+    folder, lock = _locked_folder(parent)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+def _locked_folder(parent: Path) -> tuple[Path, int]:
+    while True:
+        folder = Path(tempfile.mkdtemp(AFTER, BEFORE, parent))
+        with contextlib.suppress(FileNotFoundError):  # swept before it was locked: another one
+            lock = os.open(folder, os.O_RDONLY)
+            with contextlib.suppress(OSError):  # a disk without locks, where nothing is swept
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if folder.exists():
+                return folder, lock
+            os.close(lock)
+
+
+@cache
+def _sweep(parent: Path) -> None:
+    """Remove writers' folders that nobody has locked; once in a process, for it lists all of `parent`."""
+    for folder in parent.glob(f"{BEFORE}*{AFTER}"):
+        with contextlib.suppress(OSError):  # somebody else's, a link, locked, or already gone
+            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder)
+            finally:
+                os.close(lock)
+
+
+def _replace(target: Path, made: Path) -> None:
+    """Move what was made into its place; a folder that is there makes way first, for none is replaced that is full."""
+    old = made.with_name(f".{made.name}")
+    try:
+        if made.is_dir() and target.exists():
+            os.replace(target, old)
+        os.replace(made, target)
+    except OSError:
+        if old.exists():
+            os.replace(old, target)
+        raise
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EBADF):  # shared disks that cannot sync a folder
+            raise
+    finally:
+        os.close(handle)
+
+
+def cannot_write(path: Path, error: OSError) -> SpidarError:
+    """What to raise where the disk refuses a file or folder."""
+    return SpidarError(
+        f"cannot write {path}: {_reason(error)}; valid: a path in a writable folder, on a disk with room"
+    )
+
+
+def _reason(error: OSError) -> str:
+    """What the system said, without the paths."""
+    if isinstance(error, shutil.Error) and error.args and error.args[0]:
+        return str(error.args[0][0][-1]).partition("] ")[2].partition(": ")[0]  # of many files the first
+    return error.strerror or str(error)
 
 
 def output_folder(path: Path) -> Path:
@@ -43,11 +195,5 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file whole or not at all."""
-    output_folder(path.parent)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        temporary.write_bytes(data)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise SpidarError(f"cannot write {path}: {error.strerror}; valid: a path in a writable folder") from error
-    replace_file(path, temporary)
+    with WholeFile(path) as part:
+        part.write_bytes(data)

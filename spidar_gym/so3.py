@@ -6,6 +6,11 @@ import numpy as np
 
 from spidar_gym.arrays import Matrix3, Quaternion, Vector3
 
+SMALL_ANGLE = 1e-7
+"""Below this angle the exponential is its second-order series [rad]."""
+SMALL_SINE = 1e-6
+"""Below this sine of the angle the logarithm's skew part says nothing."""
+
 
 def skew(v: Vector3) -> Matrix3:
     """Matrix [v]ₓ with [v]ₓ u = v × u."""
@@ -33,7 +38,7 @@ def exp(v: Vector3) -> Matrix3:
     """Rotation by |v| [rad] about v (Rodrigues)."""
     angle = math.sqrt(float(v @ v))
     K = skew(v)
-    if angle < 1e-7:
+    if angle < SMALL_ANGLE:
         return np.eye(3) + K + 0.5 * (K @ K)
     return np.eye(3) + (math.sin(angle) / angle) * K + ((1.0 - math.cos(angle)) / angle**2) * (K @ K)
 
@@ -45,8 +50,8 @@ def log(R: Matrix3) -> Vector3:
     sine = math.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (a + e + i - 1.0)
     angle = math.atan2(sine, cosine)
-    if sine > 1e-6 or cosine > 0.0:
-        stretch = angle / sine if sine > 1e-6 else 1.0
+    if sine > SMALL_SINE or cosine > 0.0:
+        stretch = angle / sine if sine > SMALL_SINE else 1.0
         return np.array([stretch * x, stretch * y, stretch * z])
     # Close to a half turn the skew part vanishes, and the symmetric part is 2 n nᵀ − 1: n is a column of it plus 1.
     outer = 0.25 * (R + R.T) + 0.5 * np.eye(3)

@@ -10,6 +10,10 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorMask, RotorVector, Vector3, Vectoring
 
+POSE_FRAMES, IMU_SAMPLES = 4, 8
+"""Most frames of the motion capture and samples of the inertial unit in a measurement."""
+LEAST_QUATERNION = 0.25
+"""A quaternion whose squared norm is not above this is no attitude."""
 _NONE_LOST = np.zeros(8, bool)
 _NONE_LOST.flags.writeable = False
 
@@ -40,6 +44,19 @@ class RobotState:
     """λ [N]: what the modules deliver in the simulator, what they were last told on the robot."""
     joint_torque: JointVector
     """Torque of the joint servos [Nm]."""
+
+    @classmethod
+    def at_rest(cls, joint_position: JointVector, vectoring: Vectoring | None = None) -> "RobotState":
+        """A level robot at rest at the world's origin, its rotors idle.
+
+        Args:
+            joint_position: q [rad].
+            vectoring: (φ, θ) of each rotor [rad]; zero if not given.
+        """
+        return cls(
+            0.0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), joint_position, np.zeros(16),
+            np.zeros((8, 2)) if vectoring is None else vectoring, np.zeros((8, 2)), np.zeros(8), np.zeros(16),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +106,7 @@ class Reference:
     joint_target: JointVector
     """Form to move to [rad]; the controller moves the commanded joints there at the joint speed."""
     mode: str = "flight"
-    """Name of the allocation mode, see `spidar_gym.control.modes`."""
+    """Name of the allocation mode, see `spidar_gym.control.allocation.modes`."""
     lost_thrust: RotorMask = field(default_factory=lambda: _NONE_LOST)
     """Modules declared lost, whose thrust is gone: the allocation does without them."""
     lost_vectoring: RotorMask = field(default_factory=lambda: _NONE_LOST)
@@ -149,7 +166,7 @@ def valid_state(state: RobotState) -> bool:
         )
     )  # fmt: skip
     # A tracking system that has lost the robot may send a quaternion of zeros.
-    return math.isfinite(float(numbers @ numbers)) and float(state.quat_wb @ state.quat_wb) > 0.25
+    return math.isfinite(float(numbers @ numbers)) and float(state.quat_wb @ state.quat_wb) > LEAST_QUATERNION
 
 
 def valid_reference(reference: Reference) -> bool:
@@ -159,7 +176,7 @@ def valid_reference(reference: Reference) -> bool:
             reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,
         )
     )  # fmt: skip
-    return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > 0.25
+    return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > LEAST_QUATERNION
 
 
 def valid_residual(residual: Residual) -> bool:

@@ -14,7 +14,6 @@ import pinocchio as pin
 from jaxtyping import Float
 
 from spidar_gym.arrays import FootForces, JointVector, Matrix3, RotorForces, Vector3, Vectoring
-from spidar_gym.description import mjcf_path
 from spidar_gym.robot import (
     CONTACT_SITES,
     GIMBAL_NAMES,
@@ -26,6 +25,7 @@ from spidar_gym.robot import (
     ROBOT,
     ROTOR_SITES,
 )
+from spidar_gym.robot.description import mjcf_path
 from spidar_gym.so3 import CROSS
 
 

@@ -113,7 +113,7 @@ def best_subset(subsets: list[tuple[float, float]], side: int, *, tie: float) ->
     return best
 
 
-def interference(
+def find_interference(
     snapshot: Snapshot, nominal: Vectoring, previous: Interference, *, config: InterferenceConfig
 ) -> Interference:
     """Restricted rotors 𝓘 and the bounds of their θ [Zhao2025, Eq. 18-27, 33].

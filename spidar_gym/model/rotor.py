@@ -20,6 +20,8 @@ TWO_PI = 2.0 * math.pi
 HALF_PI = 0.5 * math.pi
 MIN_FORCE = 0.5
 """Below this thrust [N] the direction of a force means nothing."""
+TURN_BIAS = 0.1
+"""Each leg prefers one of two equal turns to the tangential plane by this much [rad]."""
 
 
 def vectoring_to_force(thrust: RotorVector, vectoring: Vectoring) -> RotorForces:
@@ -46,7 +48,7 @@ def thrust_map(R_bl: Float[np.ndarray, "8 3 3"], rotor_c: RotorForces) -> Float[
     return Q.reshape(6, 24)
 
 
-def point(
+def force_to_angles(
     force_l: Sequence[float], phi0: float, theta0: float, held: float | None = None, *, min_force: float = MIN_FORCE
 ) -> tuple[float, float]:
     """Vectoring angles (φ, θ) [rad] that point one module along its force [Zhao2025, Eq. 15, 16].
@@ -81,8 +83,10 @@ def point(
 
 
 def force_to_vectoring(forces_l: RotorForces, present: Vectoring) -> Vectoring:
-    """Vectoring angles (φ, θ) [rad] of eight forces in link axes [N], none of them locked; see `point`."""
-    return np.array([point(f, *angles) for f, angles in zip(forces_l.tolist(), present.tolist(), strict=True)])
+    """Vectoring angles (φ, θ) [rad] of eight forces in link axes [N], none of them locked; see `force_to_angles`."""
+    return np.array(
+        [force_to_angles(f, *angles) for f, angles in zip(forces_l.tolist(), present.tolist(), strict=True)]
+    )
 
 
 def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> Vectoring:
@@ -91,7 +95,9 @@ def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> V
     Solves u(φ̂, θ̂) = (0, 0, 1) in {CoG} [Zhao2025, Sec. Interrotor Aerointerference].
     """
     up_l = R_bl[:, 2].tolist()
-    return np.array([point(up, *angles, min_force=0.0) for up, angles in zip(up_l, present.tolist(), strict=True)])
+    return np.array(
+        [force_to_angles(up, *angles, min_force=0.0) for up, angles in zip(up_l, present.tolist(), strict=True)]
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +119,7 @@ class LockConfig:
     enter: float = 0.30
     """φ is locked when the link comes within this angle of the vertical [rad] [JSK]."""
     leave: float = 0.35
-    """… and released when it is farther than this [rad]."""
+    """φ is released when the link is farther than this from the vertical [rad]."""
     slew: float = 0.04
     """A held φ moves by at most this much a tick [rad] [JSK]."""
     release: float = 0.25
@@ -121,7 +127,7 @@ class LockConfig:
     least: float = 0.1
     """Least turn of a φ locked near a vertical link away from φ̂, towards the tangential plane [rad]."""
     most: float = 0.4
-    """Largest such turn [rad]."""
+    """Largest turn of a φ locked near a vertical link away from φ̂ [rad]."""
 
 
 def update_lock(
@@ -185,7 +191,7 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
     lean = math.acos(min(1.0, abs(up)))
     # Two turns lead to the same plane. φ goes the way that it has gone already; at a tie, neighbouring legs go opposite
     # ways, so that tilting them all inwards or outwards makes no yaw torque.
-    bias = 0.1 if i // 2 % 2 == 0 else -0.1
+    bias = TURN_BIAS if i // 2 % 2 == 0 else -TURN_BIAS
     if lean < 0.5 * config.leave:
         # φ̂ turns wildly here: stay, unless farther from the tangential plane than `most` allows.
         off = (held - tangential + HALF_PI + bias) % math.pi - HALF_PI - bias
@@ -199,11 +205,11 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
     return backward if abs(backward - held) + bias < abs(forward - held) else forward
 
 
-def follow(forces_l: RotorForces, lock: Lock, present: Vectoring, step: float) -> Vectoring:
+def rate_limit_vectoring(forces_l: RotorForces, lock: Lock, present: Vectoring, step: float) -> Vectoring:
     """Angles for the forces [rad], φ held where it is locked, none farther than `step` [rad] from the `present` one."""
     active, held = lock.active.tolist(), lock.phi.tolist()
     angles = []
     for i, (force, (phi0, theta0)) in enumerate(zip(forces_l.tolist(), present.tolist(), strict=True)):
-        phi, theta = point(force, phi0, theta0, held[i] if active[i] else None)
+        phi, theta = force_to_angles(force, phi0, theta0, held[i] if active[i] else None)
         angles.append((phi0 + max(-step, min(step, phi - phi0)), theta0 + max(-step, min(step, theta - theta0))))
     return np.array(angles)

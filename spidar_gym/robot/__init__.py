@@ -1,0 +1,31 @@
+"""The robot: its numbers, and the models written from them."""
+
+from spidar_gym.robot.spec import (
+    CONTACT_SITES,
+    FOOT_SITES,
+    FORMS,
+    GIMBAL_NAMES,
+    GRAVITY,
+    JOINT_NAMES,
+    N_JOINTS,
+    N_LEGS,
+    N_LINKS,
+    N_ROTORS,
+    PARTS,
+    PEG_SITES,
+    ROBOT,
+    ROTOR_SITES,
+    Inertial,
+    RobotSpec,
+    differences,
+    field_docs,
+    merge,
+    require_kind,
+    spec_rows,
+)  # fmt: skip
+
+__all__ = [
+    "CONTACT_SITES", "FOOT_SITES", "FORMS", "GIMBAL_NAMES", "GRAVITY", "JOINT_NAMES", "N_JOINTS", "N_LEGS",
+    "N_LINKS", "N_ROTORS", "PARTS", "PEG_SITES", "ROBOT", "ROTOR_SITES", "Inertial", "RobotSpec", "differences",
+    "field_docs", "merge", "require_kind", "spec_rows",
+]  # fmt: skip

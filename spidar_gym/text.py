@@ -1,0 +1,37 @@
+"""Tables and words as text: for terminals, and for Markdown."""
+
+import re
+from collections.abc import Sequence
+
+
+def format_table(lines: Sequence[Sequence[str]], *, left: int | None = None, markdown: bool = False) -> str:
+    """A table, for a terminal or in Markdown.
+
+    Args:
+        lines: Cells, line by line; the first line is the heading.
+        left: How many columns stand at the left; the others, of numbers, stand at the right. All of them if None.
+        markdown: Whether it is for Markdown, where the columns need not have a width.
+    """
+    if markdown:
+        rows = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+        return "\n".join([rows[0], "|" + "---|" * len(lines[0]), *rows[1:]])
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    places = "".join("<" if left is None or k < left else ">" for k in range(len(widths)))
+    rows = ["  ".join(map("{:{}{}}".format, line, places, widths)).rstrip() for line in lines]
+    return "\n".join([rows[0], "  ".join("─" * width for width in widths), *rows[1:]])
+
+
+def escaped(text: str) -> str:
+    """Words for Markdown that stay words: one line, no HTML, no links or pictures; code in backticks stays code."""
+    parts = re.split(r"(`[^`]*`)", " ".join(text.split()))
+    for k in range(0, len(parts), 2):
+        parts[k] = re.sub(r"[\\`\[\]<>&]", lambda found: f"&#{ord(found[0])};", parts[k])
+    return "".join(parts)
+
+
+def code(text: str) -> str:
+    """Words as code in Markdown, whatever backticks they have in them."""
+    words = " ".join(text.split())
+    fence = "`" * (1 + max(map(len, re.findall("`+", words)), default=0))
+    space = " " if "`" in words else ""
+    return f"{fence}{space}{words}{space}{fence}"
