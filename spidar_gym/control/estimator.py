@@ -34,10 +34,10 @@ class EstimatorConfig:
     gyro: float = 0.25
     """Gyroscope bias per attitude error of a frame [1/s]."""
     joint_bandwidth: float = 40.0
-    """Of the joint velocity [rad/s]; one encoder count a reading is 0.08 rad/s. Slower ones are quieter, but what lags
-    is taken for motion of the CoG: at 15 rad/s the error at a joint speed of 1 rad/s doubles."""
+    """Bandwidth of the joint velocity [rad/s]; one encoder count a reading is 0.08 rad/s. Slower ones are quieter, but
+    what lags is taken for motion of the CoG: at 15 rad/s the error at a joint speed of 1 rad/s doubles."""
     vectoring_bandwidth: float = 60.0
-    """Of the vectoring velocity [rad/s]."""
+    """Bandwidth of the vectoring velocity [rad/s]."""
 
 
 @dataclass
@@ -45,19 +45,19 @@ class EstimatorMemory:
     """The estimate and its past."""
 
     time: float
-    """Of the estimate [s]."""
+    """Time of the estimate [s]."""
     R_wb: Matrix3
     """Attitude of the torso."""
     position_w: Vector3
-    """Of the inertial unit [m]."""
+    """Position of the inertial unit [m]."""
     velocity_w: Vector3
-    """Of the inertial unit [m/s]."""
+    """Velocity of the inertial unit [m/s]."""
     omega_b: Vector3
     """Angular velocity, torso axes [rad/s]."""
     gyro_bias: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """[rad/s]."""
+    """Bias of the gyroscope [rad/s]."""
     accelerometer_bias: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """[m/s²]."""
+    """Bias of the accelerometer [m/s²]."""
     past_time: np.ndarray = field(default_factory=lambda: np.full(HISTORY, -np.inf))
     """When the past estimates were made, oldest first [s]."""
     past_position_w: np.ndarray = field(default_factory=lambda: np.zeros((HISTORY, 3)))
@@ -65,11 +65,11 @@ class EstimatorMemory:
     past_R_wb: np.ndarray = field(default_factory=lambda: np.tile(np.eye(3), (HISTORY, 1, 1)))
     """Past attitudes."""
     encoder_time: float = 0.0
-    """Of the latest encoder reading [s]."""
+    """Time of the latest encoder reading [s]."""
     angles: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS + 2 * N_ROTORS))
     """Filtered joint and vectoring angles at that time [rad]."""
     rates: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS + 2 * N_ROTORS))
-    """Their rates [rad/s]."""
+    """Rates of these angles [rad/s]."""
 
 
 class Estimator:

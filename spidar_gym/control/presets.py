@@ -3,11 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
-from spidar_gym.control.centroidal import CentroidalConfig
-from spidar_gym.control.compensation import CompensationConfig
-from spidar_gym.control.controller import ControllerConfig
-from spidar_gym.control.crawler import CrawlerConfig
-from spidar_gym.control.footsteps import GaitConfig
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.footsteps import GaitConfig
+from spidar_gym.control.flight.centroidal import CentroidalConfig
+from spidar_gym.control.flight.compensation import CompensationConfig
+from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.errors import require_name
 
 PRESETS: dict[str, ControllerConfig] = {

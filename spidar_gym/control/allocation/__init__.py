@@ -1,0 +1,1 @@
+"""Allocation: the QP of the paper, its blocks, modes, solvers and fallbacks."""

@@ -1,0 +1,312 @@
+"""Demand → forces: the closed form where it is exact, OSQP, the thrust spheres, and named fallbacks."""
+
+import math
+import time
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from spidar_gym.arrays import FootForces, JointVector, RotorForces, RotorVector, Wrench
+from spidar_gym.control.allocation.cone import sphere_optimum
+from spidar_gym.control.allocation.modes import PROJECTION
+from spidar_gym.control.allocation.problem import (
+    FORCE_SCALE,
+    INFINITY,
+    N_FORCES,
+    WRENCH_SCALE,
+    Demand,
+    Mode,
+    QuadraticProgram,
+    assemble,
+    soften,
+)
+from spidar_gym.control.allocation.solver import MORE_ROUNDS, OTHER_RHO, RHO, Workspace, closed_form, patterns
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.robot import N_LEGS, N_ROTORS, ROBOT
+
+SIDE_TOLERANCE = 1e-5
+"""A row this close to its bound may be active, in scaled units."""
+LEAST_NORM = 1e-9
+"""A force is divided by at least this norm [N]."""
+SPHERE_TOLERANCE = 1e-9
+"""A thrust beyond the largest one by less than this share of it is rounding."""
+_NO_FEET = np.zeros((N_LEGS, 3))
+_NO_GUESS = np.zeros(0)
+_NO_FEET.flags.writeable = _NO_GUESS.flags.writeable = False
+
+
+class AllocationStatus(StrEnum):
+    """How a tick was answered, best first."""
+
+    CLOSED_FORM = "closed_form"
+    """The optimum: the closed form of a guessed set of active rows met all KKT conditions."""
+    SOLVED = "solved"
+    """The optimum: the solver said solved and our check of the rows passed; refined by the closed form."""
+    PROJECTED = "projected"
+    """Valid, and the best within the thrust spheres, which the optimum of the paper's cube leaves."""
+    SOFTENED = "softened"
+    """No forces within the spheres meet every row: wrench and torque rows were softened."""
+    HELD = "held"
+    """The softened program found no answer, or an input was not finite: the previous forces stay."""
+
+
+ANSWERED = (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED, AllocationStatus.PROJECTED)
+"""How a tick is answered whose forces obey every row."""
+
+
+MOST_ITERATIONS = 100_000
+"""Largest iteration cap."""
+
+
+@dataclass(frozen=True)
+class AllocatorConfig:
+    """Settings of the solver."""
+
+    max_iter: int = 2000
+    """Iteration cap: 2,000 in simulation, 300 on the robot's computer."""
+    tolerance: float = 1e-7
+    """Absolute tolerance of the solver, in scaled units."""
+    check_tolerance: float = 1e-5
+    """Largest violation of a row that our own check lets pass, in scaled units (1.6 mN of lift, 0.07 mNm of torque)."""
+    price: float = 1e3
+    """Price of a violated row in the softened program, in scaled units."""
+
+    def __post_init__(self) -> None:
+        """Refuse a cap below 1, or one that a tick would never come to."""
+        cap = self.max_iter
+        if not (type(cap) is int and 1 <= cap <= MOST_ITERATIONS):
+            raise InvalidValueError("max_iter", cap, f"an iteration cap of at least 1 and at most {MOST_ITERATIONS}")
+
+
+@dataclass(frozen=True, slots=True)
+class Allocation:
+    """The answer of one tick: forces, and the thrusts λ = ‖f‖ [Zhao2025, Eq. 14]."""
+
+    forces_l: RotorForces
+    """Rotor forces in link axes, within the sphere ‖f‖ ≤ λ̄ [N]."""
+    foot_forces_f: FootForces
+    """Forces of the floor on the feet, floor axes [N]; zero in the modes in which they are no unknowns."""
+    thrust: RotorVector
+    """λ = ‖f‖ [N]."""
+    joint_torques: JointVector
+    """Quasi-static joint torque that goes with them, τ_q = g − T f [Nm]."""
+    wrench: Wrench
+    """Wrench that rotors and feet produce [N, Nm]."""
+    unallocated_wrench: Wrench
+    """Desired minus produced wrench [N, Nm]."""
+    status: AllocationStatus
+    """How the tick was answered."""
+    iterations: int
+    """Iterations of the solvers, all attempts together; 0 for the closed form."""
+    active: np.ndarray
+    """+1 where a row is at its upper bound, −1 at its lower, 0 elsewhere; empty where nobody asked for it."""
+    slack: float
+    """Largest violation of a softened row by these forces, in units of the weight or of the joint torque limit."""
+    solve_time: float
+    """Wall-clock time in closed form and solver [s]; differs from run to run."""
+
+
+def _sides(program: QuadraticProgram, x: np.ndarray) -> np.ndarray:
+    """+1 for rows that x brings to their upper bound, −1 for the lower: a guess of the active rows, shape (m,)."""
+    r = program.A @ x
+    return (program.u - r < SIDE_TOLERANCE).astype(float) - (r - program.l < SIDE_TOLERANCE)
+
+
+class Allocator:
+    """Demand → forces, for the modes of one preset; owns one workspace a mode."""
+
+    def __init__(self, modes: dict[str, Mode], config: AllocatorConfig | None = None) -> None:
+        """Take the modes by name and the solver's settings."""
+        self.config = config or AllocatorConfig()
+        self.modes = modes
+        self._workspaces: dict[tuple[str, str], Workspace] = {}
+
+    def allocate(
+        self, demand: Demand, mode: str, previous_l: RotorForces, guess: np.ndarray | None = None
+    ) -> Allocation:
+        """The optimal forces of one tick, or a bounded fallback with its name.
+
+        Args:
+            demand: What is asked for.
+            mode: Name of the mode.
+            previous_l: Forces of the last tick, held if everything else fails [N].
+            guess: `Allocation.active` of a similar demand: where those rows are active once more, that is the optimum,
+                and no solver is asked. The optimum is the same to rounding, whatever the guess.
+
+        Returns:
+            The allocation. Never raises on numbers: an input that is not finite is answered with the previous forces.
+        """
+        start = time.perf_counter()
+        with np.errstate(all="ignore"):  # what is not finite is answered, not warned about
+            rows = self.mode(mode)
+            try:
+                program = assemble(rows, demand)
+            except ValueError:  # the sine of infinity
+                return self._hold(demand, previous_l, 0, start)
+            x, status, iterations = self._cube_optimum(rows, program, guess)
+            slack = 0.0
+            if status is AllocationStatus.PROJECTED:
+                x, status, more, slack = self._within_spheres(rows, program, x)
+                iterations += more
+            if x is None:
+                return self._hold(demand, previous_l, iterations, start)
+            allocation = self._answer(demand, FORCE_SCALE * x, status, iterations, slack, start)
+            return allocation if guess is None else replace(allocation, active=_sides(program, x))
+
+    def mode(self, name: str) -> Mode:
+        """Mode by name (`UnknownNameError` lists the valid ones)."""
+        if name not in self.modes:
+            raise UnknownNameError("mode", name, self.modes)
+        return self.modes[name]
+
+    @staticmethod
+    def _answer(
+        demand: Demand,
+        f: np.ndarray,
+        status: AllocationStatus,
+        iterations: int,
+        slack: float,
+        start: float,
+    ) -> Allocation:
+        solve_time = time.perf_counter() - start
+        forces, feet = f[:N_FORCES].reshape(N_ROTORS, 3), f[N_FORCES:]
+        if demand.lost.any():
+            forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold to rounding only
+        norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
+        thrust = np.array(norms)
+        if max(norms) > ROBOT.max_thrust:
+            forces = forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(thrust, LEAST_NORM))[:, None]
+            thrust = np.minimum(thrust, ROBOT.max_thrust)
+        f = np.concatenate((forces.reshape(-1), feet)) if len(feet) else forces.reshape(-1)
+        wrench = demand.thrust_map @ f
+        return Allocation(
+            forces_l=forces,
+            foot_forces_f=feet.reshape(N_LEGS, 3) if len(feet) else _NO_FEET,
+            thrust=thrust,
+            joint_torques=demand.gravity_torque - demand.torque_map @ f,
+            wrench=wrench,
+            unallocated_wrench=demand.wrench - wrench,
+            active=_NO_GUESS,
+            status=status,
+            iterations=iterations,
+            slack=slack,
+            solve_time=solve_time,
+        )
+
+    def _cube_optimum(
+        self, mode: Mode, program: QuadraticProgram, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray | None, AllocationStatus, int]:
+        """The program's own optimum, None where there is none; `PROJECTED` where the spheres have to be looked at."""
+        x = None
+        if guess is not None and len(guess) == len(program.l):
+            x = closed_form(program, guess)
+        if x is None:
+            x = closed_form(program)
+        status, iterations = AllocationStatus.CLOSED_FORM, 0
+        if x is None and not _finite(program):
+            return None, AllocationStatus.HELD, 0
+        for rho in (RHO, OTHER_RHO):
+            if x is not None:
+                break
+            y, solved, more, duals, infeasible = self.solver(mode).solve(program, rho=rho)
+            iterations += more
+            solved = solved and program.violation(y) <= self.config.check_tolerance
+            x = closed_form(program, duals, rounds=MORE_ROUNDS)
+            if x is None and not solved:
+                x = closed_form(program, _sides(program, y), rounds=MORE_ROUNDS)
+            if solved:
+                x, status = y if x is None else x, AllocationStatus.SOLVED
+            if infeasible:
+                break
+        within = x is not None and _largest_thrust(x) <= 1.0 + SPHERE_TOLERANCE
+        return x, status if within else AllocationStatus.PROJECTED, iterations
+
+    def _within_spheres(
+        self, mode: Mode, program: QuadraticProgram, cube: np.ndarray | None
+    ) -> tuple[np.ndarray | None, AllocationStatus, int, float]:
+        """The optimum within the spheres, of the softened rows if need be: x, its name, iterations and slack.
+
+        Args:
+            mode: The mode.
+            program: Its program.
+            cube: Optimum of the program, which leaves the spheres; None where none was found.
+        """
+        x, iterations = sphere_optimum(program)
+        if x is not None:
+            missed = cube is None and _largest_thrust(x) < 1.0 - SIDE_TOLERANCE  # then it is the cube's too
+            return x, AllocationStatus.SOLVED if missed else AllocationStatus.PROJECTED, iterations, 0.0
+        if cube is None:
+            soft = soften(program, mode.soft_rows, price=self.config.price)
+            y, solved, more, duals, _ = self._workspace(mode, "soft").solve(soft)
+            iterations += more
+            exact = closed_form(soft, duals, rounds=MORE_ROUNDS)
+            if exact is not None:
+                y = exact
+            found = exact is not None or (solved and soft.violation(y) <= self.config.check_tolerance)
+            if found and _largest_thrust(y) <= 1.0 + SPHERE_TOLERANCE:
+                slack = float(np.abs(y[mode.size :]).max())
+                return y[: mode.size], AllocationStatus.SOFTENED, iterations, slack
+        x, more = sphere_optimum(program, mode.soft_rows, self.config.price)
+        slack = 0.0 if x is None else program.violation(x)
+        return x, AllocationStatus.SOFTENED, iterations + more, slack
+
+    def _hold(self, demand: Demand, previous_l: RotorForces, iterations: int, start: float) -> Allocation:
+        """The previous forces, bounded; of the feet nothing is known."""
+        feet = demand.thrust_map.shape[1] - N_FORCES
+        held = np.concatenate((_bounded(previous_l).reshape(-1), np.zeros(feet)))
+        unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / WRENCH_SCALE
+        slack = float(unmet) if np.isfinite(unmet) else INFINITY
+        return self._answer(demand, held, AllocationStatus.HELD, iterations, slack, start)
+
+    def solver(self, mode: Mode) -> Workspace:
+        """The OSQP workspace of a mode's own program, for benchmarks and comparisons."""
+        return self._workspace(mode, "hard")
+
+    def _workspace(self, mode: Mode, kind: str) -> Workspace:
+        key = (mode.name, kind)
+        if key not in self._workspaces:
+            self._workspaces[key] = Workspace(
+                *patterns(mode, soft=kind == "soft"), max_iter=self.config.max_iter, tolerance=self.config.tolerance
+            )
+        return self._workspaces[key]
+
+    def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces) -> Allocation:
+        """The valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust sphere hold, Eq. 10 not.
+
+        Args:
+            demand: The tick's demand; its wrench is what the answer's unallocated wrench refers to.
+            forces_l: Wished forces in link axes [N].
+            previous_l: Forces to hold where none are valid, or a number is not finite [N].
+        """
+        start = time.perf_counter()
+        with np.errstate(all="ignore"):
+            try:
+                program = replace(assemble(PROJECTION, demand), q=-forces_l.reshape(-1) / FORCE_SCALE)
+            except ValueError:
+                return self._hold(demand, previous_l, 0, start)
+            x, status, iterations = self._cube_optimum(PROJECTION, program)
+            if status is AllocationStatus.PROJECTED:  # here the spheres are part of what is asked
+                x, more = sphere_optimum(program)
+                status, iterations = AllocationStatus.SOLVED, iterations + more
+            if x is None:
+                return replace(self._hold(demand, previous_l, iterations, start), slack=0.0)
+            return self._answer(demand, FORCE_SCALE * x, status, iterations, 0.0, start)
+
+
+def _largest_thrust(x: np.ndarray) -> float:
+    """The largest ‖f_i‖, in units of λ̄."""
+    f = x.tolist()  # a third of the time of numpy for so few
+    return math.sqrt(max([f[i] * f[i] + f[i + 1] * f[i + 1] + f[i + 2] * f[i + 2] for i in range(0, N_FORCES, 3)]))
+
+
+def _bounded(forces_l: RotorForces) -> RotorForces:
+    """The forces with zeros for what is not finite, within the sphere."""
+    finite = np.where(np.isfinite(forces_l), forces_l, 0.0)
+    norm = np.linalg.norm(finite, axis=1)
+    return finite * np.minimum(1.0, ROBOT.max_thrust / np.maximum(norm, LEAST_NORM))[:, None]
+
+
+def _finite(program: QuadraticProgram) -> bool:
+    """Whether every number is finite; an idle row's bounds are large, not infinite."""
+    return bool(np.isfinite(program.P.sum() + program.q.sum() + program.A.sum() + program.l.sum() + program.u.sum()))

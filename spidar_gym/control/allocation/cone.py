@@ -1,0 +1,110 @@
+"""The optimum within the thrust spheres, or a proof that there is none: a primal-dual interior-point method.
+
+A pure function of the program: no state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z
+with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − 1) for a sphere; a row
+with a compliance c > 0 gives way by c z. Equalities are the same without s.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled module below comes without stubs.
+
+import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, QuadraticProgram
+from spidar_gym.robot import N_ROTORS
+
+MAX_STEPS = 40
+"""Newton steps; ten are usual."""
+ROWS, PRODUCT, GRADIENT = 1e-9, 1e-11, 1e-7
+"""What an optimum may miss: rows and spheres, the mean of s z, the gradient of the Lagrangian."""
+LOOSE = 300.0
+"""How many times as much the best step may miss where rounding ends the way: where the feasible set has no inside."""
+PROOF = 1e-9
+"""Share of its multipliers by which a proof has to hold."""
+FAR = 1e3
+"""No floor presses a foot with more than this, in units of λ̄."""
+SHORT = 0.995
+"""Share of the way to the border that a step may go."""
+TINY = 1e-12
+"""Compliance that tells equalities apart which say the same."""
+_NO_ROWS = np.zeros(0, int)
+_FORCE, _ROTOR = np.arange(N_FORCES), np.arange(N_FORCES) // 3
+
+
+def sphere_optimum(
+    program: QuadraticProgram, soft: np.ndarray = _NO_ROWS, price: float = 1.0
+) -> tuple[np.ndarray | None, int]:
+    """The optimum of a program whose rotor forces have to stay within the sphere ‖f_i‖ ≤ λ̄ besides.
+
+    Args:
+        program: The program; its first 24 unknowns are the rotor forces in units of λ̄.
+        soft: Rows that may be broken by v at the cost ½ `price` v².
+        price: What that costs.
+
+    Returns:
+        x and the number of Newton steps; None for x where nothing is feasible, or no optimum was found.
+    """
+    l, u, hard = program.l, program.u, np.ones(len(program.l), bool)
+    hard[soft] = False
+    far = _reach(program.A)  # a side beyond what the spheres let a row reach is idle: the cube's, above all
+    if ((l > far) | (u < -far))[hard].any():
+        return None, 0
+    equal, upper, lower = (np.flatnonzero(side) for side in (l == u, (l != u) & (u < far), (l != u) & (-l < far)))
+    E, b = program.A[equal], l[equal]
+    G, h = np.concatenate((program.A[upper], -program.A[lower])), np.concatenate((u[upper], -l[lower]))
+    # A unit of cost in which multipliers are of the order of one.
+    largest = max(1.0, np.abs(b).max(initial=0.0), np.abs(h).max(initial=0.0))
+    unit = max(1.0, np.abs(program.q).max(), 0.0 if hard.all() else price * largest)
+    P, q, give = program.P / unit, program.q / unit, np.where(hard, 0.0, unit / price)
+    yielding, c = give[equal], np.concatenate((give[upper], give[lower], np.zeros(N_ROTORS)))
+    n, rows = len(q), len(h)
+    J, g = np.concatenate((G, np.zeros((N_ROTORS, n)))), np.empty(len(c))
+    x, y, z, s = np.zeros(n), np.zeros(len(b)), np.ones(len(c)), np.ones(len(c))
+    s[:rows] = np.maximum(h, 1.0)
+    K = np.zeros((n + len(b), n + len(b)))
+    K[:n, n:], K[n:, :n] = E.T, E
+    best, found, step = LOOSE, None, 0
+    for step in range(MAX_STEPS):
+        f = x[:N_FORCES].reshape(N_ROTORS, 3)
+        g[:rows] = G @ x - h
+        g[rows:] = 0.5 * (np.einsum("ij,ij->i", f, f) - 1.0)
+        J[rows + _ROTOR, _FORCE] = x[:N_FORCES]
+        pull = E.T @ y + G.T @ z[:rows]
+        gradient = P @ x + q + pull + J[rows:].T @ z[rows:]
+        off, miss, mean = E @ x - b - yielding * y, g + s - c * z, float(s @ z) / len(s)
+        worst = max(np.abs(off).max(initial=0.0) / largest, np.abs(miss).max())
+        left = max(worst / ROWS, mean / PRODUCT, np.abs(gradient).max() / GRADIENT)
+        if left < best:
+            best, found = left, x
+        if best < 1.0 or not left < INFINITY:
+            break
+        # Farkas: where all holds, pull·x ≤ b·y + h·z; but within the spheres pull·x ≥ −Σ ‖pull_i‖.
+        proof = b @ y + h @ z[:rows] + _reach(pull[None])[0]
+        if hard.all() and proof < -PROOF * (np.abs(y).sum() + z[:rows].sum()):
+            return None, step
+        D = 1.0 / (s / z + c)
+        K[:n, :n] = P + (J.T * D) @ J
+        K[_FORCE, _FORCE] += np.repeat(z[rows:], 3)
+        K[range(n, len(K)), range(n, len(K))] = -yielding - TINY
+        factors, pivots, info = dgetrf(K)
+        if info != 0:
+            break
+        product, d, dz, ds, way = s * z, q, z, s, 1.0
+        for aimed in (False, True):  # straight ahead first; how far that leads tells what to aim at
+            push = D * (miss - product / z)
+            d, _ = dgetrs(factors, pivots, np.concatenate((gradient + J.T @ push, off)))
+            dz = push - D * (J @ d[:n])
+            ds = -(product + s * dz) / z
+            way = min(1.0, (SHORT if aimed else 1.0) / max((-dz / z).max(), (-ds / s).max(), SHORT))
+            if not aimed:
+                share = float((s + way * ds) @ (z + way * dz)) / len(s) / mean
+                product = product - mean * share**3 + way**2 * ds * dz  # whole, it may lead in circles
+        x, y, z, s = x - way * d[:n], y - way * d[n:], z + way * dz, s + way * ds
+    return found, step
+
+
+def _reach(A: np.ndarray) -> np.ndarray:
+    """Σ ‖a_i‖ of each row, shape (m,): no forces within the spheres bring a x beyond it."""
+    blocks = A[:, :N_FORCES].reshape(len(A), N_ROTORS, 3)
+    return np.sqrt(np.einsum("rij,rij->ri", blocks, blocks)).sum(axis=1) + FAR * np.abs(A[:, N_FORCES:]).sum(axis=1)

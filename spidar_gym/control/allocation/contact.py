@@ -1,0 +1,151 @@
+"""The blocks of the ground: what pegs and feet can carry, and a cost that spends less. Unknowns as in `control.qp`."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from spidar_gym.arrays import Wrench
+from spidar_gym.control.allocation.problem import FORCE_SCALE, INFINITY, N_FORCES, N_UNKNOWNS, WRENCH_SCALE, Demand
+from spidar_gym.robot import N_LEGS, ROBOT
+from spidar_gym.so3 import skew
+
+LEAST_THRUST = 1.0
+"""The weights of the power cost stop growing below this thrust [N]."""
+
+
+@dataclass(frozen=True)
+class PowerEffort:
+    """w₁ Σ e_i ‖f_i‖²: with e_i = ‖f_i‖^−½ of the last tick it becomes Σ ‖f_i‖^1.5, which is electrical power.
+
+    Not in the paper. The weights are iterated from tick to tick (iteratively reweighted least squares);
+    `effort_weights` gives them.
+    """
+
+    weight: float = 1.0
+    """w₁ [1/N²]."""
+    constant: ClassVar[bool] = False
+
+    def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
+        """W = √(w₁ e) and r = 0."""
+        n = len(q)
+        P.reshape(-1)[: N_FORCES * (n + 1) : n + 1] += self.weight * np.repeat(demand.effort, 3)
+
+
+@dataclass(frozen=True)
+class FootEffort:
+    """w_c Σ ‖f_c‖²: next to nothing, so that equally good foot forces have one answer. Not in the paper."""
+
+    weight: float = 1e-3
+    """w_c [1/N²]."""
+    constant: ClassVar[bool] = True
+
+    def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
+        """W = √w_c 1 and r = 0, where there are foot forces."""
+        n = len(q)
+        P.reshape(-1)[N_FORCES * (n + 1) :: n + 1] += self.weight
+
+
+def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, Wrench]:
+    """w̲ and w̄ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36].
+
+    The pegs stand at (± a, ± a, −d). Let their normal forces add up to N ≥ N_min.
+
+    - Friction holds force and twist at once. Half of what a peg that carries the share n of N holds, μ n, may go into a
+      force along the floor: ‖f_xy‖ ≤ ½ μ N, as a box f̄_xy = μ N_min / (2 √2). The lever of all pegs is a √2, but
+      where the centre of pressure is off the middle, the friction of a twist no longer adds up to zero: with a
+      quarter for it, τ̄_z = ¼ μ N_min a √2, what is left over stays within the other quarter (for μ ≥ 0.1).
+    - The centre of pressure may be anywhere in the square: about its centre on the floor |τ_x|, |τ_y| ≤ a N. Only half
+      is used, so that no peg comes near to lifting off. About the torso's origin, d higher, the friction force adds
+      up to d f̄_xy: τ̄_xy = ½ a N_min − d f̄_xy.
+    - f_z ≥ N_min, where the paper has 0: a peg that does not press has no friction. Upwards there is no bound.
+
+    Args:
+        friction: Planned friction μ of the pegs.
+        min_normal: N_min [N].
+    """
+    a, d = ROBOT.yaw_axis_xy, ROBOT.peg_depth
+    f_xy = friction * min_normal / (2.0 * math.sqrt(2.0))
+    tau_xy = 0.5 * a * min_normal - d * f_xy
+    tau_z = 0.25 * friction * min_normal * a * math.sqrt(2.0)
+    low = np.array([-f_xy, -f_xy, min_normal, -tau_xy, -tau_xy, -tau_z])
+    return low, np.array([f_xy, f_xy, math.inf, tau_xy, tau_xy, tau_z])
+
+
+MAX_PEG_FRICTION = math.sqrt(2.0) * ROBOT.yaw_axis_xy / ROBOT.peg_depth
+"""Planned friction of pegs at which a force along the floor would tip the torso and τ̄_xy be 0."""
+
+
+@dataclass(frozen=True)
+class ContactWrenchRange:
+    """w̲ ≤ w_c ≤ w̄ for the wrench w_c that the pegs have to give: [Zhao2025, Eq. 34, 35, 37].
+
+    The torso at rest, w = 0 in [Zhao2025, Eq. 34]: what the pegs give is what the weight takes and the rotors do not,
+    w_c = − Σ Ĵ_rᵀ f − Σ Ĵ_sᵀ m_s g. Bounds by `contact_wrench_bounds`.
+    """
+
+    friction: float = 0.5 * ROBOT.peg_friction
+    """Planned friction of the pegs."""
+    min_normal: float = 10.0
+    """Least normal force of all pegs together [N]."""
+    constant: ClassVar[bool] = False
+    soft: ClassVar[bool] = True
+    pattern: ClassVar[np.ndarray] = np.array([[c < N_FORCES for c in range(N_UNKNOWNS)]] * 6)
+
+    def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
+        """Six rows in {B}: X w − w̄ ≤ X Q f ≤ X w − w̲, X taking a wrench from {CoG} to {B}."""
+        low, high = contact_wrench_bounds(self.friction, self.min_normal)
+        lever = skew(demand.com_b)
+        Q, w = demand.thrust_map, demand.wrench
+        A[:3], A[3:] = Q[:3], Q[3:] + lever @ Q[:3]
+        A *= FORCE_SCALE / WRENCH_SCALE
+        weight = np.concatenate((w[:3], w[3:] + lever @ w[:3]))
+        np.divide(weight - low, WRENCH_SCALE, out=u)
+        l[:] = np.where(np.isinf(high), -INFINITY, (weight - np.where(np.isinf(high), 0.0, high)) / WRENCH_SCALE)
+
+
+@dataclass(frozen=True)
+class FrictionPyramid:
+    """|f_x|, |f_y| ≤ μ f_z and f_z ≥ f_min for each foot, floor axes: feet press and do not slide.
+
+    Not in the paper, whose earlier walk leaves the foot forces free; without it the optimum pulls the feet inwards with
+    more force than any floor holds.
+    """
+
+    friction: float = 0.6 * ROBOT.foot_friction
+    """Planned friction μ."""
+    min_normal: float = 0.5
+    """f_min [N]."""
+    constant: ClassVar[bool] = True
+    soft: ClassVar[bool] = True
+    pattern: ClassVar[np.ndarray] = np.array(
+        # Rows of foot k: 5k … 5k + 4.
+        [
+            [c - N_FORCES == 3 * (r // 5) + 2 or (r % 5 < 4 and c - N_FORCES == 3 * (r // 5) + r % 5 // 2)
+             for c in range(N_UNKNOWNS)]
+            for r in range(5 * N_LEGS)
+        ]
+    )  # fmt: skip
+
+    def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
+        """Five rows a foot: μ f_z ± f_x ≥ 0, μ f_z ± f_y ≥ 0, f_z ≥ f_min."""
+        for leg in range(N_LEGS):
+            x = N_FORCES + 3 * leg
+            for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
+                A[5 * leg + row, x + axis] = sign
+                A[5 * leg + row, x + 2] = self.friction
+                l[5 * leg + row] = 0.0
+            A[5 * leg + 4, x + 2] = 1.0
+            l[5 * leg + 4] = self.min_normal / FORCE_SCALE
+
+
+def effort_weights(thrust: np.ndarray, previous: np.ndarray, share: float) -> np.ndarray:
+    """Weights e_i for `PowerEffort` of the next tick, filtered: e ← e + share (√(λ₀ / max(λ, 1 N)) − e), λ₀ = mg/8.
+
+    Args:
+        thrust: λ last allocated (8,) [N].
+        previous: Weights of the last tick (8,).
+        share: How much of the change is taken; 0 leaves them, so that all ones is the paper's cost.
+    """
+    return previous + share * (np.sqrt(ROBOT.hover_thrust / np.maximum(thrust, LEAST_THRUST)) - previous)

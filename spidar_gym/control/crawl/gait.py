@@ -1,0 +1,408 @@
+"""The crawl: commands → cycles → phases → joint setpoints and allocation mode [Zhao2025, Sec. Crawling Gait].
+
+Nothing here knows a force: what it sees is the torso's pose and the joint angles, and touchdown is a threshold on them,
+because neither feet nor torso have a touch sensor.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Matrix3, Vector3
+from spidar_gym.control.crawl.footsteps import GaitCommand, GaitConfig, Lift, Move, lying_pose, plan_cycles, stride_fits
+from spidar_gym.control.crawl.kinematics import INNER, OUTER, YAW, feet_at, leg_angles
+from spidar_gym.control.crawl.phases import CYCLE, LIFT, STAND, GaitMemory, Step
+from spidar_gym.control.crawl.pose2 import Pose2, torso_pose2
+from spidar_gym.errors import InvalidValueError, require_not_negative
+from spidar_gym.robot import N_JOINTS, N_LEGS, ROBOT
+from spidar_gym.so3 import rotation_z
+from spidar_gym.state import NO_RESIDUAL, Residual
+
+FILTER_TIME = 0.1
+"""Time constant of the filters on pose and joint angles [s]."""
+SLOW_TIME = 0.25
+"""Time constant of a slower filter on the position: the torso rests where both agree [s]."""
+AGREE = 0.0025
+"""The two filters agree when their heights differ by less than this [m]."""
+NEAR = 0.05
+"""A joint is where it should be when it is this close [rad] [JSK]."""
+STILL = 0.05
+"""The joints are still when their filtered angles are slower than this [rad/s]."""
+MAX_DEPTH = 0.05
+"""The torso has not touched the floor while it is this far from its plan [m]."""
+RESPONSE_TIME = 0.17
+"""Time constant of the model of how the filtered pose follows its plan: that filter, servos, delay [s]."""
+SHORTEN = 0.95
+"""A stride or a lift that is out of reach is shortened by this factor until it is not."""
+LEAST_LIFT = 0.01
+"""A lift is not shortened below this [m]."""
+TRIAL = 0.002
+"""A trial step of the torso this long tells how far the joints turn for it [m]."""
+_LEGS_UP = frozenset(("spool", "raise", "swing", "lower"))
+_ON_FEET = frozenset(("brace", "up", "forward", "down"))
+
+
+class Gait:
+    """The crawl's phase machine: (pose, joint angles) → setpoints and mode [Zhao2025, Sec. Crawling Gait]."""
+
+    def __init__(self, config: GaitConfig, *, joint_speed: float, dt: float) -> None:
+        """Take the configuration, the joint speed [rad/s] and the length of a tick [s]."""
+        self.config, self.joint_speed, self.dt = config, joint_speed, dt
+        self.home_b = config.home_b
+        self.memory: GaitMemory
+        self.reset(np.zeros(3), np.eye(3), np.zeros(N_JOINTS))
+
+    def reset(self, position_w: Vector3, R_wb: Matrix3, q: JointVector) -> None:
+        """Lie on the floor, nothing to do."""
+        self.memory = GaitMemory([], q.copy(), position_w.copy(), position_w.copy(), R_wb.copy(), q.copy())
+        self.memory.planned = torso_pose2(position_w, R_wb)
+        self.memory.target = q.copy()
+        self._lie()
+
+    def command(self, commands: Iterable[GaitCommand]) -> int:
+        """Append commands; returns how many steps they take (`InvalidValueError` for what is out of reach)."""
+        steps: list[Step] = []
+        planned = self.memory.planned
+        for command in commands:
+            if isinstance(command, Move):
+                cycles = plan_cycles(self.config, command)
+                steps += [Step(CYCLE, planned @ command.way.arc((k + 1) / cycles)) for k in range(cycles)]
+                planned = planned @ command.way
+            elif isinstance(command, Lift):
+                if not command.legs or not all(leg in range(N_LEGS) for leg in command.legs):
+                    raise InvalidValueError("legs", command.legs, f"some of 0 … {N_LEGS - 1}")
+                require_not_negative(angle=command.angle, seconds=command.seconds)
+                steps.append(Step(LIFT, None, command.legs, angle=command.angle, seconds=command.seconds))
+            else:
+                require_not_negative(height=command.height, seconds=command.seconds)
+                if not stride_fits(self.config, Pose2(), command.height):
+                    raise InvalidValueError("height", command.height, "a height in reach [m]")
+                steps.append(Step(STAND, None, height=command.height, seconds=command.seconds))
+        self.memory.steps += steps
+        self.memory.planned = planned
+        return len(steps)
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.memory.phase == "done" and not self.memory.steps
+
+    @property
+    def phase(self) -> str:
+        """One of `PHASES`."""
+        return self.memory.phase
+
+    @property
+    def timeouts(self) -> int:
+        """Phases that ended by time-out."""
+        return self.memory.timeouts
+
+    @property
+    def mode(self) -> str:
+        """Allocation mode of the present phase, see `control.modes.ground_modes`."""
+        memory = self.memory
+        if memory.phase in _LEGS_UP or (memory.phase == "hold" and memory.steps[0].phases is LIFT):
+            return "legs" if len(memory.steps[0].legs) == N_LEGS else "leg"
+        return "stance" if memory.phase in _ON_FEET or memory.phase == "hold" else "rest"
+
+    @property
+    def lifted(self) -> np.ndarray:
+        """Legs whose joint torque counts in the allocation (4,): the lifted ones, and all where the feet carry."""
+        mask = np.zeros(N_LEGS, bool)
+        if self.mode in ("leg", "legs"):
+            mask[list(self.memory.steps[0].legs)] = True
+        elif self.mode == "stance":
+            mask[:] = True
+        return mask
+
+    def step(self, position_w: Vector3, R_wb: Matrix3, q: JointVector, residual: Residual = NO_RESIDUAL) -> JointVector:
+        """One tick: where the joints are told to be [rad].
+
+        Args:
+            position_w: Origin of the torso [m].
+            R_wb: Attitude of the torso.
+            q: Joint angles [rad].
+            residual: What a policy adds.
+        """
+        memory, dt = self.memory, self.dt
+        share = 1.0 - math.exp(-dt / FILTER_TIME)
+        turn = share * (q - memory.joints)
+        memory.joints, memory.R_wb = memory.joints + turn, R_wb
+        memory.position_w = memory.position_w + share * (position_w - memory.position_w)
+        memory.slow_w = memory.slow_w + (1.0 - math.exp(-dt / SLOW_TIME)) * (position_w - memory.slow_w)
+        memory.time += dt
+        if memory.phase == "done" and memory.steps:
+            self._enter(0, residual)
+        if memory.phase != "done":
+            self._advance(residual, float(np.abs(turn).max()) / dt)
+        return memory.plan
+
+    def _advance(self, residual: Residual, joint_rate: float) -> None:
+        memory, config = self.memory, self.config
+        speed = self.joint_speed * max(0.0, residual.joint_speed_scale)
+        if memory.phase in _ON_FEET or (memory.phase == "hold" and self.mode == "stance"):
+            self._track()
+            self._trim()
+            self._push(speed)
+        elif memory.phase in _LEGS_UP or memory.phase == "hold":
+            reach = speed * self.dt
+            way = memory.target - memory.plan
+            memory.plan = memory.plan + np.minimum(np.maximum(way, -reach), reach)
+        ended = self._ended(joint_rate)
+        if not ended and memory.time >= config.timeout and memory.phase not in ("hold", "spool", "brace", "settle"):
+            memory.timeouts += 1
+            ended = True
+        if ended:
+            self._enter(memory.index + 1, residual)
+
+    def _ended(self, joint_rate: float) -> bool:
+        """Whether the present phase has reached what it is for; `joint_rate` is the fastest joint's, filtered."""
+        memory, config = self.memory, self.config
+        spool = config.start_time if memory.rested else config.spool_time
+        waits = {"spool": spool, "brace": spool, "settle": config.settle_time}
+        if memory.phase in waits:
+            return memory.time >= waits[memory.phase] - 1e-9
+        if memory.phase == "hold":
+            return memory.time >= memory.steps[0].seconds - 1e-9
+        if memory.phase in _LEGS_UP:
+            legs = list(memory.steps[0].legs)
+            ends = {"raise": self._raised, "swing": self._swung, "lower": self._touched}
+            return ends[memory.phase](legs, joint_rate < STILL)
+        return {"up": self._lifted_torso, "forward": self._arrived, "down": self._landed}[memory.phase]()
+
+    def _raised(self, legs: list[int], still: bool) -> bool:
+        memory, config, rows = self.memory, self.config, INNER[legs]
+        whole = memory.start[rows] - memory.highest[rows]
+        done = (memory.start[rows] - memory.plan[rows]) / np.maximum(whole, 1e-6)
+        if done.min() < config.swing_at - 1e-6:
+            return False
+        near = config.swing_at < 1.0 or bool(np.abs(memory.joints[rows] - memory.highest[rows]).max() <= NEAR)
+        return near or self._still(still, config.stall_time)
+
+    def _swung(self, legs: list[int], still: bool) -> bool:
+        memory, config = self.memory, self.config
+        rows = np.concatenate((YAW[legs], OUTER[legs]))
+        if np.abs(memory.plan[rows] - memory.landing[rows]).max() > config.lower_at:
+            return False
+        near = bool(np.abs(memory.joints[rows] - memory.landing[rows]).max() <= config.lower_at)
+        return near or self._still(still, config.stall_time)
+
+    def _touched(self, legs: list[int], still: bool) -> bool:
+        """Feet have touched down: near their targets and still for a while."""
+        memory, rows = self.memory, INNER[legs]
+        planned = float(np.abs(memory.plan - memory.landing).max()) < 1e-9
+        near = float(np.abs(memory.joints[rows] - memory.landing[rows]).max()) < 3.0 * NEAR
+        return self._still(planned and near and still, self.config.leg_touch_time)
+
+    def _lifted_torso(self) -> bool:
+        return self.memory.height >= self.config.forward_at * self.memory.lift - 1e-9
+
+    def _arrived(self) -> bool:
+        memory, config = self.memory, self.config
+        if memory.share < config.down_at - 1e-9:
+            return False
+        error, _ = self._error()
+        near = math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= config.arrival
+        # What the trim cannot reach is left for the next cycle.
+        return bool(near) or config.down_at < 1.0 or memory.time >= 0.5 * config.timeout
+
+    def _landed(self) -> bool:
+        """The torso has touched down: near the floor and no longer sinking for a while."""
+        memory, config = self.memory, self.config
+        _, depth = self._error()
+        sinking = abs(float((memory.position_w - memory.slow_w) @ memory.floor_R[:, 2]))
+        planned = memory.height <= -config.press + 1e-9 and memory.share >= 1.0
+        return self._still(planned and sinking < AGREE and depth < MAX_DEPTH, config.torso_touch_time)
+
+    def _still(self, there: bool, duration: float) -> bool:
+        memory = self.memory
+        memory.still = memory.still + self.dt if there else 0.0
+        return memory.still >= duration - 1e-9
+
+    def _enter(self, index: int, residual: Residual) -> None:
+        """Begin a phase of the present step; after its last one the next step or nothing."""
+        memory, config = self.memory, self.config
+        step = memory.steps[0]
+        if index >= len(step.phases):
+            memory.steps = memory.steps[1:]
+            if not memory.steps:
+                memory.phase, memory.index, memory.time = "done", 0, 0.0
+                return
+            index, step = 0, memory.steps[0]
+        phase = step.phases[index]
+        if phase == "settle" and config.settle_time == 0.0 and len(memory.steps) > 1:
+            self._enter(index + 1, residual)
+            return
+        memory.rested = memory.phase in ("done", "settle")
+        memory.phase, memory.index, memory.time, memory.still = phase, index, 0.0, 0.0
+        self._aim(step, residual)
+
+    def _aim(self, step: Step, residual: Residual) -> None:
+        """Set the targets of the phase that begins."""
+        memory, legs = self.memory, list(step.legs)
+        if memory.phase in ("spool", "brace", "settle"):
+            self._lie()
+        if memory.phase == "spool":
+            self._footsteps(step, residual)
+        elif memory.phase == "raise":
+            memory.target = memory.plan.copy()
+            memory.target[INNER[legs]] = memory.highest[INNER[legs]]
+        elif memory.phase == "swing":
+            raised = memory.target[INNER[legs]]
+            memory.target = memory.landing.copy()
+            memory.target[INNER[legs]] = raised
+        elif memory.phase == "lower":
+            memory.target = memory.landing.copy()
+        elif memory.phase == "brace":
+            self._stance(step, residual)
+
+    def _lie(self) -> None:
+        """The torso lies on the floor: targets are reset to where the joints are, and this is where the floor is."""
+        memory = self.memory
+        memory.plan, memory.target = memory.joints.copy(), memory.joints.copy()
+        memory.floor_w, memory.floor_R = memory.position_w.copy(), memory.R_wb.copy()
+
+    def _way(self, target: Pose2 | None) -> Pose2:
+        """The way to a pose in the world, floor axes: along a slope it is longer than it looks from above."""
+        memory = self.memory
+        here = torso_pose2(memory.floor_w, memory.floor_R)
+        if target is None:
+            return Pose2()
+        x, y = np.linalg.solve(memory.floor_R[:2, :2], [target.x - here.x, target.y - here.y]).tolist()
+        return Pose2(x, y, math.remainder(target.yaw - here.yaw, 2.0 * math.pi))
+
+    def _footsteps(self, step: Step, residual: Residual) -> None:
+        """Where the lifted legs go [Zhao2025, Sec. Crawling Gait]."""
+        memory, config = self.memory, self.config
+        way = self._way(step.target).arc(max(0.0, residual.stride_scale))
+        legs = list(step.legs)
+        landing = memory.plan.copy()
+        if step.target is not None:
+            centred = config.stride == "centred"
+            # Errors of the last cycle may make this one longer than planned: it stays within the reach.
+            while way.distance + abs(way.yaw) > 1e-6 and not stride_fits(config, way):
+                way = way.arc(SHORTEN)
+            feet = way.arc(0.5 if centred else 1.0).move(self.home_b) - (0.0, 0.0, config.press)
+            angles = leg_angles(feet)
+            landing = memory.plan if angles is None else angles
+        angle = config.raise_angle * residual.raise_scale if step.angle is None else step.angle
+        highest = landing.copy()
+        highest[INNER] = np.minimum(memory.plan[INNER], landing[INNER]) - angle
+        memory.start, memory.landing, memory.highest = memory.plan.copy(), memory.plan.copy(), highest
+        for k in range(4):
+            rows = 4 * np.array(legs) + k
+            memory.landing[rows] = landing[rows]
+
+    def _stance(self, step: Step, residual: Residual) -> None:
+        """Where the feet stand and where the torso goes [Zhao2025, Sec. Crawling Gait]."""
+        memory, config = self.memory, self.config
+        memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
+        memory.feet_f = feet_at(memory.joints)
+        memory.share, memory.height, memory.trim = 0.0, 0.0, np.zeros(3)
+        memory.expected, memory.yaw = np.zeros(3), 0.0
+        memory.lift = (config.lift_height if step.height is None else step.height) * residual.lift_scale
+        while memory.lift > LEAST_LIFT and self._reach(1.0, memory.lift) is None:
+            memory.lift *= SHORTEN
+        end = self._reach(1.0, 0.0)
+        memory.target = memory.plan if end is None else end
+
+    def _reach(self, share: float, height: float) -> JointVector | None:
+        """Joint angles that hold the torso at a share of its way and a height, trim included."""
+        memory = self.memory
+        pose = memory.way.arc(share)
+        x, y, yaw = memory.trim.tolist()
+        pose = Pose2(pose.x + x, pose.y + y, pose.yaw + yaw)
+        return leg_angles(pose.inverse().move(memory.feet_f) - (0.0, 0.0, height))
+
+    def _push(self, speed: float) -> None:
+        """Move the torso's plan on, as fast as the joints follow."""
+        memory, config = self.memory, self.config
+        phase, reach = memory.phase, speed * self.dt
+        distance = max(memory.way.distance, 0.5 * abs(memory.way.yaw), 1e-6)
+        goal_height = memory.lift
+        if phase == "brace":
+            goal_height = 0.0
+        elif phase == "down":
+            goal_height = -config.press
+        goal_share = 1.0 if phase in ("forward", "down") else memory.share
+        climb, advance = goal_height - memory.height, (goal_share - memory.share) * distance
+        longest = max(abs(climb), abs(advance))
+        now = self._reach(memory.share, memory.height)
+        if longest > 0.0 and now is not None:
+            # A trial step tells how far the joints turn for it; the step is then as long as they allow.
+            trial = min(longest, TRIAL)
+            ahead = self._reach(
+                memory.share + _towards(advance, trial) / distance, memory.height + _towards(climb, trial)
+            )
+            if ahead is not None:
+                step = min(longest, trial * reach / max(float(np.abs(ahead - now).max()), 1e-9))
+                memory.height += _towards(climb, step)
+                memory.share += _towards(advance, step) / distance
+                if abs(climb) <= step:
+                    memory.height = goal_height
+                if abs(advance) <= step:
+                    memory.share = goal_share
+        wanted = self._reach(memory.share, memory.height)
+        if wanted is not None:
+            before = memory.plan
+            way = wanted - before
+            memory.plan = before + np.minimum(np.maximum(way, -reach), reach)
+            if config.rolling:
+                self._roll(memory.plan - before)
+
+    def _roll(self, turn: JointVector) -> None:
+        """A leg that turns down by an angle rolls its ball outwards by the radius times that."""
+        memory = self.memory
+        turned = memory.way.arc(memory.share).yaw
+        for leg in range(N_LEGS):
+            out = ROBOT.foot_radius * float(turn[4 * leg + 1] + turn[4 * leg + 3])
+            heading = ROBOT.leg_azimuth(leg) + float(memory.plan[4 * leg]) + turned
+            memory.feet_f[leg, :2] += out * math.cos(heading), out * math.sin(heading)
+
+    def _track(self) -> None:
+        """Follow the torso's yaw, and where its filtered pose should be by now."""
+        memory = self.memory
+        turned = memory.floor_R.T @ memory.R_wb
+        yaw = math.atan2(turned[1, 0], turned[0, 0])
+        memory.yaw += (1.0 - math.exp(-self.dt / FILTER_TIME)) * (yaw - memory.yaw)
+        wanted = memory.way.arc(memory.share)
+        share = 1.0 - math.exp(-self.dt / RESPONSE_TIME)
+        memory.expected = memory.expected + share * (np.array([wanted.x, wanted.y, wanted.yaw]) - memory.expected)
+
+    def _error(self) -> tuple[Vector3, float]:
+        """Expected − filtered pose of the torso along the floor, x, y [m], yaw [rad]; and how far its height is off."""
+        memory = self.memory
+        x, y, z = ((memory.position_w - memory.floor_w) @ memory.floor_R).tolist()
+        return memory.expected - (x, y, memory.yaw), abs(memory.height - z)
+
+    def _trim(self) -> None:
+        """Feet are balls that roll when their legs turn, so the torso does not go as far as the kinematics say."""
+        memory, config = self.memory, self.config
+        if memory.phase != "forward" or config.trim_gain == 0.0:
+            return
+        error, _ = self._error()
+        limit = np.array([config.trim_limit, config.trim_limit, 2.0 * config.trim_limit])
+        memory.trim = np.minimum(np.maximum(memory.trim + config.trim_gain * self.dt * error, -limit), limit)
+
+
+def _towards(way: float, step: float) -> float:
+    return max(-step, min(step, way))
+
+
+def nominal_time(config: GaitConfig, commands: Sequence[GaitCommand], *, joint_speed: float, dt: float) -> float:
+    """How long commands take where joints and torso go exactly as planned, on flat ground [s]."""
+    gait = Gait(config, joint_speed=joint_speed, dt=dt)
+    lying = np.array([0.0, 0.0, ROBOT.peg_depth])
+    gait.reset(lying, np.eye(3), lying_pose(config))
+    gait.command(commands)
+    position, yaw, q, ticks = lying, 0.0, gait.memory.plan, 0
+    while not gait.done:
+        q = gait.step(position, rotation_z(yaw), q)
+        ticks += 1
+        memory = gait.memory
+        if memory.phase in _ON_FEET:
+            pose = memory.way.arc(memory.share)
+            position = memory.floor_w + memory.floor_R @ (pose.x, pose.y, max(memory.height, 0.0))
+            yaw = pose.yaw + math.atan2(memory.floor_R[1, 0], memory.floor_R[0, 0])
+    return ticks * dt

@@ -1,0 +1,95 @@
+"""What a policy sees of a crawl: a named layout and one pure function; no contact force, as on the robot."""
+
+import math
+
+import numpy as np
+
+from spidar_gym.arrays import RotorVector
+from spidar_gym.control.crawl.memory import CrawlMemory
+from spidar_gym.control.crawl.phases import PHASES, GaitMemory
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.observation import Field
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.state import RobotState
+
+
+def crawl_layout(action_size: int) -> tuple[Field, ...]:
+    """The observation's pieces in order; the previous action makes its length depend on the action mode."""
+    return (
+        Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left"),
+        Field("goal_heading", 2, 1.0, "", "sine and cosine of the heading still to turn"),
+        Field("up", 3, 1.0, "", "vertical, torso axes"),
+        Field("height", 1, 2.0, "m", "of the torso over where it lay"),
+        Field("velocity", 3, 5.0, "m/s", "of the torso, torso axes"),
+        Field("angular_velocity", 3, 10.0, "rad/s", "torso axes"),
+        Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
+        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
+        Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos"),
+        Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q"),
+        Field("joint_way", N_JOINTS, 4.0, "rad", "end of the step or of the torso's way − planned joint angles"),
+        Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
+        Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
+        Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+        Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
+        Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
+        Field("phase", len(PHASES), 1.0, "", "1 for the present phase of " + ", ".join(PHASES)),
+        Field("phase_time", 1, 20.0, "s", "since it began"),
+        Field("share", 1, 1.0, "", "of the torso's way of this cycle that is planned already"),
+        Field("steps_left", 1, 50.0, "", "gait cycles to go, this one included"),
+        Field("previous_action", action_size, 1.0, "", "last action"),
+    )
+
+
+def observe_crawl(
+    state: RobotState,
+    goal: Pose2,
+    gait: GaitMemory,
+    memory: CrawlMemory,
+    thrust_command: RotorVector,
+    previous_action: np.ndarray,
+    *,
+    bound: np.ndarray,
+) -> np.ndarray:
+    """The observation in the order of `crawl_layout`, clipped to ± `bound`, float32.
+
+    Args:
+        state: Measured state.
+        goal: Where the torso is to lie, world.
+        gait: The gait's memory.
+        memory: The crawler's memory.
+        thrust_command: Thrust last commanded [N].
+        previous_action: The last action.
+        bound: Bounds of the layout, one per number.
+    """
+    R_wb = quat_to_matrix(state.quat_wb)
+    heading = math.atan2(R_wb[1, 0], R_wb[0, 0])
+    c, s = math.cos(heading), math.sin(heading)
+    dx, dy = goal.x - float(state.position_w[0]), goal.y - float(state.position_w[1])
+    angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
+    sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS
+    phase = np.zeros(len(PHASES))
+    phase[PHASES.index(gait.phase)] = 1.0
+    values = np.concatenate(
+        (
+            (c * dx + s * dy, c * dy - s * dx, math.sin(goal.yaw - heading), math.cos(goal.yaw - heading)),
+            R_wb[2],
+            (float((state.position_w - gait.floor_w) @ gait.floor_R[:, 2]),),
+            state.velocity_w @ R_wb,
+            state.omega_b,
+            state.joint_position,
+            state.joint_velocity,
+            state.joint_torque,
+            gait.plan - state.joint_position,
+            gait.target - gait.plan,
+            sine[:half],
+            cosine[:half],
+            thrust_command,
+            sine[half:],
+            cosine[half:],
+            phase,
+            (gait.time, gait.share, len(gait.steps)),
+            previous_action,
+        )
+    )
+    return np.minimum(np.maximum(values, -bound), bound).astype(np.float32)

@@ -1,0 +1,62 @@
+"""Pose2 poses (x, y, yaw): where a crawl starts, goes and turns."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from spidar_gym.arrays import Vector3
+
+STRAIGHT = 1e-9
+"""An arc that turns by less than this is a straight line [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2:
+    """A pose in the plane, or a motion from one to another along an arc."""
+
+    x: float = 0.0
+    """Forward [m]."""
+    y: float = 0.0
+    """To the left [m]."""
+    yaw: float = 0.0
+    """Counter-clockwise [rad]."""
+
+    def __matmul__(self, other: "Pose2") -> "Pose2":
+        """This pose, then `other` seen from it."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.yaw + other.yaw)
+
+    def inverse(self) -> "Pose2":
+        """The pose of the origin seen from this pose."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
+
+    def arc(self, share: float) -> "Pose2":
+        """The pose after this share of the arc of constant curvature that leads from the origin to this pose."""
+        yaw = self.yaw
+        if abs(yaw) < STRAIGHT:
+            return Pose2(share * self.x, share * self.y, share * yaw)
+        # Velocity of the arc: V(yaw)⁻¹ p with V(a) = [sin a, cos a − 1; 1 − cos a, sin a] / a.
+        half = 0.5 * yaw
+        k = half / math.tan(half)
+        vx, vy = k * self.x + half * self.y, -half * self.x + k * self.y
+        a = share * yaw
+        s, c = math.sin(a) / yaw, (1.0 - math.cos(a)) / yaw
+        return Pose2(s * vx - c * vy, c * vx + s * vy, a)
+
+    @property
+    def distance(self) -> float:
+        """Straight distance from the origin [m]."""
+        return math.hypot(self.x, self.y)
+
+    def move(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) seen from this pose, seen from the origin; heights stay."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        return points @ R + (self.x, self.y, 0.0)
+
+
+def torso_pose2(position_w: Vector3, R_wb: np.ndarray) -> Pose2:
+    """Pose2 pose of the torso in the world."""
+    return Pose2(float(position_w[0]), float(position_w[1]), math.atan2(R_wb[1, 0], R_wb[0, 0]))

@@ -1,0 +1,1 @@
+"""Flight: centroidal control, compensations, what a policy sees, margins."""

@@ -1,0 +1,207 @@
+"""What moving legs, slow servos and the air do to the torso, taken into account: four options, each off by default.
+
+The paper's controller is quasi-static: it treats the legs' motion and everything unmodelled as disturbances for its
+integrals. Here are the classical answers. All are pure functions of a small memory.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Wrench
+from spidar_gym.errors import InvalidValueError, require_not_negative
+from spidar_gym.model.dynamics import Snapshot
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.so3 import exp
+
+MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE = 0.5 * ROBOT.weight, 10.0
+"""An observed external wrench is clipped to ± this [N], [Nm]: a wrong belief must not take over."""
+
+
+@dataclass(frozen=True)
+class CompensationConfig:
+    """Which of them act, and how strongly; all zero is the paper's controller, bit for bit."""
+
+    momentum_gain: float = 0.0
+    """Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]."""
+    momentum_filter: float = 0.02
+    """Time constant of its first-order filter [s]."""
+    servo_bandwidth: float = 40.0
+    """Natural frequency of the model of the joint servos that drives it [rad/s]."""
+    vectoring_lead: float = 0.0
+    """The force is pointed where its link will be this much later [s]; 0 is off."""
+    observer_gain: float = 0.0
+    """Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]."""
+    observer_time: float = 0.25
+    """Time constant of the observer [s]."""
+    observer_lag: float = 0.05
+    """Time constant of the model of the rotors that the observer believes in [s]."""
+    joint_ramp: float = 0.0
+    """Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is not a filter."""
+        require_not_negative(**vars(self))
+        for name in ("servo_bandwidth", "observer_time"):
+            if getattr(self, name) <= 0.0:
+                raise InvalidValueError(name, getattr(self, name), "a number above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class CompensationMemory:
+    """What they remember from tick to tick."""
+
+    servo_position: JointVector
+    """Joint angles of the servo model [rad]."""
+    servo_velocity: JointVector
+    """Their rates [rad/s]."""
+    momentum: Vector3 | None
+    """Angular momentum of the legs at the last tick, torso axes [Nms]; None before the first."""
+    torque: Vector3
+    """Filtered feed-forward torque [Nm]."""
+    observed_momentum: np.ndarray | None
+    """Linear and angular momentum of the robot at the last tick, world axes [Ns, Nms]; None before the first."""
+    delivered_w: np.ndarray
+    """Wrench that the rotors are believed to give, world axes [N, Nm]."""
+    external_w: np.ndarray
+    """Observed external wrench, world axes [N, Nm]."""
+
+
+def fresh_compensation(joint_position: JointVector, external_w: np.ndarray) -> CompensationMemory:
+    """Nothing moves; an external wrench, world axes [N, Nm], may be known."""
+    zero = np.zeros(3)
+    return CompensationMemory(joint_position, np.zeros(N_JOINTS), None, zero, None, np.zeros(6), external_w)
+
+
+def servo_response(
+    position: JointVector, velocity: JointVector, command: JointVector, *, bandwidth: float, dt: float
+) -> tuple[JointVector, JointVector]:
+    """Critically damped second-order servo one tick later, exactly, for a command that is held.
+
+    Args:
+        position: q of the model [rad].
+        velocity: Its rate [rad/s].
+        command: q^d [rad].
+        bandwidth: Natural frequency ω [rad/s]; q̈ = ω² (q^d − q) − 2 ω q̇.
+        dt: Length of the tick [s].
+    """
+    decay = math.exp(-bandwidth * dt)
+    e = position - command
+    slope = velocity + bandwidth * e
+    return command + decay * (e + dt * slope), decay * (velocity - bandwidth * dt * slope)
+
+
+def momentum_torque(
+    snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *, config: CompensationConfig, dt: float
+) -> tuple[Vector3, Vector3]:
+    """Torque that changes the legs' angular momentum as their motion wants it, and that momentum, torso axes.
+
+    Full centroidal dynamics: L = IΣ ω + h(q, q̇), so τ = ḣ + ω × h beyond [Zhao2025, Eq. 4], which leaves h out. h is
+    taken from the servo model, which the commanded joints drive: nothing is differentiated that was measured.
+
+    Returns:
+        Filtered torque [Nm] and h [Nms].
+    """
+    h = snapshot.momentum_map[3:] @ memory.servo_velocity
+    rate = np.zeros(3) if memory.momentum is None else (h - memory.momentum) / dt
+    x, y, z = omega_b.tolist()
+    hx, hy, hz = h.tolist()
+    wanted = rate + np.array([y * hz - z * hy, z * hx - x * hz, x * hy - y * hx])
+    share = 1.0 - math.exp(-dt / config.momentum_filter) if config.momentum_filter > 0.0 else 1.0
+    return memory.torque + share * (wanted - memory.torque), h
+
+
+def lead_forces(
+    forces_l: RotorForces, snapshot: Snapshot, omega_b: Vector3, joint_velocity: JointVector, *, lead: float
+) -> RotorForces:
+    """The same forces in the axes that the links will have `lead` [s] later: what slow servos should aim at.
+
+    Args:
+        forces_l: Forces in the present link axes [N].
+        snapshot: Joint axes and attitudes of the links.
+        omega_b: Angular velocity of the torso, torso axes [rad/s].
+        joint_velocity: q̇ as commanded [rad/s].
+        lead: How far to look ahead [s].
+    """
+    rates = (snapshot.joint_axes * joint_velocity).reshape(3, -1, 4)
+    inner = rates[:, :, 0] + rates[:, :, 1]
+    outer = inner + rates[:, :, 2] + rates[:, :, 3]
+    omega = np.stack([inner, outer], axis=2).reshape(3, N_ROTORS).T + omega_b
+    turn_l = -lead * (omega[:, None] @ snapshot.R_bl)[:, 0]
+    return np.array([exp(turn) @ force for turn, force in zip(turn_l, forces_l, strict=True)])
+
+
+def observe_wrench(
+    snapshot: Snapshot,
+    memory: CompensationMemory,
+    R_wb: Matrix3,
+    omega_b: Vector3,
+    velocity_w: Vector3,
+    allocated: Wrench,
+    *,
+    config: CompensationConfig,
+    dt: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ), the residual of the robot's momentum [DeLuca2006].
+
+    Args:
+        snapshot: Mass, inertia, momentum map.
+        memory: The last tick.
+        R_wb: Attitude.
+        omega_b: Angular velocity, torso axes [rad/s].
+        velocity_w: Velocity of the CoG, world [m/s].
+        allocated: Wrench of the last tick's allocation, {CoG} [N, Nm].
+        config: Time constants.
+        dt: Length of the tick [s].
+
+    Returns:
+        External wrench, believed wrench of the rotors, momentum, all in world axes.
+    """
+    L = snapshot.inertia_c @ omega_b + snapshot.momentum_map[3:] @ memory.servo_velocity
+    momentum = np.concatenate((snapshot.mass * velocity_w, R_wb @ L))
+    asked = np.concatenate((R_wb @ allocated[:3], R_wb @ allocated[3:]))
+    if memory.observed_momentum is None:
+        return memory.external_w, asked, momentum
+    share = 1.0 - math.exp(-dt / config.observer_lag) if config.observer_lag > 0.0 else 1.0
+    delivered = memory.delivered_w + share * (asked - memory.delivered_w)
+    residual = (momentum - memory.observed_momentum) / dt - delivered
+    residual[2] += snapshot.mass * GRAVITY
+    external = memory.external_w + (1.0 - math.exp(-dt / config.observer_time)) * (residual - memory.external_w)
+    bound = np.repeat([MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE], 3)
+    return np.minimum(np.maximum(external, -bound), bound), delivered, momentum
+
+
+def ramp_joints(
+    command: JointVector, velocity: JointVector, target: JointVector, *, speed: float, ramp: float, dt: float
+) -> tuple[JointVector, JointVector]:
+    """Next joint command towards `target` and its velocity: all joints together, no acceleration above speed/ramp.
+
+    Args:
+        command: q^d [rad].
+        velocity: Its rate in the last tick [rad/s].
+        target: Where to go [rad].
+        speed: Speed of the slowest joint [rad/s].
+        ramp: Time from rest to that speed [s].
+        dt: Length of the tick [s].
+    """
+    way = target - command
+    longest = float(np.abs(way).max())
+    step = speed / ramp * dt
+    if longest == 0.0 and not velocity.any():
+        return command, velocity
+    # The speed (n + f) steps from which, losing one step a tick, the command comes to rest on the target: it covers
+    # (n + f) + (n − 1 + f) + … + f = (n + 1) (n/2 + f) steps times dt on the way.
+    far = longest / (step * dt)
+    n = math.floor(math.sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9)
+    reach = step * (n + (far - 0.5 * n * (n + 1)) / (n + 1))
+    wanted = way * (min(speed, reach) / longest) if longest > 0.0 else np.zeros_like(way)
+    change = wanted - velocity
+    most = float(np.abs(change).max())
+    if most > step * (1.0 + 1e-9):
+        change *= step / most
+    velocity = velocity + change
+    following = command + dt * velocity
+    if float(np.abs(target - following).max()) < 1e-9:
+        following = target
+    return following, velocity

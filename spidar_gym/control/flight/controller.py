@@ -1,0 +1,318 @@
+"""The stack: (state, reference, residual) → command. Snapshot, wrench, allocation, vectoring, joint targets."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Matrix3, RotorVector, Vectoring, Wrench
+from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator, AllocatorConfig
+from spidar_gym.control.allocation.modes import find_allocation
+from spidar_gym.control.allocation.problem import Demand
+from spidar_gym.control.flight.centroidal import (
+    CentroidalConfig,
+    desired_wrench,
+    integrate,
+    motion_error,
+    warm_start_integrals,
+)
+from spidar_gym.control.flight.compensation import (
+    CompensationConfig,
+    CompensationMemory,
+    fresh_compensation,
+    lead_forces,
+    momentum_torque,
+    observe_wrench,
+    ramp_joints,
+    servo_response,
+)
+from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
+from spidar_gym.control.flight.observation import LegMomentum, Preview, observe
+from spidar_gym.control.rotors import ALL_FREE, flight_demand
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.model.dynamics import Model, Snapshot
+from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
+from spidar_gym.model.rotor import (
+    Lock,
+    LockConfig,
+    force_to_angles,
+    nominal_vectoring,
+    rate_limit_vectoring,
+    update_lock,
+    vectoring_to_force,
+)
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.state import (
+    NO_RESIDUAL,
+    Command,
+    Reference,
+    Residual,
+    RobotState,
+    valid_reference,
+    valid_residual,
+    valid_state,
+)
+
+CONTROL_RATE = 40.0
+"""Control rate [Hz] [Zhao2025, Sec. Robot Platform]."""
+
+
+@dataclass(frozen=True)
+class ControllerConfig:
+    """Everything that can be chosen about the controller."""
+
+    allocation: str = "paper"
+    """Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`."""
+    joint_speed: float = ROBOT.joint_speed
+    """Speed of the planned joint motion [rad/s]; the servos are told the same limit."""
+    joint_torque_limit: float = ROBOT.max_joint_torque
+    """Torque that each joint servo may use [Nm]."""
+    rate_hz: float = CONTROL_RATE
+    """Control rate [Hz]."""
+    centroidal: CentroidalConfig = field(default_factory=CentroidalConfig)
+    """Gains."""
+    compensation: CompensationConfig = field(default_factory=CompensationConfig)
+    """What goes beyond the paper's quasi-static control."""
+    allocator: AllocatorConfig = field(default_factory=AllocatorConfig)
+    """Solver settings."""
+    interference: InterferenceConfig = field(default_factory=InterferenceConfig)
+    """Interference thresholds."""
+    lock: LockConfig = field(default_factory=LockConfig)
+    """φ lock."""
+
+    def __post_init__(self) -> None:
+        """Refuse speeds and limits that are not positive."""
+        for name in ("joint_speed", "joint_torque_limit", "rate_hz"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
+                raise InvalidValueError(name, value, "a number above 0")
+
+
+class FlightController:
+    """The paper's controller for one robot; owns the model, the solver's work space and the memory."""
+
+    def __init__(
+        self,
+        config: ControllerConfig | None = None,
+        model: Model | None = None,
+        allocator: type[Allocator] = Allocator,
+    ) -> None:
+        """Build the allocation (`UnknownNameError` lists the valid ones), solved by a class of one's own if given."""
+        self.config = config or ControllerConfig()
+        self.model = model or Model()
+        self.allocator = allocator(find_allocation(self.config.allocation), self.config.allocator)
+        self.dt = 1.0 / self.config.rate_hz
+        self._torque_limit = np.full(N_JOINTS, self.config.joint_torque_limit)
+        self.memory = fresh_memory(np.zeros((N_ROTORS, 2)), np.zeros((N_ROTORS, 3)), np.zeros(N_JOINTS))
+        self.last_step: FlightRecord | None = None
+
+    def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
+        """Forget everything.
+
+        Args:
+            state: Where the robot is; its vectoring angles are those last commanded.
+            joint_position: q^d to start from [rad]; the joints of `state` by default.
+            trim: Wrench in {CoG} that a hover is known to take beyond the model's [N, Nm]; the integrals start with it.
+        """
+        self.last_step = None
+        joints = state.joint_position if joint_position is None else joint_position
+        forces = vectoring_to_force(state.thrust, state.vectoring)
+        self.memory = fresh_memory(state.vectoring.copy(), forces, joints.copy())
+        if trim is not None:
+            R_wb = quat_to_matrix(state.quat_wb)
+            snapshot = self.model.snapshot(joints, R_wb, state.vectoring)
+            # What the observer is going to cancel, the integrals need not hold.
+            share = self.config.compensation.observer_gain
+            integrals = warm_start_integrals(snapshot, R_wb, (1.0 - share) * trim, config=self.config.centroidal)
+            external = -np.concatenate((R_wb @ trim[:3], R_wb @ trim[3:]))
+            compensation = fresh_compensation(joints, external)
+            self.memory = replace(self.memory, integrals=integrals, compensation=compensation)
+
+    def rest_vectoring(self, q: JointVector) -> Vectoring:
+        """(φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it [rad].
+
+        θ is on the branch that goes on from the flat form: −135° for the inverted outer links of form ③.
+        """
+        pitch = np.cumsum(q.reshape(-1, 2, 2)[:, :, 1], axis=1).reshape(-1)
+        guess = np.stack([np.zeros(N_ROTORS), -pitch], axis=1)
+        snapshot = self.model.snapshot(q, np.eye(3), guess)
+        nominal = nominal_vectoring(snapshot.R_bl, guess)
+        bounds = find_interference(snapshot, nominal, no_interference(), config=self.config.interference)
+        lock = update_lock(
+            Lock(ALL_FREE, ALL_FREE, nominal[:, 0]), bounds.restricted, nominal, snapshot, nominal[:, 0],
+            config=replace(self.config.lock, slew=math.inf),
+        )  # fmt: skip
+        angles = zip(
+            snapshot.R_bl[:, 2].tolist(), nominal.tolist(), lock.active.tolist(), lock.phi.tolist(), strict=True
+        )
+        return np.array(
+            [force_to_angles(up, *hat, held=phi if active else None, min_force=0.0) for up, hat, active, phi in angles]
+        )
+
+    def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
+        """What the controller makes of a state: model quantities and errors. Pure, but for the model's work space."""
+        R_wb = quat_to_matrix(state.quat_wb)
+        snapshot = self.model.snapshot(state.joint_position, R_wb, state.vectoring)
+        return ControlState(R_wb, snapshot, motion_error(state, reference, snapshot, R_wb))
+
+    def step(
+        self,
+        state: RobotState,
+        reference: Reference,
+        residual: Residual = NO_RESIDUAL,
+        control_state: ControlState | None = None,
+    ) -> Command:
+        """One control tick.
+
+        Args:
+            state: What is known of the robot.
+            reference: What it should do.
+            residual: What a policy adds; `NO_RESIDUAL` is the paper's controller.
+            control_state: `compute_state(state, reference)`, where the caller has it already.
+
+        Returns:
+            The command for the next control period. `self.last_step` keeps what led to it. A state or reference that is
+            not finite is answered with the last command, a residual that is not finite is left out.
+        """
+        if not (valid_state(state) and valid_reference(reference)):
+            return self._hold()
+        if residual is not NO_RESIDUAL and not valid_residual(residual):
+            residual = NO_RESIDUAL
+        memory, options = self.memory, self.config.compensation
+        control_state = control_state or self.compute_state(state, reference)
+        R_wb, snapshot, error = control_state.R_wb, control_state.snapshot, control_state.error
+        joints, speed = self._joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
+        gains = self.config.centroidal
+        integrals = integrate(
+            memory.integrals, error, memory.unallocated_w, memory.unallocated_torque,
+            dt=self.dt, max_speed=gains.max_integration_speed,
+        )  # fmt: skip
+        wrench = desired_wrench(snapshot, R_wb, state.omega_b, error, integrals, config=gains)
+        compensation, more = self._compensate(state, reference, control_state, joints)
+        wrench += more
+        wrench += residual.wrench
+        demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench)
+        allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
+        if residual.forces_l is not None and residual.forces_l.any():
+            allocation = self.allocator.project(demand, allocation.forces_l + residual.forces_l, memory.forces_l)
+        forces = allocation.forces_l
+        if options.vectoring_lead > 0.0:
+            forces = lead_forces(
+                forces, snapshot, state.omega_b, compensation.servo_velocity, lead=options.vectoring_lead
+            )
+        vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
+        self.last_step = FlightRecord(control_state, wrench, allocation, speed, demand)
+        unallocated = allocation.unallocated_wrench
+        self.memory = FlightMemory(
+            lock, bounds, vectoring, allocation.forces_l, integrals, joints, R_wb @ unallocated[:3], unallocated[3:],
+            speed, compensation,
+        )  # fmt: skip
+        return Command(allocation.thrust, vectoring, joints, self._torque_limit)
+
+    def observe(
+        self,
+        state: RobotState,
+        control_state: ControlState,
+        thrust_command: RotorVector,
+        joint_velocity: JointVector,
+        legs: LegMomentum,
+        preview: Preview,
+        previous_action: np.ndarray,
+        *,
+        bound: np.ndarray,
+    ) -> np.ndarray:
+        """What a policy sees; see `observation.observe`."""
+        return observe(
+            state, control_state, self.memory, thrust_command, joint_velocity, legs, preview, previous_action,
+            bound=bound,
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """Nothing is held that has to be released."""
+
+    def _compensate(
+        self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
+    ) -> tuple[CompensationMemory, Wrench]:
+        """What the compensations add to the desired wrench, and what they remember; `joints` is the new q^d."""
+        memory, options, dt = self.memory.compensation, self.config.compensation, self.dt
+        more = np.zeros(6)
+        if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
+            return memory, more
+        R_wb, snapshot, omega = control_state.R_wb, control_state.snapshot, state.omega_b
+        if options.observer_gain and self.last_step is not None:
+            external, delivered, momentum = observe_wrench(
+                snapshot, memory, R_wb, omega, reference.velocity_w - control_state.error.velocity_w,
+                self.last_step.allocation.wrench, config=options, dt=dt,
+            )  # fmt: skip
+            memory = replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
+        if options.observer_gain:
+            more[:3] = -options.observer_gain * (memory.external_w[:3] @ R_wb)
+            more[3:] = -options.observer_gain * (memory.external_w[3:] @ R_wb)
+        position, velocity = servo_response(
+            memory.servo_position, memory.servo_velocity, joints, bandwidth=options.servo_bandwidth, dt=dt
+        )
+        memory = replace(memory, servo_position=position, servo_velocity=velocity)
+        if options.momentum_gain:
+            torque, h = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
+            memory = replace(memory, torque=torque, momentum=h)
+            more[3:] += options.momentum_gain * torque
+        return memory, more
+
+    def _hold(self) -> Command:
+        """The last command once more, its status `held`."""
+        memory = self.memory
+        if self.last_step is not None:
+            allocation = replace(self.last_step.allocation, status=AllocationStatus.HELD)
+            self.last_step = replace(self.last_step, allocation=allocation, joint_velocity=np.zeros(N_JOINTS))
+        thrust = np.linalg.norm(memory.forces_l, axis=1)
+        return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
+
+    def set_last_command(self, command: Command) -> None:
+        """Remember a command that somebody else gave."""
+        forces = vectoring_to_force(command.thrust, command.vectoring)
+        self.memory = replace(
+            self.memory, vectoring=command.vectoring, forces_l=forces, joint_position=command.joint_position
+        )
+
+    def demand_at(
+        self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench, reference: Reference | None = None
+    ) -> Demand:
+        """The demand of a first tick in a configuration, for benchmarks and tests: no history, interference avoided."""
+        snapshot = self.model.snapshot(q, R_wb, vectoring)
+        memory = fresh_memory(vectoring, np.zeros((N_ROTORS, 3)), q)
+        level = Reference(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), q)
+        return self._demand(memory, snapshot, reference or level, vectoring, wrench)[0]
+
+    def _demand(
+        self, memory: FlightMemory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench
+    ) -> tuple[Demand, Lock, Interference]:
+        """What the allocation is asked in a mode, with the losses, of the `reference`."""
+        return flight_demand(
+            memory, self.allocator.mode(reference.mode), snapshot, vectoring, wrench,
+            lost_thrust=reference.lost_thrust, lost_vectoring=reference.lost_vectoring,
+            interference_config=self.config.interference, lock_config=self.config.lock,
+        )  # fmt: skip
+
+    def _joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
+        """Next joint command on the straight line to `target`, and its rate: all joints arrive together.
+
+        The slowest joint moves at the joint speed [Zhao2025, Tab. 1]; `speed_scale` scales all, and no joint exceeds
+        the joint speed, which is also what the servos allow.
+        """
+        config, command, dt = self.config, self.memory.joint_position, self.dt
+        target = np.minimum(np.maximum(target, -ROBOT.joint_limit), ROBOT.joint_limit)
+        if config.compensation.joint_ramp > 0.0:
+            speed = config.joint_speed * min(1.0, max(0.0, speed_scale))
+            return ramp_joints(
+                command, self.memory.joint_velocity, target,
+                speed=max(speed, 1e-6), ramp=config.compensation.joint_ramp, dt=dt,
+            )  # fmt: skip
+        way = target - command
+        longest = float(np.abs(way).max())
+        reach = config.joint_speed * dt
+        if longest == 0.0:
+            return command, np.zeros(N_JOINTS)
+        step = way * min(1.0, speed_scale * reach / longest)
+        following = command + np.minimum(np.maximum(step, -reach), reach)
+        return following, (following - command) / dt

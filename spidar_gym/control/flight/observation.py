@@ -1,0 +1,143 @@
+"""What a policy sees: a named layout and one pure function, used by the environment and by the robot.
+
+Everything here is measured or known on the real robot: no contact force, no wake, no parameter of the simulator.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, RotorVector
+from spidar_gym.control.flight.memory import ControlState, FlightMemory
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.state import RobotState
+
+NO_NEXT_FORM = 60.0
+"""Time to the next form when there is none, and the longest that is told [s]."""
+_UNTIL_NEXT_FORM = f"until they become the target; {NO_NEXT_FORM:g} if there is none"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One named piece of the observation."""
+
+    name: str
+    """What it is called."""
+    size: int
+    """How many numbers."""
+    bound: float
+    """They are clipped to ± this."""
+    unit: str
+    """Their unit."""
+    doc: str
+    """What they mean, with the frame."""
+
+
+def layout(action_size: int) -> tuple[Field, ...]:
+    """The observation's pieces in order; the previous action makes its length depend on the action mode."""
+    return (
+        Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes"),
+        Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes"),
+        Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes"),
+        Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes"),
+        Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
+        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
+        Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
+        Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
+        Field("vectoring_velocity", 2 * N_ROTORS, 20.0, "rad/s", "rates of φ₁, θ₁, φ₂, θ₂ …"),
+        Field("joint_target_error", N_JOINTS, 4.0, "rad", "form to reach − commanded joint position"),
+        Field("joint_command_velocity", N_JOINTS, 5.0, "rad/s", "commanded joint velocity of the last tick"),
+        Field(
+            "leg_momentum", 3, 20.0, "Nms", "angular momentum of the legs by the commanded joint velocity, torso axes"
+        ),
+        Field("leg_momentum_rate", 3, 400.0, "Nm", "its change since the last tick"),
+        Field("position_integral", 3, 20.0, "m s", "∫ position error of the controller, world axes"),
+        Field("attitude_integral", 3, 20.0, "rad s", "∫ attitude error of the controller, torso axes"),
+        Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+        Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
+        Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
+        Field("restricted_rotors", N_ROTORS, 1.0, "", "1 where interference restricts the rotor"),
+        Field("next_form", N_JOINTS, 2.0, "rad", "joint targets of the form after this one"),
+        Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM),
+        Field("previous_action", action_size, 1.0, "", "last action"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What is known of the plan."""
+
+    joint_target: JointVector
+    """Form to reach now [rad]."""
+    next_form: JointVector
+    """Form after it [rad]."""
+    time_to_next: float
+    """Seconds until then."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegMomentum:
+    """Angular momentum of the legs about the CoG, torso axes."""
+
+    value: np.ndarray
+    """h [Nms]."""
+    rate: np.ndarray
+    """ḣ [Nm]."""
+
+
+def observe(
+    state: RobotState,
+    control_state: ControlState,
+    memory: FlightMemory,
+    thrust_command: RotorVector,
+    joint_velocity: JointVector,
+    legs: LegMomentum,
+    preview: Preview,
+    previous_action: np.ndarray,
+    *,
+    bound: np.ndarray,
+) -> np.ndarray:
+    """The observation in the order of `layout`, clipped to ± `bound`, float32.
+
+    Args:
+        state: Measured state.
+        control_state: The controller's view of it.
+        memory: The controller's memory.
+        thrust_command: Thrust last commanded [N].
+        joint_velocity: Commanded joint velocity [rad/s].
+        legs: Angular momentum of the legs.
+        preview: The plan.
+        previous_action: The last action.
+        bound: Bounds of the layout, one per number.
+    """
+    error = control_state.error
+    rotation = control_state.R_wb
+    angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
+    sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS
+    values = np.concatenate(
+        (
+            error.position_w @ rotation,
+            error.velocity_w @ rotation,
+            error.attitude,
+            error.omega_b,
+            state.joint_position,
+            state.joint_velocity,
+            sine[:half],
+            cosine[:half],
+            state.vectoring_velocity.reshape(-1),
+            preview.joint_target - memory.joint_position,
+            joint_velocity,
+            legs.value,
+            legs.rate,
+            memory.integrals.position_w,
+            memory.integrals.attitude,
+            thrust_command,
+            sine[half:],
+            cosine[half:],
+            memory.interference.restricted,
+            preview.next_form,
+            (preview.time_to_next,),
+            previous_action,
+        )
+    )
+    return np.minimum(np.maximum(values, -bound), bound).astype(np.float32)

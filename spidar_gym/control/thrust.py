@@ -1,0 +1,117 @@
+"""The allocator as a library: a state and a wrench in, thrusts and vectoring angles out, tick after tick."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spidar_gym.arrays import RotorMask, RotorVector, Vectoring, Wrench
+from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus, Allocator
+from spidar_gym.control.allocation.modes import find_allocation
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
+from spidar_gym.control.presets import controller_config
+from spidar_gym.control.rotors import ALL_FREE, RotorMemory, flight_demand, fresh_rotors
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.model.dynamics import Model
+from spidar_gym.model.rotor import rate_limit_vectoring, vectoring_to_force
+from spidar_gym.robot import ROBOT
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.state import RobotState, valid_state
+
+
+class ThrustAllocator:
+    """Puts a wrench on the eight rotors as the controller does in flight: the same QP, locks and interference.
+
+    Owns the model, the solver's work space and what was last told to the rotors, so one object serves one robot, from
+    one thread, called once a control period.
+    """
+
+    def __init__(
+        self, preset: str = "paper", *, period: float = 1.0 / CONTROL_RATE, config: ControllerConfig | None = None
+    ) -> None:
+        """Build the model and the solver.
+
+        Args:
+            preset: Whose allocation: `paper` or `as_flown`; `tuned` has the paper's.
+            period: Time from one call to the next [s]: no angle is told to turn farther than its servo does in it.
+                Infinity for the angles that the servos end at.
+            config: A configuration of one's own in place of the preset's; its allocation, allocator, interference and
+                lock count.
+
+        Raises:
+            UnknownNameError: There is no such preset or allocation.
+            InvalidValueError: The period is not above 0.
+        """
+        if not period > 0.0:
+            raise InvalidValueError("period", period, "a time above 0 [s]")
+        self._config = config or controller_config(preset)
+        self._model = Model()
+        self._allocator = Allocator(find_allocation(self._config.allocation), self._config.allocator)
+        self._turn = ROBOT.max_vectoring_speed * period
+        # The lock's slew is meant for the controller's own ticks.
+        self._lock_config = replace(self._config.lock, slew=self._config.lock.slew * (period * CONTROL_RATE))
+        self._memory: RotorMemory | None = None
+        self._last: tuple[RotorVector, Vectoring, Allocation] | None = None
+
+    def reset(self) -> None:
+        """Forget what was last told to the rotors: the next call begins at the state's own angles."""
+        self._memory = self._last = None
+
+    def allocate(
+        self,
+        state: RobotState,
+        wrench: ArrayLike,
+        *,
+        avoid_interference: bool = True,
+        lost_thrust: RotorMask = ALL_FREE,
+        lost_vectoring: RotorMask = ALL_FREE,
+    ) -> tuple[RotorVector, Vectoring, Allocation]:
+        """Thrusts and vectoring angles for a wrench.
+
+        Args:
+            state: Where the robot is; joint angles, attitude and vectoring angles count, and all of it must be finite.
+            wrench: Force [N] and torque about the CoG [Nm], in the torso's axes, shape (6,); a level hover is
+                (0, 0, m g, 0, 0, 0).
+            avoid_interference: Whether rotors keep from blowing on each other; without, it is the paper's baseline.
+            lost_thrust: Modules without thrust, shape (8,).
+            lost_vectoring: Modules whose angles no longer move, shape (8,).
+
+        Returns:
+            Thrusts λ [N], shape (8,); angles (φ, θ) [rad], shape (8, 2), unwrapped, on the branch of the last ones;
+            and what lies behind them: `allocation.status` says whether this is the optimum (see `AllocationStatus`),
+            `allocation.unallocated_wrench` what of the wrench is missing, `allocation.joint_torques` what the joints
+            hold. Thrusts and angles make `allocation.forces_l`, once the servos have turned there. A state or wrench
+            that is not finite is answered with what was told last, status `held`.
+
+        Raises:
+            InvalidValueError: The wrench is not six numbers, or the very first state is not finite.
+        """
+        wanted = _wrench(wrench)
+        if not (valid_state(state) and math.isfinite(float(wanted @ wanted))):
+            if self._last is None:
+                raise InvalidValueError("state, wrench", (state, wrench), "finite numbers and a unit quaternion")
+            thrust, vectoring, allocation = self._last
+            return thrust, vectoring, replace(allocation, status=AllocationStatus.HELD)
+        memory = self._memory or fresh_rotors(state.vectoring, vectoring_to_force(state.thrust, state.vectoring))
+        snapshot = self._model.snapshot(state.joint_position, quat_to_matrix(state.quat_wb), state.vectoring)
+        mode = self._allocator.mode("flight" if avoid_interference else "flight_unrestricted")
+        demand, lock, bounds = flight_demand(
+            memory, mode, snapshot, state.vectoring, wanted, lost_thrust=lost_thrust, lost_vectoring=lost_vectoring,
+            interference_config=self._config.interference, lock_config=self._lock_config,
+        )  # fmt: skip
+        allocation = self._allocator.allocate(demand, mode.name, memory.forces_l)
+        vectoring = rate_limit_vectoring(allocation.forces_l, lock, memory.vectoring, self._turn)
+        self._memory = RotorMemory(lock, bounds, vectoring, allocation.forces_l)
+        self._last = allocation.thrust, vectoring, allocation
+        return self._last
+
+
+def _wrench(numbers: ArrayLike) -> Wrench:
+    try:
+        wrench = np.asarray(numbers, float)
+    except (TypeError, ValueError):
+        wrench = np.zeros(0)
+    if wrench.shape != (6,):
+        raise InvalidValueError("wrench", numbers, "force [N] and torque [Nm], 6 numbers")
+    return wrench

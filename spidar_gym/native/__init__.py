@@ -1,0 +1,1 @@
+"""The onboard core behind Python: sources shared with the robot, bindings, generators."""

@@ -1,0 +1,1 @@
+"""What is generated into C: headers, and solvers of the programs."""

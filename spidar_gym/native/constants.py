@@ -1,0 +1,149 @@
+"""What the onboard core shares with Python besides structs: sizes, numbers and enumerations, each written in Python."""
+
+import re
+from dataclasses import dataclass
+from types import ModuleType
+
+from spidar_gym import so3, state
+from spidar_gym.control import rotors
+from spidar_gym.control.allocation import allocator, cone, contact, modes, problem, solver
+from spidar_gym.control.allocation.allocator import AllocationStatus
+from spidar_gym.control.allocation.blocks import (
+    InterferenceBound,
+    JointTorqueEffort,
+    JointTorqueLimit,
+    ThrustBox,
+    ThrustEffort,
+    VectoringLock,
+    WrenchBalance,
+)
+from spidar_gym.control.allocation.contact import ContactWrenchRange, FootEffort, FrictionPyramid, PowerEffort
+from spidar_gym.control.allocation.modes import ALLOCATIONS, PROJECTION, ground_modes
+from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Mode
+from spidar_gym.control.crawl import controller as crawl_controller
+from spidar_gym.control.crawl import footsteps, gait, pose2
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.phases import CYCLE, LIFT, PHASES, STAND
+from spidar_gym.control.estimator import HISTORY
+from spidar_gym.control.flight import centroidal, compensation, observation
+from spidar_gym.control.flight import controller as flight_controller
+from spidar_gym.model import rotor
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
+from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
+
+MAX_N = MAX_M = 80
+"""Unknowns and rows of the largest program, softened ones included."""
+MAX_SIDES = 2 * MAX_M + N_ROTORS
+"""Sides of rows and thrust spheres of the largest program."""
+MAX_STEPS = 256
+"""Steps that the gait has room for."""
+N_ANGLES = N_JOINTS + 2 * N_ROTORS
+"""Angles that the encoders tell."""
+MAX_OBSERVATION, MAX_ACTION, MAX_WIDTH = 512, 24, 1024
+"""Numbers that a policy sees and answers at most, and those of the widest layer between them."""
+SIZES = {
+    "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
+    "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
+    "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "POSE_FRAMES": POSE_FRAMES,
+    "IMU_SAMPLES": IMU_SAMPLES,
+}  # fmt: skip
+"""Whole numbers by their names in C without `SP_`."""
+NUMBERS: tuple[tuple[str, ModuleType | type, tuple[str, ...]], ...] = (
+    ("", flight_controller, ("CONTROL_RATE",)),
+    ("", observation, ("NO_NEXT_FORM",)),
+    ("", state, ("LEAST_QUATERNION",)),
+    ("", so3, ("SMALL_ANGLE", "SMALL_SINE")),
+    ("", rotor, ("MIN_FORCE", "TURN_BIAS")),
+    ("", rotors, ("NARROW",)),
+    ("", centroidal, ("MISSED_FORCE", "MISSED_TORQUE")),
+    ("", compensation, ("MAX_EXTERNAL_FORCE", "MAX_EXTERNAL_TORQUE")),
+    ("", problem, ("FORCE_SCALE", "WRENCH_SCALE", "TORQUE_SCALE", "INFINITY")),
+    ("", solver, ("DUAL_TOLERANCE", "RHO", "OTHER_RHO", "ROUNDS", "MORE_ROUNDS", "ROW_TOLERANCE")),
+    ("", allocator, ("LEAST_NORM", "SIDE_TOLERANCE", "SPHERE_TOLERANCE")),
+    ("CONE_", cone, ("MAX_STEPS", "ROWS", "PRODUCT", "GRADIENT", "LOOSE", "PROOF", "FAR", "SHORT", "TINY")),
+    ("", modes, ("AS_FLOWN_THRUST",)),
+    ("FOOT_EFFORT_", contact.FootEffort, ("weight",)),
+    ("FRICTION_PYRAMID_", contact.FrictionPyramid, ("min_normal",)),
+    ("", contact, ("LEAST_THRUST",)),
+    ("", crawl_controller, ("EFFORT_SHARE",)),
+    ("", footsteps, ("MOST_STRIDE", "BISECTIONS")),
+    ("", pose2, ("STRAIGHT",)),
+    ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
+                     "LEAST_LIFT", "TRIAL")),
+)  # fmt: skip
+"""Prefix in C, where the numbers are, and their names there."""
+
+
+def program_modes() -> dict[str, Mode]:
+    """The modes that the core solves by name, in the order of its `sp_program_kind`; patterns alone count."""
+    c = CrawlerConfig()
+    flight = {name: allocation["flight"] for name, allocation in ALLOCATIONS.items()}
+    ground = ground_modes(
+        power=c.power, torque_weight=c.torque_weight, torque_limit=c.torque_limit, foot_friction=c.foot_friction,
+        peg_friction=c.peg_friction, min_normal=c.min_normal,
+    )  # fmt: skip
+    return {**flight, PROJECTION.name: PROJECTION, **ground}
+
+
+PROGRAMS = tuple(program_modes())
+"""Programs of the core in its order; on the ground they are the allocation modes' names."""
+COSTS = (ThrustEffort, PowerEffort, JointTorqueEffort, FootEffort)
+"""Blocks of cost in the core's order."""
+ROWS = (
+    WrenchBalance, ThrustBox, JointTorqueLimit, VectoringLock, InterferenceBound, ContactWrenchRange, FrictionPyramid,
+)  # fmt: skip
+"""Blocks of rows in the core's order."""
+STEPS = {"cycle": CYCLE, "lift": LIFT, "stand": STAND}
+"""Kinds of a gait's steps in the core's order, with their phases."""
+CHANNELS = ("wrench", "joint_offset", "joint_speed_scale", "forces", "gait", "leg_forces")
+"""What the entries of a policy's action are: channels, in this order; in C each is a bit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Enumeration:
+    """Words that are numbers in C."""
+
+    name: str
+    """Name of the type without `sp_`."""
+    doc: str
+    """What is enumerated."""
+    words: tuple[str, ...]
+    """The words in order."""
+    prefix: str = ""
+    """What stands between `SP_` and a word."""
+    values: tuple[int, ...] = ()
+    """Their numbers; from 0 on if not given."""
+    count: str = ""
+    """Name of how many there are, if anybody asks."""
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Number of each word."""
+        return dict(zip(self.words, self.values or range(len(self.words)), strict=True))
+
+
+def snake(name: str) -> str:
+    """RobotState → robot_state."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+def _blocks(none: str, kinds: tuple[type, ...]) -> tuple[str, ...]:
+    """Words for classes of blocks: NO_COST, THRUST_EFFORT …, and for none of them."""
+    return (none, *(snake(kind.__name__) for kind in kinds))
+
+
+ENUMERATIONS = {
+    each.name: each
+    for each in (
+        Enumeration("cost_kind", "Blocks of cost.", _blocks("no_cost", COSTS)),
+        Enumeration("rows_kind", "Blocks of rows.", _blocks("no_rows", ROWS)),
+        Enumeration("program_kind", "Programs, each with a workspace.", PROGRAMS, "PROGRAM_", count="PROGRAMS"),
+        Enumeration("status", "How a tick was answered, best first.", tuple(AllocationStatus)),
+        Enumeration("phases", "What a step of the gait runs through.", tuple(STEPS)),
+        Enumeration("phase", "Phases of the gait.", PHASES),
+        Enumeration("channel", "What the entries of a policy's action are, in this order.", CHANNELS, "CHANNEL_",
+                    tuple(1 << k for k in range(len(CHANNELS)))),
+        Enumeration("policy_target", "What a policy adds to.", ("none", "flight", "crawl"), "POLICY_", (-1, 0, 1)),
+    )
+}  # fmt: skip
+"""By name of the type without `sp_`."""

@@ -1,0 +1,247 @@
+/* Demand → forces: closed form, OSQP, the thrust spheres, softened rows, previous forces, in that order. */
+#include "spidar_core.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
+#include "spidar_solvers.h" /* generated: a workspace of OSQP for each pattern */
+
+/* A cold-started solution: x, multipliers (0 where there are none), iterations; 1 solved, 0 not, −1 proven infeasible.
+ *
+ * Vectors before matrices, the solver's own scaling off, ρ as it was made: the result depends on the program alone.
+ * Where it found none, the solver's NaN is a large finite number, so only the status counts.
+ */
+static int solve(const sp_solver *kept, const sp_program *p, double rho, int max_iter, double tolerance,
+                 sp_workspace *work, double *x, double *duals, int32_t *iterations)
+{
+    OSQPSolver *solver = kept->solver;
+    sp_zero(x, p->n);
+    sp_zero(duals, p->m);
+    *iterations = 0;
+    for (int k = 0; k < kept->P_count; k++) work->Px[k] = p->P[kept->P_at[k]];
+    for (int k = 0; k < kept->A_count; k++) work->Ax[k] = p->A[kept->A_at[k]];
+    solver->settings->max_iter = max_iter;
+    solver->settings->eps_abs = tolerance;
+    if (osqp_update_data_vec(solver, p->q, p->l, p->u) != 0) return 0;
+    if (osqp_update_data_mat(solver, work->Px, NULL, kept->P_count, work->Ax, NULL, kept->A_count) != 0) return 0;
+    if (rho != SP_RHO) osqp_update_rho(solver, rho);
+    osqp_cold_start(solver);
+    osqp_solve(solver);
+    int status = (int)solver->info->status_val;
+    *iterations = (int32_t)solver->info->iter;
+    if (rho != SP_RHO || solver->info->rho_updates || status != OSQP_SOLVED) osqp_update_rho(solver, SP_RHO);
+    sp_copy(x, solver->solution->x, p->n);
+    if (status == OSQP_SOLVED || status == OSQP_MAX_ITER_REACHED) sp_copy(duals, solver->solution->y, p->m);
+    return status == OSQP_SOLVED ? 1 : status == OSQP_PRIMAL_INFEASIBLE ? -1 : 0;
+}
+
+/* +1 for rows that x brings to their upper bound, −1 for the lower: a guess of the active rows. */
+static void sides(const sp_program *p, const double *x, double *guess)
+{
+    for (int i = 0; i < p->m; i++) {
+        double r = 0.0;
+        for (int k = 0; k < p->n; k++) r += p->A[i * p->n + k] * x[k];
+        guess[i] = (p->u[i] - r < SP_SIDE_TOLERANCE ? 1.0 : 0.0) - (r - p->l[i] < SP_SIDE_TOLERANCE ? 1.0 : 0.0);
+    }
+}
+
+static int finite_program(const sp_program *p)
+{
+    return sp_finite(p->P, p->n * p->n) && sp_finite(p->q, p->n) && sp_finite(p->A, p->m * p->n) &&
+           sp_finite(p->l, p->m) && sp_finite(p->u, p->m);
+}
+
+/* The forces with zeros for what is not finite, within the sphere. */
+static void within_sphere(const double *forces_l, double *held)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double f[3];
+        for (int k = 0; k < 3; k++) f[k] = sp_finite(forces_l + 3 * i + k, 1) ? forces_l[3 * i + k] : 0.0;
+        double shrink = sp_min(1.0, SP_MAX_THRUST / sp_max(sp_norm(f), SP_LEAST_NORM));
+        for (int k = 0; k < 3; k++) held[3 * i + k] = f[k] * shrink;
+    }
+}
+
+/* What the forces f (n) amount to; what rounding left beyond the sphere is taken off. */
+static void answer(const sp_mode *mode, const sp_demand *d, const double *f, sp_allocation *a)
+{
+    int n = mode->n;
+    double all[SP_UNKNOWNS];
+    sp_copy(all, f, n);
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double *own = all + 3 * i;
+        if (d->lost[i]) sp_zero(own, 3);
+        double norm = sp_norm(own);
+        if (norm > SP_MAX_THRUST) {
+            double shrink = sp_min(1.0, SP_MAX_THRUST / sp_max(norm, SP_LEAST_NORM));
+            for (int k = 0; k < 3; k++) own[k] *= shrink;
+        }
+        a->thrust[i] = sp_min(norm, SP_MAX_THRUST);
+    }
+    sp_copy(a->forces_l, all, SP_FORCES);
+    sp_zero(a->foot_forces_f, 3 * SP_LEGS);
+    if (n > SP_FORCES) sp_copy(a->foot_forces_f, all + SP_FORCES, 3 * SP_LEGS);
+    for (int r = 0; r < 6; r++) {
+        double sum = 0.0;
+        for (int k = 0; k < n; k++) sum += d->thrust_map[r * n + k] * all[k];
+        a->wrench[r] = sum;
+        a->unallocated_wrench[r] = d->wrench[r] - sum;
+    }
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double sum = 0.0;
+        for (int k = 0; k < n; k++) sum += d->torque_map[j * n + k] * all[k];
+        a->joint_torques[j] = d->gravity_torque[j] - sum;
+    }
+}
+
+/* The previous forces; of the feet nothing is known. */
+static void hold_forces(const sp_mode *mode, const sp_demand *d, const double *previous_l, sp_allocation *a)
+{
+    double held[SP_UNKNOWNS], unmet = 0.0;
+    sp_zero(held, SP_UNKNOWNS);
+    within_sphere(previous_l, held);
+    a->status = SP_HELD;
+    answer(mode, d, held, a);
+    for (int r = 0; r < 6; r++) {
+        double miss = 0.0;
+        for (int k = 0; k < mode->n; k++) miss += d->thrust_map[r * mode->n + k] * held[k];
+        miss = fabs(d->wrench[r] - miss) / SP_WRENCH_SCALE;
+        if (!(miss <= unmet)) unmet = miss;
+    }
+    a->slack = sp_finite(&unmet, 1) ? unmet : SP_INFINITY;
+}
+
+/* The largest ‖f_i‖, in units of λ̄. */
+static double largest_thrust(const double *x)
+{
+    double largest = 0.0;
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double norm = sp_norm(x + 3 * i);
+        if (!(norm <= largest)) largest = norm;
+    }
+    return largest;
+}
+
+/* The program's own optimum x; 0 where there is none. The status is projected where the spheres have to be looked at,
+ * held where a number is not finite.
+ */
+static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t *guess, int guess_rows,
+                        const sp_allocator_config *config, sp_workspace *work, double *x, sp_allocation *a)
+{
+    double duals[SP_MAX_M], first[SP_MAX_N];
+    const double rhos[2] = {SP_RHO, SP_OTHER_RHO};
+    int found = 0;
+    int32_t more = 0;
+    a->status = SP_CLOSED_FORM;
+    if (guess_rows > 0 && guess_rows == p->m) {
+        for (int i = 0; i < p->m; i++) duals[i] = guess[i];
+        found = sp_closed_form(p, duals, SP_ROUNDS, SP_ROW_TOLERANCE, work, x);
+    }
+    if (!found) found = sp_closed_form(p, NULL, SP_ROUNDS, SP_ROW_TOLERANCE, work, x);
+    if (!found && !finite_program(p)) {
+        a->status = SP_HELD;
+        return 0;
+    }
+    for (int attempt = 0; attempt < 2 && !found; attempt++) {
+        int result = solve(&SP_SOLVERS[mode->kind].hard, p, rhos[attempt], config->max_iter, config->tolerance, work,
+                           first, duals, &more);
+        int solved = result == 1 && sp_violation(p, first) <= config->check_tolerance;
+        a->iterations += more;
+        found = sp_closed_form(p, duals, SP_MORE_ROUNDS, SP_ROW_TOLERANCE, work, x);
+        if (!found && !solved) {
+            sides(p, first, duals);
+            found = sp_closed_form(p, duals, SP_MORE_ROUNDS, SP_ROW_TOLERANCE, work, x);
+        }
+        if (!found && solved) sp_copy(x, first, p->n);
+        if (solved) a->status = SP_SOLVED, found = 1;
+        if (result == -1) break;
+    }
+    if (!found || !(largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE)) a->status = SP_PROJECTED;
+    return found;
+}
+
+/* The optimum x within the spheres, of the softened rows if need be; 0 where there is none.
+ *
+ * cube: whether the program's own optimum is known, and leaves them.
+ */
+static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, const sp_allocator_config *config,
+                          sp_workspace *work, double *x, sp_allocation *a)
+{
+    int32_t more = 0, rows[SP_MAX_M];
+    int found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &more);
+    a->iterations += more;
+    if (found) {
+        if (!cube && largest_thrust(x) < 1.0 - SP_SIDE_TOLERANCE) a->status = SP_SOLVED; /* it is the cube's too */
+        return 1;
+    }
+    int count = sp_soft_rows(mode, rows);
+    a->status = SP_SOFTENED;
+    if (!cube) {
+        double duals[SP_MAX_M];
+        sp_program *soft = &work->soft;
+        sp_soften(p, rows, count, config->price, soft);
+        int result = solve(&SP_SOLVERS[mode->kind].soft, soft, SP_RHO, config->max_iter, config->tolerance, work, x,
+                           duals, &more);
+        a->iterations += more;
+        found = sp_closed_form(soft, duals, SP_MORE_ROUNDS, SP_ROW_TOLERANCE, work, x) ||
+                (result == 1 && sp_violation(soft, x) <= config->check_tolerance);
+        if (found && largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE) {
+            for (int k = p->n; k < soft->n; k++) a->slack = sp_max(a->slack, fabs(x[k]));
+            return 1;
+        }
+    }
+    found = sp_sphere_optimum(p, rows, count, config->price, work, x, &more);
+    a->iterations += more;
+    if (found) a->slack = sp_violation(p, x);
+    return found;
+}
+
+void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
+                 int guess_rows, int keep_active, const sp_allocator_config *config, sp_workspace *work,
+                 sp_allocation *a)
+{
+    sp_program *p = &work->program;
+    double x[SP_MAX_N], guessed[SP_MAX_M], f[SP_UNKNOWNS];
+    a->iterations = 0;
+    a->slack = 0.0;
+    a->rows = 0;
+    sp_assemble(mode, demand, p);
+    int found = cube_optimum(mode, p, guess, guess_rows, config, work, x, a);
+    if (a->status == SP_PROJECTED) found = within_spheres(mode, p, found, config, work, x, a);
+    if (!found) {
+        hold_forces(mode, demand, previous_l, a);
+        return;
+    }
+    for (int k = 0; k < p->n; k++) f[k] = SP_FORCE_SCALE * x[k];
+    answer(mode, demand, f, a);
+    if (keep_active) {
+        sides(p, x, guessed);
+        a->rows = p->m;
+        for (int i = 0; i < p->m; i++) a->active[i] = (int32_t)guessed[i];
+    }
+}
+
+/* The valid forces nearest to `wish_l`: the rows of the projection and the thrust sphere hold, the wrench balance not. */
+void sp_project(const sp_mode *projection, const sp_demand *demand, const double *wish_l, const double *previous_l,
+                const sp_allocator_config *config, sp_workspace *work, sp_allocation *a)
+{
+    sp_program *p = &work->program;
+    double x[SP_MAX_N], f[SP_FORCES];
+    int32_t more = 0;
+    a->iterations = 0;
+    a->slack = 0.0;
+    a->rows = 0;
+    sp_assemble(projection, demand, p);
+    for (int k = 0; k < SP_FORCES; k++) p->q[k] = -wish_l[k] / SP_FORCE_SCALE;
+    int found = cube_optimum(projection, p, NULL, 0, config, work, x, a);
+    if (a->status == SP_PROJECTED) { /* here the spheres are part of what is asked */
+        found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &more);
+        a->iterations += more;
+        a->status = SP_SOLVED;
+    }
+    if (!found) {
+        hold_forces(projection, demand, previous_l, a);
+        a->slack = 0.0;
+        return;
+    }
+    for (int k = 0; k < SP_FORCES; k++) f[k] = SP_FORCE_SCALE * x[k];
+    answer(projection, demand, f, a);
+}

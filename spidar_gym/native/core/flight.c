@@ -1,0 +1,454 @@
+/* The flight controller: snapshot, wrench, allocation, vectoring, joint targets. */
+#include "spidar_core.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
+
+/* ---- centroidal control [Zhao2025, Eq. 6-8] ---- */
+
+static double pid(const double *gains, double error, double integral, double rate, double max_error, double max_term)
+{
+    double p = sp_clip(gains[0] * sp_clip(error, -max_error, max_error), -max_term, max_term);
+    return p + sp_clip(gains[1] * integral, -max_term, max_term) + sp_clip(gains[2] * rate, -max_term, max_term);
+}
+
+static void desired_wrench(const sp_control_state *control, const double *omega_b, const sp_flight_memory *memory,
+                           const sp_centroidal_config *c, double *wrench)
+{
+    const sp_motion_error *e = &control->error;
+    const sp_snapshot *s = &control->snapshot;
+    double a[3], alpha[3], h[3], gyro[3], limit = c->max_angular_acceleration;
+    for (int k = 0; k < 3; k++) {
+        double most = c->max_acceleration[k];
+        a[k] = sp_clip(pid(c->position_gains + 3 * k, e->position_w[k], memory->position_integral_w[k],
+                           e->velocity_w[k], c->max_position_error[k], c->max_term[k]), -most, most);
+        alpha[k] = sp_clip(pid(c->attitude_gains + 3 * k, e->attitude[k], memory->attitude_integral[k], e->omega_b[k],
+                               c->max_attitude_error[k], limit), -limit, limit);
+    }
+    a[2] += SP_GRAVITY;
+    sp_apply_t(control->R_wb, a, wrench);
+    for (int k = 0; k < 3; k++) wrench[k] *= s->mass;
+    sp_apply(s->inertia_c, alpha, wrench + 3);
+    sp_apply(s->inertia_c, omega_b, h);
+    sp_cross(omega_b, h, gyro);
+    for (int k = 0; k < 3; k++) wrench[3 + k] += gyro[k];
+}
+
+/* ∫e + e dt on the axes whose unallocated demand is below `threshold` or opposed to the error. */
+static double advance_integral(double integral, double error, double missing, double threshold, double dt)
+{
+    return fabs(missing) > threshold && missing * error > 0.0 ? integral : integral + dt * error;
+}
+
+static void integrate(sp_flight_memory *memory, const sp_motion_error *e, double dt, double max_speed)
+{
+    for (int k = 0; k < 3; k++) {
+        if (!(fabs(e->velocity_w[k]) > max_speed))
+            memory->position_integral_w[k] =
+                advance_integral(memory->position_integral_w[k], e->position_w[k], memory->unallocated_w[k],
+                        SP_MISSED_FORCE, dt);
+        memory->attitude_integral[k] =
+            advance_integral(memory->attitude_integral[k], e->attitude[k], memory->unallocated_torque[k],
+                                               SP_MISSED_TORQUE, dt);
+    }
+}
+
+/* Errors of the CoG's motion, desired − actual [Zhao2025, Eq. 6, 7]. */
+static void motion_error(const sp_robot_state *state, const sp_reference *reference, const sp_snapshot *s,
+                         const double *R_wb, sp_motion_error *e)
+{
+    double relative[3], turned[3], R_d[9], R_e[9], offset[3];
+    for (int i = 0; i < 3; i++) {
+        double v = 0.0;
+        for (int j = 0; j < SP_JOINTS; j++) v += s->momentum_map[SP_JOINTS * i + j] * state->joint_velocity[j];
+        relative[i] = v / s->mass;
+    }
+    sp_cross(state->omega_b, s->com_b, turned);
+    for (int i = 0; i < 3; i++) relative[i] += turned[i];
+    sp_apply(R_wb, s->com_b, offset);
+    for (int i = 0; i < 3; i++) e->position_w[i] = reference->position_w[i] - state->position_w[i] - offset[i];
+    sp_apply(R_wb, relative, offset);
+    for (int i = 0; i < 3; i++) e->velocity_w[i] = reference->velocity_w[i] - state->velocity_w[i] - offset[i];
+    sp_from_quat(reference->quat_wb, R_d);
+    sp_product_t(R_wb, R_d, R_e);
+    e->attitude[0] = 0.5 * (R_e[7] - R_e[5]);
+    e->attitude[1] = 0.5 * (R_e[2] - R_e[6]);
+    e->attitude[2] = 0.5 * (R_e[3] - R_e[1]);
+    sp_apply(R_e, reference->omega_b, e->omega_b);
+    for (int i = 0; i < 3; i++) e->omega_b[i] -= state->omega_b[i];
+}
+
+/* ---- what goes beyond the paper's quasi-static control ---- */
+
+static void fresh_compensation(sp_compensation_memory *m, const double *joint_position)
+{
+    memset(m, 0, sizeof *m);
+    sp_copy(m->servo_position, joint_position, SP_JOINTS);
+}
+
+/* h (3) of the legs about the CoG by a joint velocity. */
+void sp_leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
+{
+    for (int i = 0; i < 3; i++) {
+        double sum = 0.0;
+        for (int j = 0; j < SP_JOINTS; j++) sum += s->momentum_map[SP_JOINTS * (3 + i) + j] * velocity[j];
+        h[i] = sum;
+    }
+}
+
+/* Critically damped second-order servo one tick later, exactly, for a command that is held. */
+static void servo_response(sp_compensation_memory *m, const double *command, double bandwidth, double dt)
+{
+    double decay = exp(-bandwidth * dt);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double e = m->servo_position[j] - command[j], slope = m->servo_velocity[j] + bandwidth * e;
+        m->servo_position[j] = command[j] + decay * (e + dt * slope);
+        m->servo_velocity[j] = decay * (m->servo_velocity[j] - bandwidth * dt * slope);
+    }
+}
+
+/* Torque that changes the legs' angular momentum as their motion wants it [Orin2013]. */
+static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, const double *omega_b,
+                            const sp_compensation_config *c, double dt)
+{
+    double h[3], gyro[3], share = c->momentum_filter > 0.0 ? 1.0 - exp(-dt / c->momentum_filter) : 1.0;
+    sp_leg_momentum(s, m->servo_velocity, h);
+    sp_cross(omega_b, h, gyro);
+    for (int i = 0; i < 3; i++) {
+        double wanted = (m->has_momentum ? (h[i] - m->momentum[i]) / dt : 0.0) + gyro[i];
+        m->torque[i] += share * (wanted - m->torque[i]);
+        m->momentum[i] = h[i];
+    }
+    m->has_momentum = 1;
+}
+
+/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006]. */
+static void observe_wrench(const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
+                           const double *velocity_w, const double *allocated, const sp_compensation_config *c,
+                           double dt)
+{
+    double L[3], h[3], momentum[6], asked[6];
+    sp_apply(s->inertia_c, omega_b, L);
+    sp_leg_momentum(s, m->servo_velocity, h);
+    for (int i = 0; i < 3; i++) L[i] += h[i], momentum[i] = s->mass * velocity_w[i];
+    sp_apply(R_wb, L, momentum + 3);
+    sp_apply(R_wb, allocated, asked);
+    sp_apply(R_wb, allocated + 3, asked + 3);
+    if (!m->has_observed) {
+        sp_copy(m->delivered_w, asked, 6);
+    } else {
+        double lag = c->observer_lag > 0.0 ? 1.0 - exp(-dt / c->observer_lag) : 1.0;
+        double share = 1.0 - exp(-dt / c->observer_time);
+        for (int i = 0; i < 6; i++) {
+            m->delivered_w[i] += lag * (asked[i] - m->delivered_w[i]);
+            double residual = (momentum[i] - m->observed_momentum[i]) / dt - m->delivered_w[i];
+            if (i == 2) residual += s->mass * SP_GRAVITY;
+            double bound = i < 3 ? SP_MAX_EXTERNAL_FORCE : SP_MAX_EXTERNAL_TORQUE;
+            m->external_w[i] = sp_clip(m->external_w[i] + share * (residual - m->external_w[i]), -bound, bound);
+        }
+    }
+    sp_copy(m->observed_momentum, momentum, 6);
+    m->has_observed = 1;
+}
+
+/* What the compensations add to the desired wrench; `joints` is the new q^d. */
+static void compensate(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *joints,
+                       double *wrench)
+{
+    const sp_compensation_config *c = &f->config.compensation;
+    sp_compensation_memory *m = &f->memory.compensation;
+    const sp_control_state *control = &f->control;
+    if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0)) return;
+    if (c->observer_gain != 0.0 && f->ticked) {
+        double velocity_w[3];
+        for (int i = 0; i < 3; i++) velocity_w[i] = reference->velocity_w[i] - control->error.velocity_w[i];
+        observe_wrench(&control->snapshot, m, control->R_wb, state->omega_b, velocity_w, f->allocation.wrench, c,
+                       f->dt);
+    }
+    if (c->observer_gain != 0.0) {
+        double force[3], torque[3];
+        sp_apply_t(control->R_wb, m->external_w, force);
+        sp_apply_t(control->R_wb, m->external_w + 3, torque);
+        for (int i = 0; i < 3; i++) {
+            wrench[i] -= c->observer_gain * force[i];
+            wrench[3 + i] -= c->observer_gain * torque[i];
+        }
+    }
+    servo_response(m, joints, c->servo_bandwidth, f->dt);
+    if (c->momentum_gain != 0.0) {
+        momentum_torque(&control->snapshot, m, state->omega_b, c, f->dt);
+        for (int i = 0; i < 3; i++) wrench[3 + i] += c->momentum_gain * m->torque[i];
+    }
+}
+
+/* The same forces in the axes that the links will have `lead` later: what slow servos should aim at. */
+static void lead_forces(const double *forces_l, const sp_snapshot *s, const double *omega_b, const double *velocity,
+                        double lead, double *led)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double omega[3], turn[3], R[9];
+        int first = 4 * (i / 2), last = first + (i % 2 ? 4 : 2);
+        for (int k = 0; k < 3; k++) {
+            omega[k] = 0.0;
+            for (int j = first; j < last; j++) omega[k] += s->joint_axes[SP_JOINTS * k + j] * velocity[j];
+            omega[k] += omega_b[k];
+        }
+        sp_apply_t(s->R_bl[i], omega, turn);
+        for (int k = 0; k < 3; k++) turn[k] *= -lead;
+        sp_exp(turn, R);
+        sp_apply(R, forces_l + 3 * i, led + 3 * i);
+    }
+}
+
+/* ---- joint motion ---- */
+
+static double longest_of(const double *way)
+{
+    double longest = 0.0;
+    for (int j = 0; j < SP_JOINTS; j++) longest = sp_max(longest, fabs(way[j]));
+    return longest;
+}
+
+/* Next joint command and its rate: all joints together, no acceleration above speed / ramp. */
+static void ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
+                        double dt, double *following, double *rate)
+{
+    double way[SP_JOINTS], change[SP_JOINTS], longest, most, step = speed / ramp * dt, off = 0.0;
+    int moving = 0;
+    for (int j = 0; j < SP_JOINTS; j++) way[j] = target[j] - command[j], moving |= velocity[j] != 0.0;
+    longest = longest_of(way);
+    if (longest == 0.0 && !moving) {
+        sp_copy(following, command, SP_JOINTS);
+        sp_copy(rate, velocity, SP_JOINTS);
+        return;
+    }
+    /* The speed from which, losing one step a tick, the command comes to rest on the target. */
+    double far = longest / (step * dt), n = floor(sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9);
+    double reach = step * (n + (far - 0.5 * n * (n + 1.0)) / (n + 1.0));
+    double scale = longest > 0.0 ? sp_min(speed, reach) / longest : 0.0;
+    for (int j = 0; j < SP_JOINTS; j++) change[j] = way[j] * scale - velocity[j];
+    most = longest_of(change);
+    if (most > step * (1.0 + 1e-9))
+        for (int j = 0; j < SP_JOINTS; j++) change[j] *= step / most;
+    for (int j = 0; j < SP_JOINTS; j++) {
+        rate[j] = velocity[j] + change[j];
+        following[j] = command[j] + dt * rate[j];
+        off = sp_max(off, fabs(target[j] - following[j]));
+    }
+    if (off < 1e-9) sp_copy(following, target, SP_JOINTS);
+}
+
+/* Next joint command on the straight line to the target, and its rate. */
+static void plan_joints(const sp_flight *f, const double *wanted, double scale, double *following, double *rate)
+{
+    const double *command = f->memory.joint_position;
+    double target[SP_JOINTS], way[SP_JOINTS], reach = f->config.joint_speed * f->dt;
+    for (int j = 0; j < SP_JOINTS; j++) {
+        target[j] = sp_clip(wanted[j], -SP_JOINT_LIMIT, SP_JOINT_LIMIT);
+        way[j] = target[j] - command[j];
+    }
+    if (f->config.compensation.joint_ramp > 0.0) {
+        double speed = f->config.joint_speed * sp_min(1.0, sp_max(0.0, scale));
+        ramp_joints(command, f->memory.joint_velocity, target, sp_max(speed, 1e-6), f->config.compensation.joint_ramp,
+                    f->dt, following, rate);
+        return;
+    }
+    double longest = longest_of(way);
+    sp_copy(following, command, SP_JOINTS);
+    sp_zero(rate, SP_JOINTS);
+    if (longest == 0.0) return;
+    double share = sp_min(1.0, scale * reach / longest);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        following[j] = command[j] + sp_clip(way[j] * share, -reach, reach);
+        rate[j] = (following[j] - command[j]) / f->dt;
+    }
+}
+
+/* ---- the controller ---- */
+
+void sp_flight_init(sp_flight *f, const sp_controller_config *config)
+{
+    memset(f, 0, sizeof *f);
+    f->config = *config;
+    f->dt = 1.0 / config->rate_hz;
+    sp_flight_mode(config->allocation, &f->mode);
+    sp_projection_mode(&f->projection);
+    sp_no_interference(&f->memory.interference);
+}
+
+void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *joint_position, const double *trim)
+{
+    const double *joints = joint_position == NULL ? state->joint_position : joint_position;
+    sp_flight_memory *m = &f->memory;
+    memset(m, 0, sizeof *m);
+    f->ticked = 0;
+    sp_zero(f->joint_velocity, SP_JOINTS);
+    sp_no_interference(&m->interference);
+    sp_copy(m->vectoring, state->vectoring, 2 * SP_ROTORS);
+    for (int i = 0; i < SP_ROTORS; i++) m->lock.phi[i] = state->vectoring[2 * i];
+    sp_vectoring_to_force(state->thrust, state->vectoring, m->forces_l);
+    sp_copy(m->joint_position, joints, SP_JOINTS);
+    fresh_compensation(&m->compensation, joints);
+    if (trim == NULL) return;
+    /* Integrals whose terms are the wrench that is known to be needed; the observer cancels its share itself. */
+    sp_snapshot *s = &f->control.snapshot;
+    double R[9], force[3], torque[3], K[9], angular[3], share = 1.0 - f->config.compensation.observer_gain;
+    sp_from_quat(state->quat_wb, R);
+    sp_snapshot_at(joints, R, state->vectoring, s);
+    sp_apply(R, trim, force);
+    sp_apply(R, trim + 3, torque);
+    for (int i = 0; i < 3; i++) {
+        m->compensation.external_w[i] = -force[i];
+        m->compensation.external_w[3 + i] = -torque[i];
+    }
+    /* Solve I α = τ by Cramer's rule. */
+    const double *I = s->inertia_c;
+    double det = I[0] * (I[4] * I[8] - I[5] * I[7]) - I[1] * (I[3] * I[8] - I[5] * I[6]) +
+                 I[2] * (I[3] * I[7] - I[4] * I[6]);
+    K[0] = I[4] * I[8] - I[5] * I[7], K[1] = I[2] * I[7] - I[1] * I[8], K[2] = I[1] * I[5] - I[2] * I[4];
+    K[3] = I[5] * I[6] - I[3] * I[8], K[4] = I[0] * I[8] - I[2] * I[6], K[5] = I[2] * I[3] - I[0] * I[5];
+    K[6] = I[3] * I[7] - I[4] * I[6], K[7] = I[1] * I[6] - I[0] * I[7], K[8] = I[0] * I[4] - I[1] * I[3];
+    sp_apply(K, trim + 3, angular);
+    for (int i = 0; i < 3; i++) {
+        double kf = f->config.centroidal.position_gains[3 * i + 1], kt = f->config.centroidal.attitude_gains[3 * i + 1];
+        m->position_integral_w[i] = kf > 0.0 ? share * force[i] / s->mass / kf : 0.0;
+        m->attitude_integral[i] = kt > 0.0 ? share * angular[i] / det / kt : 0.0;
+    }
+}
+
+/* (φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it. */
+void sp_rest_vectoring(const sp_controller_config *config, const double *q, double *vectoring)
+{
+    double guess[2 * SP_ROTORS], nominal[2 * SP_ROTORS], level[9];
+    sp_snapshot s;
+    sp_interference none, bounds;
+    sp_lock lock, free;
+    sp_lock_config at_once = config->lock;
+    at_once.slew = HUGE_VAL;
+    sp_identity(level);
+    for (int i = 0; i < SP_ROTORS; i++) {
+        guess[2 * i] = 0.0;
+        guess[2 * i + 1] = -q[4 * (i / 2) + 1];
+        if (i % 2) guess[2 * i + 1] = -(q[4 * (i / 2) + 1] + q[4 * (i / 2) + 3]);
+    }
+    sp_snapshot_at(q, level, guess, &s);
+    sp_nominal_vectoring(&s, guess, nominal);
+    sp_no_interference(&none);
+    sp_find_interference(&s, nominal, &none, &config->interference, &bounds);
+    memset(&free, 0, sizeof free);
+    for (int i = 0; i < SP_ROTORS; i++) free.phi[i] = nominal[2 * i];
+    sp_update_lock(&free, bounds.restricted, nominal, &s, nominal, &at_once, &lock);
+    for (int i = 0; i < SP_ROTORS; i++)
+        sp_point(s.R_bl[i] + 6, nominal[2 * i], nominal[2 * i + 1], lock.active[i] ? &lock.phi[i] : NULL, 0.0,
+                 vectoring + 2 * i);
+}
+
+void sp_compute_state(const sp_robot_state *state, const sp_reference *reference, sp_control_state *control)
+{
+    sp_from_quat(state->quat_wb, control->R_wb);
+    sp_snapshot_at(state->joint_position, control->R_wb, state->vectoring, &control->snapshot);
+    motion_error(state, reference, &control->snapshot, control->R_wb, &control->error);
+}
+
+/* The last command once more, its status `held`. */
+static void hold_command(sp_flight *f, sp_command *command)
+{
+    double thrust[SP_ROTORS];
+    f->allocation.status = SP_HELD;
+    sp_zero(f->joint_velocity, SP_JOINTS);
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(f->memory.forces_l + 3 * i);
+    sp_make_command(thrust, f->memory.vectoring, f->memory.joint_position, f->config.joint_torque_limit, command);
+}
+
+/* What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted. */
+static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, sp_lock *lock,
+                        sp_interference *bounds)
+{
+    const sp_snapshot *s = &f->control.snapshot;
+    const sp_flight_memory *m = &f->memory;
+    sp_demand *d = &f->demand;
+    double nominal[2 * SP_ROTORS];
+    sp_nominal_vectoring(s, m->vectoring, nominal);
+    sp_find_interference(s, nominal, &m->interference, &f->config.interference, bounds);
+    if (reference->mode != SP_REFERENCE_MODE_FLIGHT) memset(bounds->restricted, 0, sizeof bounds->restricted);
+    sp_update_lock(&m->lock, bounds->restricted, nominal, s, m->vectoring, &f->config.lock, lock);
+    for (int i = 0; i < SP_ROTORS; i++) {
+        int gone = reference->lost_thrust[i] != 0, stuck = reference->lost_vectoring[i] != 0;
+        if (gone || stuck) {
+            lock->active[i] = (lock->active[i] || stuck) && !gone;
+            bounds->restricted[i] = (bounds->restricted[i] || stuck) && !gone;
+        }
+        if (stuck) {
+            lock->phi[i] = state->vectoring[2 * i];
+            bounds->lower[i] = state->vectoring[2 * i + 1] - SP_NARROW;
+            bounds->upper[i] = state->vectoring[2 * i + 1] + SP_NARROW;
+        }
+        d->locked[i] = lock->active[i];
+        d->phi[i] = lock->phi[i];
+        d->restricted[i] = bounds->restricted[i];
+        d->lower[i] = bounds->lower[i];
+        d->upper[i] = bounds->upper[i];
+        d->lost[i] = gone;
+        d->effort[i] = 1.0;
+    }
+    sp_copy(d->wrench, f->wrench_desired, 6);
+    sp_thrust_map(s, d->thrust_map, SP_FORCES);
+    sp_torque_map(s, d->torque_map, SP_FORCES);
+    sp_copy(d->gravity_torque, s->gravity_torque, SP_JOINTS);
+    for (int leg = 0; leg < SP_LEGS; leg++) d->lifted[leg] = 1;
+    sp_zero(d->com_b, 3);
+    sp_identity(d->R_bf);
+}
+
+/* One control tick; `control` where the caller has it already, else NULL. */
+void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
+                    const sp_residual *residual, const sp_control_state *control, sp_command *command)
+{
+    sp_flight_memory *m = &f->memory;
+    if (!sp_valid_state(state) || !sp_valid_reference(reference)) {
+        hold_command(f, command);
+        return;
+    }
+    if (residual != NULL && !sp_valid_residual(residual)) residual = NULL;
+    if (control == NULL) sp_compute_state(state, reference, &f->control);
+    else f->control = *control;
+    double target[SP_JOINTS], joints[SP_JOINTS], speed[SP_JOINTS], led[SP_FORCES];
+    const double *forces, lead = f->config.compensation.vectoring_lead;
+    sp_lock lock;
+    sp_interference bounds;
+    for (int j = 0; j < SP_JOINTS; j++)
+        target[j] = reference->joint_target[j] + (residual == NULL ? 0.0 : residual->joint_offset[j]);
+    plan_joints(f, target, residual == NULL ? 1.0 : residual->joint_speed_scale, joints, speed);
+    integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
+    desired_wrench(&f->control, state->omega_b, m, &f->config.centroidal, f->wrench_desired);
+    compensate(f, state, reference, joints, f->wrench_desired);
+    if (residual != NULL)
+        for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
+    flight_demand(f, state, reference, &lock, &bounds);
+    sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, 0, &f->config.allocator, &f->workspace, &f->allocation);
+    if (residual != NULL && residual->has_forces_l) {
+        double wish[SP_FORCES], any = 0.0;
+        for (int k = 0; k < SP_FORCES; k++) {
+            wish[k] = f->allocation.forces_l[k] + residual->forces_l[k];
+            any = sp_max(any, fabs(residual->forces_l[k]));
+        }
+        if (any > 0.0)
+            sp_project(&f->projection, &f->demand, wish, m->forces_l, &f->config.allocator, &f->workspace,
+                       &f->allocation);
+    }
+    forces = f->allocation.forces_l;
+    if (lead > 0.0) {
+        lead_forces(forces, &f->control.snapshot, state->omega_b, m->compensation.servo_velocity, lead, led);
+        forces = led;
+    }
+    sp_follow(forces, &lock, m->vectoring, SP_MAX_VECTORING_SPEED * f->dt, m->vectoring);
+    m->lock = lock;
+    m->interference = bounds;
+    sp_copy(m->forces_l, f->allocation.forces_l, SP_FORCES);
+    sp_copy(m->joint_position, joints, SP_JOINTS);
+    sp_copy(m->joint_velocity, speed, SP_JOINTS);
+    sp_copy(f->joint_velocity, speed, SP_JOINTS);
+    sp_apply(f->control.R_wb, f->allocation.unallocated_wrench, m->unallocated_w);
+    sp_copy(m->unallocated_torque, f->allocation.unallocated_wrench + 3, 3);
+    f->ticked = 1;
+    sp_make_command(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
+}

@@ -1,0 +1,71 @@
+/* What gait and legs share: planar poses (x, y, yaw), and where the legs are. */
+#ifndef SPIDAR_GROUND_H
+#define SPIDAR_GROUND_H
+
+#include "spidar_core.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
+
+/* ---- planar poses ---- */
+
+/* This pose, then `next` seen from it. */
+static inline sp_pose2 then(sp_pose2 pose, sp_pose2 next)
+{
+    double c = cos(pose.yaw), s = sin(pose.yaw);
+    sp_pose2 sum = {pose.x + c * next.x - s * next.y, pose.y + s * next.x + c * next.y, pose.yaw + next.yaw};
+    return sum;
+}
+
+static inline sp_pose2 inverse(sp_pose2 pose)
+{
+    double c = cos(pose.yaw), s = sin(pose.yaw);
+    sp_pose2 back = {-c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw};
+    return back;
+}
+
+/* The pose after a share of the arc of constant curvature that leads to this pose. */
+static inline sp_pose2 arc(sp_pose2 pose, double share)
+{
+    if (fabs(pose.yaw) < SP_STRAIGHT) {
+        sp_pose2 part = {share * pose.x, share * pose.y, share * pose.yaw};
+        return part;
+    }
+    double half = 0.5 * pose.yaw, k = half / tan(half);
+    double vx = k * pose.x + half * pose.y, vy = -half * pose.x + k * pose.y, a = share * pose.yaw;
+    double s = sin(a) / pose.yaw, c = (1.0 - cos(a)) / pose.yaw;
+    sp_pose2 part = {s * vx - c * vy, c * vx + s * vy, a};
+    return part;
+}
+
+/* Points (4, 3) seen from this pose, seen from the origin, `dz` higher. */
+static inline void move_points(sp_pose2 pose, const double *points, double dz, double *moved)
+{
+    double c = cos(pose.yaw), s = sin(pose.yaw);
+    for (int i = 0; i < SP_LEGS; i++) {
+        double x = points[3 * i], y = points[3 * i + 1];
+        moved[3 * i] = c * x - s * y + pose.x;
+        moved[3 * i + 1] = s * x + c * y + pose.y;
+        moved[3 * i + 2] = points[3 * i + 2] + dz;
+    }
+}
+
+static inline sp_pose2 planar_pose(const double *position_w, const double *R)
+{
+    sp_pose2 pose = {position_w[0], position_w[1], atan2(R[3], R[0])};
+    return pose;
+}
+
+static inline double length(double x, double y) { return sqrt(x * x + y * y); }
+
+static inline double wrapped(double angle) { return remainder(angle, SP_TWO_PI); }
+
+/* ---- legs ---- */
+
+#define UPPER (SP_YAW_TO_PITCH + SP_PITCH_TO_YAW)
+#define LOWER SP_PITCH_TO_FOOT
+
+static inline double azimuth(int leg) { return SP_PI / 4.0 + leg * SP_HALF_PI; }
+
+static inline int centred(const sp_gait_config *c) { return c->stride == SP_GAIT_CONFIG_STRIDE_CENTRED; }
+
+#endif

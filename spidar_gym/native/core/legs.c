@@ -1,0 +1,85 @@
+/* Legs on the ground: what reaches where, and how far a stride can go. */
+#include "ground.h"
+
+/* Joint angles that put the feet there, knees up, outer yaw 0; 0 out of reach. */
+int sp_leg_angles(const double *feet_b, double *q)
+{
+    double found[SP_JOINTS];
+    sp_zero(found, SP_JOINTS);
+    for (int leg = 0; leg < SP_LEGS; leg++) {
+        double a = azimuth(leg), dx = feet_b[3 * leg] - SP_YAW_AXIS_RADIUS * cos(a);
+        double dy = feet_b[3 * leg + 1] - SP_YAW_AXIS_RADIUS * sin(a), yaw = wrapped(atan2(dy, dx) - a);
+        double out = sqrt(dx * dx + dy * dy) - SP_YAW_TO_PITCH, down = SP_YAW_AXIS_Z - feet_b[3 * leg + 2];
+        double cosine = (out * out + down * down - UPPER * UPPER - LOWER * LOWER) / (2.0 * UPPER * LOWER);
+        if (!(cosine >= -1.0 && cosine <= 1.0)) return 0;
+        double outer = acos(cosine);
+        double inner = atan2(down, out) - atan2(LOWER * sin(outer), UPPER + LOWER * cosine);
+        if (sp_max(sp_max(fabs(yaw), fabs(inner)), fabs(outer)) > SP_JOINT_LIMIT) return 0;
+        found[4 * leg] = yaw, found[4 * leg + 1] = inner, found[4 * leg + 3] = outer;
+    }
+    sp_copy(q, found, SP_JOINTS);
+    return 1;
+}
+
+/* Centres of the feet, outer yaw joints included. */
+void sp_feet_at(const double *q, double *feet_b)
+{
+    for (int leg = 0; leg < SP_LEGS; leg++) {
+        double yaw = q[4 * leg], inner = q[4 * leg + 1], twist = q[4 * leg + 2], outer = q[4 * leg + 3];
+        double a = azimuth(leg), reach = SP_YAW_TO_PITCH + SP_PITCH_TO_FOOT * cos(outer);
+        double x = SP_PITCH_TO_YAW + reach * cos(twist), y = reach * sin(twist), z = -SP_PITCH_TO_FOOT * sin(outer);
+        double out = SP_YAW_TO_PITCH + x * cos(inner) + z * sin(inner), down = -x * sin(inner) + z * cos(inner);
+        double c = cos(a + yaw), s = sin(a + yaw);
+        feet_b[3 * leg] = SP_YAW_AXIS_RADIUS * cos(a) + out * c - y * s;
+        feet_b[3 * leg + 1] = SP_YAW_AXIS_RADIUS * sin(a) + out * s + y * c;
+        feet_b[3 * leg + 2] = SP_YAW_AXIS_Z + down;
+    }
+}
+
+/* Where the feet stand under a torso on its pegs. */
+void sp_home(const sp_gait_config *c, double *home_b)
+{
+    double reach = SP_YAW_AXIS_RADIUS + SP_YAW_TO_PITCH + UPPER * cos(c->inner) + LOWER * cos(c->inner + c->outer);
+    for (int leg = 0; leg < SP_LEGS; leg++) {
+        home_b[3 * leg] = reach * cos(azimuth(leg));
+        home_b[3 * leg + 1] = reach * sin(azimuth(leg));
+        home_b[3 * leg + 2] = -SP_PEG_DEPTH + SP_FOOT_RADIUS;
+    }
+}
+
+/* Joint angles of the robot at rest. */
+int sp_lying_pose(const sp_gait_config *config, double *q)
+{
+    double home[3 * SP_LEGS];
+    sp_home(config, home);
+    return sp_leg_angles(home, q);
+}
+
+/* Whether one cycle can go this way: every foot in reach at start and end, torso down and lifted. */
+int sp_stride_fits(const sp_gait_config *c, const double *home_b, sp_pose2 way, double lift_height)
+{
+    sp_pose2 zero = {0.0, 0.0, 0.0}, ends[2] = {way, zero};
+    double heights[2] = {-c->press, lift_height}, feet[3 * SP_LEGS], q[SP_JOINTS];
+    if (centred(c)) ends[0] = arc(way, 0.5), ends[1] = arc(way, -0.5);
+    for (int e = 0; e < 2; e++)
+        for (int h = 0; h < 2; h++) {
+            move_points(ends[e], home_b, -heights[h], feet);
+            if (!sp_leg_angles(feet, q)) return 0;
+        }
+    return 1;
+}
+
+/* Largest share of `way` that one cycle can go by the legs' reach, up to SP_MOST_STRIDE. */
+double sp_largest_stride(const sp_crawl *crawl, sp_pose2 way)
+{
+    const sp_gait_config *c = &crawl->config.gait;
+    double low = 0.0, high = 1.0;
+    while (high < SP_MOST_STRIDE && sp_stride_fits(c, crawl->home_b, arc(way, high), c->lift_height))
+        low = high, high *= 2.0;
+    for (int i = 0; i < SP_BISECTIONS; i++) {
+        double middle = 0.5 * (low + high);
+        if (sp_stride_fits(c, crawl->home_b, arc(way, middle), c->lift_height)) low = middle;
+        else high = middle;
+    }
+    return low;
+}

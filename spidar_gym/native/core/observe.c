@@ -1,0 +1,98 @@
+/* What a policy sees, in the order of the layouts in Python; clipped to ± bound, single precision. */
+#include "spidar_core.h"
+#include "spidar_math.h"
+
+/* Append `n` numbers. */
+static int put(double *to, int at, const double *from, int n)
+{
+    sp_copy(to + at, from, n);
+    return at + n;
+}
+
+/* Append the sines, then the cosines, of 16 angles. */
+static int put_turns(double *to, int at, const double *angles)
+{
+    for (int i = 0; i < 2 * SP_ROTORS; i++) {
+        to[at + i] = sin(angles[i]);
+        to[at + 2 * SP_ROTORS + i] = cos(angles[i]);
+    }
+    return at + 4 * SP_ROTORS;
+}
+
+static int finish(const double *values, int n, const double *bound, float *observation)
+{
+    for (int i = 0; i < n; i++) observation[i] = (float)sp_clip(values[i], -bound[i], bound[i]);
+    return n;
+}
+
+/* The flight observation; its length. `legs` is the momentum of the legs of this and the last tick. */
+int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control_state *control, const double *thrust,
+               const double *joint_velocity, const double *leg_momentum, const double *leg_momentum_rate,
+               const double *joint_target, const double *next_form, double time_to_next, const double *previous_action,
+               int action_size, const double *bound, float *observation)
+{
+    const sp_flight_memory *m = &f->memory;
+    double v[SP_MAX_OBSERVATION], own[3];
+    int at = 0;
+    sp_apply_t(control->R_wb, control->error.position_w, own);
+    at = put(v, at, own, 3);
+    sp_apply_t(control->R_wb, control->error.velocity_w, own);
+    at = put(v, at, own, 3);
+    at = put(v, at, control->error.attitude, 3);
+    at = put(v, at, control->error.omega_b, 3);
+    at = put(v, at, state->joint_position, SP_JOINTS);
+    at = put(v, at, state->joint_velocity, SP_JOINTS);
+    at = put_turns(v, at, state->vectoring);
+    at = put(v, at, state->vectoring_velocity, 2 * SP_ROTORS);
+    for (int j = 0; j < SP_JOINTS; j++) v[at++] = joint_target[j] - m->joint_position[j];
+    at = put(v, at, joint_velocity, SP_JOINTS);
+    at = put(v, at, leg_momentum, 3);
+    at = put(v, at, leg_momentum_rate, 3);
+    at = put(v, at, m->position_integral_w, 3);
+    at = put(v, at, m->attitude_integral, 3);
+    at = put(v, at, thrust, SP_ROTORS);
+    at = put_turns(v, at, m->vectoring);
+    for (int i = 0; i < SP_ROTORS; i++) v[at++] = m->interference.restricted[i];
+    at = put(v, at, next_form, SP_JOINTS);
+    v[at++] = time_to_next;
+    at = put(v, at, previous_action, action_size);
+    return finish(v, at, bound, observation);
+}
+
+/* The crawl observation; its length. */
+int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
+                     const double *previous_action, int action_size, const double *bound, float *observation)
+{
+    const sp_crawl_memory *m = &crawl->memory;
+    const sp_gait_memory *g = &crawl->gait;
+    double v[SP_MAX_OBSERVATION], R[9], own[3];
+    int at = 0;
+    sp_from_quat(state->quat_wb, R);
+    double heading = atan2(R[3], R[0]), c = cos(heading), s = sin(heading);
+    double dx = goal[0] - state->position_w[0], dy = goal[1] - state->position_w[1];
+    v[at++] = c * dx + s * dy;
+    v[at++] = c * dy - s * dx;
+    v[at++] = sin(goal[2] - heading);
+    v[at++] = cos(goal[2] - heading);
+    at = put(v, at, R + 6, 3);
+    v[at] = 0.0;
+    for (int i = 0; i < 3; i++) v[at] += (state->position_w[i] - g->floor_w[i]) * g->floor_R[3 * i + 2];
+    at++;
+    sp_apply_t(R, state->velocity_w, own);
+    at = put(v, at, own, 3);
+    at = put(v, at, state->omega_b, 3);
+    at = put(v, at, state->joint_position, SP_JOINTS);
+    at = put(v, at, state->joint_velocity, SP_JOINTS);
+    at = put(v, at, state->joint_torque, SP_JOINTS);
+    for (int j = 0; j < SP_JOINTS; j++) v[at++] = g->plan[j] - state->joint_position[j];
+    for (int j = 0; j < SP_JOINTS; j++) v[at++] = g->target[j] - g->plan[j];
+    at = put_turns(v, at, state->vectoring);
+    at = put(v, at, thrust, SP_ROTORS);
+    at = put_turns(v, at, m->vectoring);
+    for (int k = 0; k <= SP_HOLD; k++) v[at++] = g->phase == k;
+    v[at++] = g->time;
+    v[at++] = g->share;
+    v[at++] = g->count;
+    at = put(v, at, previous_action, action_size);
+    return finish(v, at, bound, observation);
+}

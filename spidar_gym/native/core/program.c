@@ -1,0 +1,375 @@
+/* The allocation as a quadratic program: modes as data, blocks of costs and rows, the certified closed form.
+ *
+ * Unknowns x = f / λ̄; wrench rows in units of the weight, torque rows in units of the servo's limit.
+ */
+#include "spidar_core.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
+
+static int count_rows(sp_rows_kind kind)
+{
+    switch (kind) {
+    case SP_WRENCH_BALANCE: return 6;
+    case SP_THRUST_BOX: return SP_FORCES;
+    case SP_JOINT_TORQUE_LIMIT: return SP_JOINTS;
+    case SP_VECTORING_LOCK: return SP_ROTORS;
+    case SP_INTERFERENCE_BOUND: return 2 * SP_ROTORS;
+    case SP_CONTACT_WRENCH_RANGE: return 6;
+    case SP_FRICTION_PYRAMID: return 5 * SP_LEGS;
+    default: return 0;
+    }
+}
+
+/* Whether the fallback may violate these rows at a price. */
+static int is_soft(sp_rows_kind kind)
+{
+    return kind == SP_WRENCH_BALANCE || kind == SP_JOINT_TORQUE_LIMIT || kind == SP_CONTACT_WRENCH_RANGE ||
+           kind == SP_FRICTION_PYRAMID;
+}
+
+static void make_mode(sp_mode *mode, sp_program_kind kind, const sp_cost *costs, int n_costs, const sp_rows *rows,
+                      int n_rows)
+{
+    memset(mode, 0, sizeof *mode);
+    mode->kind = kind;
+    mode->feet_carry = kind == SP_PROGRAM_STANCE;
+    mode->n = mode->feet_carry ? SP_UNKNOWNS : SP_FORCES;
+    for (int i = 0; i < n_costs; i++) mode->costs[i] = costs[i];
+    for (int i = 0; i < n_rows; i++) {
+        mode->rows[i] = rows[i];
+        mode->m += count_rows(rows[i].kind);
+    }
+}
+
+/* The flight modes of an allocation [Zhao2025, Eq. 9-13, 30-32], [JSK]. */
+void sp_flight_mode(int32_t allocation, sp_mode *mode)
+{
+    sp_cost costs[] = {{SP_THRUST_EFFORT, 1.0}, {SP_JOINT_TORQUE_EFFORT, 1.0}};
+    if (allocation == SP_CONTROLLER_CONFIG_ALLOCATION_PAPER) {
+        sp_rows rows[] = {{SP_WRENCH_BALANCE, 0, 0}, {SP_THRUST_BOX, SP_MAX_THRUST, 0},
+                          {SP_JOINT_TORQUE_LIMIT, SP_MAX_JOINT_TORQUE, 0}, {SP_VECTORING_LOCK, 0, 0},
+                          {SP_INTERFERENCE_BOUND, 0, 0}};
+        make_mode(mode, SP_PROGRAM_PAPER, costs, 2, rows, 5);
+    } else {
+        sp_rows rows[] = {{SP_WRENCH_BALANCE, 0, 0}, {SP_THRUST_BOX, SP_AS_FLOWN_THRUST, 0}, {SP_VECTORING_LOCK, 0, 0},
+                          {SP_INTERFERENCE_BOUND, 0, 0}};
+        make_mode(mode, SP_PROGRAM_AS_FLOWN, costs, 1, rows, 4);
+    }
+}
+
+/* The rows that a learned force is moved into. */
+void sp_projection_mode(sp_mode *mode)
+{
+    sp_cost costs[] = {{SP_THRUST_EFFORT, 1.0}};
+    sp_rows rows[] = {{SP_THRUST_BOX, SP_MAX_THRUST, 0}, {SP_JOINT_TORQUE_LIMIT, SP_MAX_JOINT_TORQUE, 0},
+                      {SP_VECTORING_LOCK, 0, 0}, {SP_INTERFERENCE_BOUND, 0, 0}};
+    make_mode(mode, SP_PROGRAM_PROJECTION, costs, 1, rows, 4);
+}
+
+/* The modes of the crawl [Zhao2025, Eq. 9, 11-13, 37]. */
+void sp_ground_mode(sp_program_kind kind, const sp_crawler_config *c, sp_mode *mode)
+{
+    sp_cost costs[] = {{c->power ? SP_POWER_EFFORT : SP_THRUST_EFFORT, 1.0},
+                       {SP_JOINT_TORQUE_EFFORT, c->torque_weight}, {SP_FOOT_EFFORT, SP_FOOT_EFFORT_WEIGHT}};
+    sp_rows box = {SP_THRUST_BOX, SP_MAX_THRUST, 0}, limit = {SP_JOINT_TORQUE_LIMIT, c->torque_limit, 0};
+    sp_rows lock = {SP_VECTORING_LOCK, 0, 0}, pegs = {SP_CONTACT_WRENCH_RANGE, c->peg_friction, c->min_normal};
+    sp_rows balance = {SP_WRENCH_BALANCE, 0, 0};
+    sp_rows feet = {SP_FRICTION_PYRAMID, c->foot_friction, SP_FRICTION_PYRAMID_MIN_NORMAL};
+    sp_cost rest[] = {{SP_THRUST_EFFORT, 1.0}};
+    sp_rows rest_rows[] = {box}, leg[] = {box, limit, lock}, legs[] = {pegs, box, limit, lock};
+    sp_rows stance[] = {balance, feet, box, limit, lock};
+    switch (kind) {
+    case SP_PROGRAM_LEG: make_mode(mode, kind, costs, 2, leg, 3); break;
+    case SP_PROGRAM_LEGS: make_mode(mode, kind, costs, 2, legs, 4); break;
+    case SP_PROGRAM_STANCE: make_mode(mode, kind, costs, 3, stance, 5); break;
+    default: make_mode(mode, SP_PROGRAM_REST, rest, 1, rest_rows, 1);
+    }
+}
+
+static void add_cost(const sp_cost *cost, const sp_demand *d, int n, double *P, double *q)
+{
+    double w = cost->weight;
+    switch (cost->kind) {
+    case SP_THRUST_EFFORT:
+        for (int i = 0; i < SP_FORCES; i++) P[i * n + i] += w;
+        break;
+    case SP_POWER_EFFORT:
+        for (int i = 0; i < SP_FORCES; i++) P[i * n + i] += w * d->effort[i / 3];
+        break;
+    case SP_FOOT_EFFORT:
+        for (int i = SP_FORCES; i < n; i++) P[i * n + i] += w;
+        break;
+    case SP_JOINT_TORQUE_EFFORT:
+        for (int j = 0; j < SP_JOINTS; j++) {
+            if (!d->lifted[j / 4]) continue;
+            const double *T = d->torque_map + n * j;
+            for (int a = 0; a < n; a++) {
+                if (T[a] == 0.0) continue;
+                for (int b = 0; b < n; b++) P[a * n + b] += w * T[a] * T[b];
+                q[a] -= w / SP_FORCE_SCALE * d->gravity_torque[j] * T[a];
+            }
+        }
+        break;
+    default: break;
+    }
+}
+
+/* w̲ and w̄ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36]; f_z has no upper bound. */
+static void contact_bounds(double friction, double min_normal, double *low, double *high)
+{
+    double a = SP_YAW_AXIS_XY, d = SP_PEG_DEPTH, f = friction * min_normal / (2.0 * sqrt(2.0));
+    double t = 0.5 * a * min_normal - d * f, z = 0.25 * friction * min_normal * a * sqrt(2.0);
+    double l[6] = {-f, -f, min_normal, -t, -t, -z}, h[6] = {f, f, SP_INFINITY, t, t, z};
+    sp_copy(low, l, 6);
+    sp_copy(high, h, 6);
+}
+
+static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A, double *l, double *u)
+{
+    switch (rows->kind) {
+    case SP_WRENCH_BALANCE:
+        for (int r = 0; r < 6; r++) {
+            for (int c = 0; c < n; c++) A[r * n + c] = d->thrust_map[r * n + c] * (SP_FORCE_SCALE / SP_WRENCH_SCALE);
+            l[r] = u[r] = d->wrench[r] / SP_WRENCH_SCALE;
+        }
+        break;
+    case SP_THRUST_BOX:
+        for (int i = 0; i < SP_FORCES; i++) {
+            A[i * n + i] = 1.0;
+            u[i] = d->lost[i / 3] ? 0.0 : rows->a / SP_FORCE_SCALE;
+            l[i] = d->lost[i / 3] ? 0.0 : -rows->a / SP_FORCE_SCALE;
+        }
+        break;
+    case SP_JOINT_TORQUE_LIMIT:
+        for (int j = 0; j < SP_JOINTS; j++) {
+            if (!d->lifted[j / 4]) continue;
+            for (int c = 0; c < n; c++) A[j * n + c] = d->torque_map[j * n + c] * (SP_FORCE_SCALE / SP_TORQUE_SCALE);
+            double g = d->gravity_torque[j] / SP_TORQUE_SCALE, bound = rows->a / SP_TORQUE_SCALE;
+            u[j] = g + bound;
+            l[j] = g - bound;
+        }
+        break;
+    case SP_VECTORING_LOCK: /* cos φ f_y + sin φ f_z = 0 [Zhao2025, Eq. 32] */
+        for (int i = 0; i < SP_ROTORS; i++) {
+            if (!d->locked[i]) continue;
+            A[i * n + 3 * i + 1] = cos(d->phi[i]);
+            A[i * n + 3 * i + 2] = sin(d->phi[i]);
+            l[i] = u[i] = 0.0;
+        }
+        break;
+    case SP_INTERFERENCE_BOUND: /* {inf}f_x ≥ 0, {sup}f_x ≤ 0 [Zhao2025, Eq. 28-31] */
+        for (int i = 0; i < SP_ROTORS; i++) {
+            if (!d->restricted[i]) continue;
+            double s = sin(d->phi[i]), c = cos(d->phi[i]), inf = sin(d->lower[i]), sup = sin(d->upper[i]);
+            double *low = A + i * n + 3 * i, *high = A + (SP_ROTORS + i) * n + 3 * i;
+            low[0] = cos(d->lower[i]), low[1] = inf * s, low[2] = -inf * c;
+            high[0] = cos(d->upper[i]), high[1] = sup * s, high[2] = -sup * c;
+            l[i] = 0.0;
+            u[SP_ROTORS + i] = 0.0;
+        }
+        break;
+    case SP_CONTACT_WRENCH_RANGE: { /* [Zhao2025, Eq. 34, 35, 37] in {B} */
+        double low[6], high[6], w[6], lever[3];
+        contact_bounds(rows->a, rows->b, low, high);
+        for (int c = 0; c < n; c++) {
+            double f[3] = {d->thrust_map[c], d->thrust_map[n + c], d->thrust_map[2 * n + c]};
+            sp_cross(d->com_b, f, lever);
+            for (int r = 0; r < 3; r++) {
+                A[r * n + c] = f[r] * (SP_FORCE_SCALE / SP_WRENCH_SCALE);
+                A[(3 + r) * n + c] = (d->thrust_map[(3 + r) * n + c] + lever[r]) * (SP_FORCE_SCALE / SP_WRENCH_SCALE);
+            }
+        }
+        sp_cross(d->com_b, d->wrench, lever);
+        for (int r = 0; r < 3; r++) w[r] = d->wrench[r], w[3 + r] = d->wrench[3 + r] + lever[r];
+        for (int r = 0; r < 6; r++) {
+            u[r] = (w[r] - low[r]) / SP_WRENCH_SCALE;
+            l[r] = high[r] >= SP_INFINITY ? -SP_INFINITY : (w[r] - high[r]) / SP_WRENCH_SCALE;
+        }
+        break;
+    }
+    case SP_FRICTION_PYRAMID:
+        for (int leg = 0; leg < SP_LEGS; leg++) {
+            int x = SP_FORCES + 3 * leg;
+            for (int k = 0; k < 4; k++) {
+                A[(5 * leg + k) * n + x + k / 2] = k % 2 ? -1.0 : 1.0;
+                A[(5 * leg + k) * n + x + 2] = rows->a;
+                l[5 * leg + k] = 0.0;
+            }
+            A[(5 * leg + 4) * n + x + 2] = 1.0;
+            l[5 * leg + 4] = rows->b / SP_FORCE_SCALE;
+        }
+        break;
+    default: break;
+    }
+}
+
+/* The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them. */
+void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *p)
+{
+    int n = mode->n, m = mode->m, row = 0;
+    p->n = n, p->m = m;
+    sp_zero(p->P, n * n);
+    sp_zero(p->q, n);
+    sp_zero(p->A, m * n);
+    for (int i = 0; i < m; i++) p->l[i] = -SP_INFINITY, p->u[i] = SP_INFINITY;
+    for (int i = 0; i < 4; i++) add_cost(&mode->costs[i], demand, n, p->P, p->q);
+    for (int i = 0; i < 6; i++) {
+        write_rows(&mode->rows[i], demand, n, p->A + row * n, p->l + row, p->u + row);
+        row += count_rows(mode->rows[i].kind);
+    }
+}
+
+/* Indices of the rows that the fallback may violate; how many. */
+int sp_soft_rows(const sp_mode *mode, int32_t *rows)
+{
+    int count = 0, row = 0;
+    for (int i = 0; i < 6; i++) {
+        int more = count_rows(mode->rows[i].kind);
+        if (is_soft(mode->rows[i].kind))
+            for (int k = 0; k < more; k++) rows[count++] = row + k;
+        row += more;
+    }
+    return count;
+}
+
+/* The same program where `rows` may be violated by slacks s at the cost ½ `price` ‖s‖²; unknowns (x, s). */
+void sp_soften(const sp_program *program, const int32_t *rows, int count, double price, sp_program *soft)
+{
+    int n = program->n, m = program->m, size = n + count;
+    soft->n = size, soft->m = m;
+    sp_zero(soft->P, size * size);
+    sp_zero(soft->q, size);
+    sp_zero(soft->A, m * size);
+    for (int i = 0; i < n; i++) sp_copy(soft->P + i * size, program->P + i * n, n);
+    for (int i = n; i < size; i++) soft->P[i * size + i] = price;
+    sp_copy(soft->q, program->q, n);
+    for (int i = 0; i < m; i++) sp_copy(soft->A + i * size, program->A + i * n, n);
+    for (int k = 0; k < count; k++) soft->A[rows[k] * size + n + k] = 1.0;
+    sp_copy(soft->l, program->l, m);
+    sp_copy(soft->u, program->u, m);
+}
+
+/* Largest violation of a row at x; 0 where all hold, NaN where x is not finite. */
+double sp_violation(const sp_program *p, const double *x)
+{
+    double worst = 0.0;
+    for (int i = 0; i < p->m; i++) {
+        double r = 0.0;
+        for (int k = 0; k < p->n; k++) r += p->A[i * p->n + k] * x[k];
+        double excess = sp_max(p->l[i] - r, r - p->u[i]);
+        if (!(excess <= worst)) worst = excess;
+        if (r != r) return r;
+    }
+    return worst;
+}
+
+/* Solve K x = right, K (size, size), by elimination with row pivoting, in place; 0 where K is singular. */
+static int eliminate(double *K, double *right, int size)
+{
+    for (int k = 0; k < size; k++) {
+        int best = k;
+        double largest = fabs(K[k * size + k]);
+        for (int i = k + 1; i < size; i++) {
+            double candidate = fabs(K[i * size + k]);
+            if (candidate > largest) largest = candidate, best = i;
+        }
+        if (!(largest > 0.0)) return 0;
+        if (best != k) {
+            double *a = K + k * size, *b = K + best * size;
+            for (int j = k; j < size; j++) {
+                double swap = a[j];
+                a[j] = b[j], b[j] = swap;
+            }
+            double swap = right[k];
+            right[k] = right[best], right[best] = swap;
+        }
+        double inverse = 1.0 / K[k * size + k];
+        const double *from = K + k * size;
+        for (int i = k + 1; i < size; i++) {
+            double *to = K + i * size, factor = to[k] * inverse;
+            if (factor == 0.0) continue;
+            for (int j = k + 1; j < size; j++) to[j] -= factor * from[j];
+            right[i] -= factor * right[k];
+        }
+    }
+    for (int k = size - 1; k >= 0; k--) {
+        double sum = right[k];
+        for (int j = k + 1; j < size; j++) sum -= K[k * size + j] * right[j];
+        right[k] = sum / K[k * size + k];
+    }
+    return 1;
+}
+
+/* The optimum where a good guess of the active rows is enough; 0 where it is not.
+ *
+ * Solves the KKT system of the rows taken for active. A point that satisfies every row, with multipliers of the right
+ * sign on those rows, satisfies all KKT conditions. If it does not, the rows that it violates are taken for active,
+ * those whose multiplier has the wrong sign for idle, and the system is solved again.
+ *
+ * duals: first guess of the rows' multipliers, of which the signs count; NULL for the equalities alone.
+ */
+int sp_closed_form(const sp_program *p, const double *duals, int rounds, double tolerance, sp_workspace *work,
+                   double *x)
+{
+    int n = p->n, m = p->m, count = 0, signed_rows = duals != NULL;
+    int32_t *rows = work->rows;
+    double *target = work->target, *signs = work->signs;
+    for (int i = 0; i < m; i++)
+        if (p->l[i] == p->u[i]) rows[count] = i, target[count] = p->l[i], signs[count++] = 0.0;
+    if (duals != NULL)
+        for (int i = 0; i < m; i++)
+            if (fabs(duals[i]) > SP_DUAL_TOLERANCE && p->l[i] != p->u[i]) {
+                rows[count] = i;
+                target[count] = duals[i] > 0.0 ? p->u[i] : p->l[i];
+                signs[count++] = duals[i] > 0.0 ? 1.0 : -1.0;
+            }
+    for (int round = 0; round < rounds; round++) {
+        int size = n + count, kept = 0, fine = 1;
+        if (size > 2 * n || size > 2 * SP_MAX_N) return 0;
+        double *K = work->K, *right = work->right;
+        sp_zero(K, size * size);
+        for (int i = 0; i < n; i++) {
+            sp_copy(K + i * size, p->P + i * n, n);
+            right[i] = -p->q[i];
+        }
+        for (int k = 0; k < count; k++) {
+            const double *row = p->A + rows[k] * n;
+            sp_copy(K + (n + k) * size, row, n);
+            for (int i = 0; i < n; i++) K[i * size + n + k] = row[i];
+            right[n + k] = target[k];
+        }
+        if (!eliminate(K, right, size)) return 0;
+        for (int k = 0; k < count; k++)
+            if (!(signs[k] * right[n + k] >= 0.0)) fine = 0;
+        if (!signed_rows) fine = 1;
+        int violated = 0;
+        for (int i = 0; i < m; i++) {
+            double r = 0.0;
+            for (int k = 0; k < n; k++) r += p->A[i * n + k] * right[k];
+            work->r[i] = r;
+            double excess = sp_max(p->l[i] - r, r - p->u[i]);
+            if (!(excess <= tolerance) || r != r) violated = 1;
+        }
+        if (!violated && fine) {
+            sp_copy(x, right, n);
+            return sp_finite(x, n);
+        }
+        for (int k = 0; k < count; k++)
+            if (!signed_rows || signs[k] * right[n + k] >= 0.0) {
+                rows[kept] = rows[k], target[kept] = target[k];
+                signs[kept] = signed_rows ? signs[k] : 0.0;
+                kept++;
+            }
+        count = kept;
+        for (int i = 0; i < m; i++) {
+            double r = work->r[i], excess = sp_max(p->l[i] - r, r - p->u[i]);
+            if (excess <= tolerance && r == r) continue;
+            if (count >= 2 * SP_MAX_M) return 0;
+            int above = r > p->u[i];
+            rows[count] = i, target[count] = above ? p->u[i] : p->l[i];
+            signs[count++] = above ? 1.0 : -1.0;
+        }
+        signed_rows = 1;
+    }
+    return 0;
+}

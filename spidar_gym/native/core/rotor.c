@@ -1,0 +1,150 @@
+/* Vectoring geometry: force ↔ (λ, φ, θ), the branch nearest to the present angles, the lock near a vertical link. */
+#include "spidar_core.h"
+#include "spidar_math.h"
+
+/* Python's round(): to the nearest integer, halves to the even one. */
+static double nearest(double x)
+{
+    double low = floor(x), rest = x - low;
+    if (rest > 0.5) return low + 1.0;
+    if (rest < 0.5) return low;
+    return fmod(low, 2.0) == 0.0 ? low : low + 1.0;
+}
+
+/* Python's a % b for b > 0. */
+static double modulo(double a, double b)
+{
+    double r = fmod(a, b);
+    return r < 0.0 ? r + b : r;
+}
+
+/* f = λ (sin θ, −sin φ cos θ, cos φ cos θ) [Zhao2025, Eq. 1]. */
+void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double phi = vectoring[2 * i], theta = vectoring[2 * i + 1], c = cos(theta);
+        forces_l[3 * i] = thrust[i] * sin(theta);
+        forces_l[3 * i + 1] = thrust[i] * (-sin(phi) * c);
+        forces_l[3 * i + 2] = thrust[i] * (cos(phi) * c);
+    }
+}
+
+/* Q: forces in link axes → wrench in {CoG} [Zhao2025, Eq. 2]. */
+void sp_thrust_map(const sp_snapshot *s, double *Q, int stride)
+{
+    for (int i = 0; i < SP_ROTORS; i++)
+        for (int k = 0; k < 3; k++) {
+            double column[3] = {s->R_bl[i][k], s->R_bl[i][3 + k], s->R_bl[i][6 + k]}, torque[3];
+            sp_cross(s->rotor_c[i], column, torque);
+            for (int r = 0; r < 3; r++) {
+                Q[stride * r + 3 * i + k] = column[r];
+                Q[stride * (3 + r) + 3 * i + k] = torque[r];
+            }
+        }
+}
+
+/* T: Σ J_rᵀ f of forces in link axes, the thrust's share of [Zhao2025, Eq. 5]. */
+void sp_torque_map(const sp_snapshot *s, double *T, int stride)
+{
+    for (int i = 0; i < SP_ROTORS; i++)
+        for (int j = 0; j < SP_JOINTS; j++)
+            for (int k = 0; k < 3; k++) {
+                double sum = 0.0;
+                for (int r = 0; r < 3; r++) sum += s->R_bl[i][3 * r + k] * s->J_rotor[i][SP_JOINTS * r + j];
+                T[stride * j + 3 * i + k] = sum;
+            }
+}
+
+/* Angles (φ, θ) that point a module along its force [Zhao2025, Eq. 15, 16]; `held` is φ where it is locked, or NULL. */
+void sp_point(const double *f, double phi0, double theta0, const double *held, double min_force, double *angles)
+{
+    double phi, along;
+    if (held == NULL) {
+        phi = atan2(-f[1], f[2]);
+        along = sqrt(f[1] * f[1] + f[2] * f[2]);
+    } else {
+        phi = *held;
+        along = -f[1] * sin(phi) + f[2] * cos(phi);
+    }
+    if (f[0] * f[0] + along * along < min_force * min_force) {
+        angles[0] = held == NULL ? phi0 : *held;
+        angles[1] = theta0;
+        return;
+    }
+    double theta = atan2(f[0], along), way;
+    if (held == NULL) {
+        way = phi - phi0;
+        if (fabs(way) > SP_HALF_PI) {
+            double turns = nearest(way / SP_PI);
+            phi -= SP_PI * turns;
+            if (fmod(fabs(turns), 2.0) != 0.0) theta = SP_PI - theta;
+        }
+    }
+    way = theta - theta0;
+    if (!(way >= -SP_PI && way <= SP_PI)) theta -= SP_TWO_PI * nearest(way / SP_TWO_PI);
+    angles[0] = phi;
+    angles[1] = theta;
+}
+
+/* Angles (φ̂, θ̂) that point each rotor along the torso's z axis [Zhao2025, Sec. Interrotor Aerointerference]. */
+void sp_nominal_vectoring(const sp_snapshot *s, const double *present, double *nominal)
+{
+    for (int i = 0; i < SP_ROTORS; i++)
+        sp_point(s->R_bl[i] + 6, present[2 * i], present[2 * i + 1], NULL, 0.0, nominal + 2 * i);
+}
+
+/* Where φ of a rotor near a vertical link is led: towards the plane that is tangential about the CoG. */
+static double vertical_target(const sp_snapshot *s, int i, double phi_hat, double held, double up,
+                              const sp_lock_config *config)
+{
+    double x = s->rotor_c[i][0], y = s->rotor_c[i][1];
+    double y_x = s->R_bl[i][1], z_x = s->R_bl[i][2], y_y = s->R_bl[i][4], z_y = s->R_bl[i][5];
+    double tangential = atan2(y_x * y - y_y * x, z_y * x - z_x * y), lean = acos(sp_min(1.0, fabs(up)));
+    double bias = i / 2 % 2 == 0 ? SP_TURN_BIAS : -SP_TURN_BIAS;
+    if (lean < 0.5 * config->leave) {
+        double off = modulo(held - tangential + SP_HALF_PI + bias, SP_PI) - SP_HALF_PI - bias;
+        double room = SP_HALF_PI - config->most;
+        return held + sp_max(-room, sp_min(room, off)) - off;
+    }
+    double weight = sp_max(0.0, 1.0 - lean / config->leave), way = modulo(tangential - phi_hat, SP_PI);
+    double back = SP_PI - way;
+    double forward = phi_hat + sp_min(sp_min(way, config->most), sp_max(config->least, weight * way));
+    double backward = phi_hat - sp_min(sp_min(back, config->most), sp_max(config->least, weight * back));
+    return fabs(backward - held) + bias < fabs(forward - held) ? backward : forward;
+}
+
+/* The lock of φ, one tick on; `present` are the angles last commanded. */
+void sp_update_lock(const sp_lock *previous, const int32_t *restricted, const double *nominal, const sp_snapshot *s,
+                    const double *present, const sp_lock_config *config, sp_lock *lock)
+{
+    double enter = cos(config->enter), leave = cos(config->leave), slew = config->slew;
+    sp_lock next;
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double up = s->R_bl[i][6], held = previous->active[i] ? previous->phi[i] : present[2 * i];
+        double target = nominal[2 * i];
+        int upright = fabs(up) > (previous->vertical[i] ? leave : enter);
+        if (upright) target = restricted[i] ? held : vertical_target(s, i, target, held, up, config);
+        double rest = target - held; /* the nearest of target + kπ: both branches lie in the same plane */
+        if (fabs(rest) > SP_HALF_PI) rest -= SP_PI * nearest(rest / SP_PI);
+        int active = upright || restricted[i] || (previous->active[i] && fabs(rest) > config->release);
+        if (active) held += sp_clip(rest, -slew, slew);
+        next.vertical[i] = upright;
+        next.active[i] = active;
+        next.phi[i] = held;
+    }
+    *lock = next;
+}
+
+/* Angles for the forces, φ held where it is locked, none farther than `step` from the present one. */
+void sp_follow(const double *forces_l, const sp_lock *lock, const double *present, double step, double *vectoring)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double angles[2];
+        sp_point(forces_l + 3 * i, present[2 * i], present[2 * i + 1], lock->active[i] ? &lock->phi[i] : NULL,
+                 SP_MIN_FORCE, angles);
+        for (int k = 0; k < 2; k++) {
+            double from = present[2 * i + k];
+            vectoring[2 * i + k] = from + sp_clip(angles[k] - from, -step, step);
+        }
+    }
+}

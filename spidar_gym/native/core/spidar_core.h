@@ -1,0 +1,121 @@
+/* SPIDAR's controller in flight and on the ground: what the simulator flies is what the robot runs.
+ *
+ * C99, no heap, no input or output. Every struct is plain data; a new controller is a reset one. The only state beside
+ * the structs are OSQP's generated workspaces: globals that `sp_allocate` and `sp_project` write, for one thread at a
+ * time, and that leave nothing of one tick to the next.
+ * Frames: w world, b torso, c CoG with torso axes, l axes of the link that carries a rotor, f floor. SI units.
+ */
+#ifndef SPIDAR_CORE_H
+#define SPIDAR_CORE_H
+
+#include <stdint.h>
+
+#include "spidar_structs.h" /* generated: every struct, and with it the constants that Python and C share */
+
+/* tree.c */
+void sp_snapshot_at(const double *q, const double *R_wb, const double *vectoring, sp_snapshot *snapshot);
+
+/* rotor.c */
+void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l);
+void sp_thrust_map(const sp_snapshot *snapshot, double *Q, int stride);
+void sp_torque_map(const sp_snapshot *snapshot, double *T, int stride);
+void sp_point(const double *force_l, double phi0, double theta0, const double *held, double min_force, double *angles);
+void sp_nominal_vectoring(const sp_snapshot *snapshot, const double *present, double *nominal);
+void sp_update_lock(const sp_lock *previous, const int32_t *restricted, const double *nominal,
+                    const sp_snapshot *snapshot, const double *present, const sp_lock_config *config, sp_lock *lock);
+void sp_follow(const double *forces_l, const sp_lock *lock, const double *present, double step, double *vectoring);
+
+/* interference.c */
+void sp_no_interference(sp_interference *bounds);
+void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, const sp_interference *previous,
+                          const sp_interference_config *config, sp_interference *bounds);
+
+/* program.c */
+void sp_flight_mode(int32_t allocation, sp_mode *mode);
+void sp_ground_mode(sp_program_kind kind, const sp_crawler_config *config, sp_mode *mode);
+void sp_projection_mode(sp_mode *mode);
+void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *program);
+int sp_soft_rows(const sp_mode *mode, int32_t *rows);
+void sp_soften(const sp_program *program, const int32_t *rows, int count, double price, sp_program *soft);
+double sp_violation(const sp_program *program, const double *x);
+int sp_closed_form(const sp_program *program, const double *duals, int rounds, double tolerance, sp_workspace *work,
+                   double *x);
+
+/* cone.c */
+int sp_sphere_optimum(const sp_program *program, const int32_t *soft, int count, double price, sp_workspace *work,
+                      double *x, int32_t *steps);
+
+/* allocate.c */
+void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
+                 int guess_rows, int keep_active, const sp_allocator_config *config, sp_workspace *work,
+                 sp_allocation *allocation);
+void sp_project(const sp_mode *projection, const sp_demand *demand, const double *wish_l, const double *previous_l,
+                const sp_allocator_config *config, sp_workspace *work, sp_allocation *allocation);
+
+/* flight.c */
+void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
+void sp_flight_reset(sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
+void sp_rest_vectoring(const sp_controller_config *config, const double *q, double *vectoring);
+void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
+void sp_compute_state(const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
+void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
+                    const sp_residual *residual, const sp_control_state *control, sp_command *command);
+
+/* legs.c */
+int sp_leg_angles(const double *feet_b, double *q);
+void sp_feet_at(const double *q, double *feet_b);
+void sp_home(const sp_gait_config *config, double *home_b);
+int sp_lying_pose(const sp_gait_config *config, double *q);
+int sp_stride_fits(const sp_gait_config *config, const double *home_b, sp_pose2 way, double lift_height);
+double sp_largest_stride(const sp_crawl *crawl, sp_pose2 way); /* as a share of the way */
+
+/* gait.c */
+void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q);
+int sp_gait_move(sp_crawl *crawl, sp_pose2 way, int cycles);
+int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seconds);
+int sp_gait_stand(sp_crawl *crawl, double height, double seconds);
+int sp_gait_done(const sp_crawl *crawl);
+sp_program_kind sp_gait_mode(const sp_crawl *crawl);
+void sp_gait_lifted(const sp_crawl *crawl, int32_t *lifted);
+void sp_gait_step(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q,
+                  const sp_residual *residual, double *plan);
+
+/* crawl.c */
+void sp_crawl_init(sp_crawl *crawl, const sp_crawler_config *config);
+void sp_crawl_reset(sp_crawl *crawl, const sp_robot_state *state);
+void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_command *command);
+
+/* estimate.c */
+void sp_estimator_init(sp_estimator *estimator, const sp_estimator_config *config);
+void sp_estimator_reset(sp_estimator *estimator, const sp_robot_state *state);
+void sp_estimator_update(sp_estimator *estimator, const sp_measurement *measurement, const double *thrust,
+                         sp_robot_state *state);
+
+/* observe.c */
+int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_control_state *control,
+               const double *thrust, const double *joint_velocity, const double *leg_momentum,
+               const double *leg_momentum_rate, const double *joint_target, const double *next_form, double time_to_next,
+               const double *previous_action, int action_size, const double *bound, float *observation);
+int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
+                     const double *previous_action, int action_size, const double *bound, float *observation);
+
+/* policy.c: called before the controller's step, which gets the residual, or NULL where the policy is switched off;
+ * reset whenever it is switched on. */
+int sp_policy_kind(void); /* sp_policy_target */
+void sp_policy_reset(sp_policy *policy);
+void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
+                      const sp_control_state *control, const sp_preview *preview, sp_residual *residual);
+void sp_policy_crawl(sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
+                     sp_residual *residual);
+
+/* about.c */
+const char *sp_interface(void);           /* digest of structs, robot and sources */
+
+/* border.c */
+int sp_valid_state(const sp_robot_state *state);
+int sp_valid_reference(const sp_reference *reference);
+int sp_valid_residual(const sp_residual *residual);
+void sp_make_command(const double *thrust, const double *vectoring, const double *joints, double limit,
+             sp_command *command);
+
+#endif

@@ -1,0 +1,115 @@
+/* The kinematic tree: (joint angles, attitude, vectoring angles) → snapshot. The table is generated. */
+#include "spidar_core.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
+
+/* Frames and composites of the bodies; body 0 is the torso. */
+typedef struct {
+    double R[SP_BODIES][9], p[SP_BODIES][3], axis[SP_BODIES][3];
+    double mass[SP_BODIES], com[SP_BODIES][3], inertia[SP_BODIES][9]; /* of the body and all that hangs on it */
+} tree;
+
+/* I += m (|d|² 1 − d dᵀ): parallel axes. */
+static void shift(double *I, double m, const double *d)
+{
+    double s = sp_dot(d, d);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) I[3 * i + j] += m * ((i == j ? s : 0.0) - d[i] * d[j]);
+}
+
+static void place(const double *q, const double *vectoring, tree *t)
+{
+    sp_identity(t->R[0]);
+    sp_zero(t->p[0], 3);
+    for (int k = 0; k < SP_BODIES; k++) {
+        const sp_body *body = &SP_TREE[k];
+        if (k > 0) {
+            const double *R0 = t->R[body->parent];
+            double angle = body->joint < SP_JOINTS ? q[body->joint] : vectoring[body->joint - SP_JOINTS];
+            double s = sin(angle), c = cos(angle), turn[9], R1[9], step[3];
+            const double *a = body->axis;
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) turn[3 * i + j] = (1.0 - c) * a[i] * a[j] + (i == j ? c : 0.0);
+            turn[1] -= s * a[2], turn[2] += s * a[1], turn[3] += s * a[2];
+            turn[5] -= s * a[0], turn[6] -= s * a[1], turn[7] += s * a[0];
+            sp_product(R0, body->rotation, R1);
+            sp_product(R1, turn, t->R[k]);
+            sp_apply(R1, a, t->axis[k]);
+            sp_apply(R0, body->position, step);
+            for (int i = 0; i < 3; i++) t->p[k][i] = t->p[body->parent][i] + step[i];
+        }
+        double RI[9], lever[3], Rt[9];
+        t->mass[k] = body->mass;
+        sp_apply(t->R[k], body->com, lever);
+        for (int i = 0; i < 3; i++) t->com[k][i] = t->p[k][i] + lever[i];
+        sp_product(t->R[k], body->inertia, RI);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) Rt[3 * i + j] = t->R[k][3 * j + i];
+        sp_product(RI, Rt, t->inertia[k]);
+    }
+    for (int k = SP_BODIES - 1; k > 0; k--) { /* children come after their parents */
+        int up = SP_TREE[k].parent;
+        double m = t->mass[up] + t->mass[k], com[3], d[3];
+        for (int i = 0; i < 3; i++) com[i] = (t->mass[up] * t->com[up][i] + t->mass[k] * t->com[k][i]) / m;
+        for (int i = 0; i < 3; i++) d[i] = t->com[up][i] - com[i];
+        shift(t->inertia[up], t->mass[up], d);
+        for (int i = 0; i < 3; i++) d[i] = t->com[k][i] - com[i];
+        shift(t->inertia[up], t->mass[k], d);
+        for (int i = 0; i < 9; i++) t->inertia[up][i] += t->inertia[k][i];
+        t->mass[up] = m;
+        sp_copy(t->com[up], com, 3);
+    }
+}
+
+/* Column j of J (3, 16): velocity of a point per rate of joint j, whose body is k. */
+static void column(const tree *t, int k, const double *point, double *J, int j)
+{
+    double arm[3], v[3];
+    for (int i = 0; i < 3; i++) arm[i] = point[i] - t->p[k][i];
+    sp_cross(t->axis[k], arm, v);
+    for (int i = 0; i < 3; i++) J[SP_JOINTS * i + j] = v[i];
+}
+
+void sp_snapshot_at(const double *q, const double *R_wb, const double *vectoring, sp_snapshot *s)
+{
+    tree t;
+    place(q, vectoring, &t);
+    s->mass = t.mass[0];
+    sp_copy(s->com_b, t.com[0], 3);
+    sp_copy(s->inertia_c, t.inertia[0], 9);
+    sp_zero(s->J_rotor[0], SP_ROTORS * 3 * SP_JOINTS);
+    sp_zero(s->J_foot[0], SP_LEGS * 3 * SP_JOINTS);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        int k = SP_JOINT_BODY[j];
+        double arm[3], v[3], L[3], turn[3], Ia[3];
+        for (int i = 0; i < 3; i++) arm[i] = t.com[k][i] - t.p[k][i];
+        sp_cross(t.axis[k], arm, v);
+        for (int i = 0; i < 3; i++) v[i] *= t.mass[k];
+        for (int i = 0; i < 3; i++) arm[i] = t.com[k][i] - s->com_b[i];
+        sp_cross(arm, v, L);
+        sp_apply(t.inertia[k], t.axis[k], Ia);
+        for (int i = 0; i < 3; i++) {
+            turn[i] = Ia[i] + L[i];
+            s->joint_axes[SP_JOINTS * i + j] = t.axis[k][i];
+            s->momentum_map[SP_JOINTS * i + j] = v[i];
+            s->momentum_map[SP_JOINTS * (3 + i) + j] = turn[i];
+        }
+        /* The rate at which a joint lifts the CoG, times the weight. */
+        s->gravity_torque[j] = SP_GRAVITY * sp_dot(R_wb + 6, v);
+    }
+    for (int i = 0; i < SP_ROTORS; i++) {
+        const double *centre = t.p[SP_ROTOR_BODY[i]];
+        sp_copy(s->R_bl[i], t.R[SP_LINK_BODY[i]], 9);
+        for (int k = 0; k < 3; k++) s->rotor_c[i][k] = centre[k] - s->com_b[k];
+        int first = 4 * (i / 2), last = first + (i % 2 ? 4 : 2);
+        for (int j = first; j < last; j++) column(&t, SP_JOINT_BODY[j], centre, s->J_rotor[i], j);
+    }
+    for (int leg = 0; leg < SP_LEGS; leg++) {
+        int link = SP_LINK_BODY[2 * leg + 1];
+        double out[3] = {SP_PITCH_TO_FOOT, 0.0, 0.0};
+        sp_apply(t.R[link], out, s->feet_b[leg]);
+        for (int i = 0; i < 3; i++) s->feet_b[leg][i] += t.p[link][i];
+        for (int j = 4 * leg; j < 4 * leg + 4; j++)
+            column(&t, SP_JOINT_BODY[j], s->feet_b[leg], s->J_foot[leg], j);
+    }
+}

@@ -1,0 +1,148 @@
+"""The crawler of the onboard core, a `CrawlControl`."""
+
+import ctypes
+import time
+from collections.abc import Iterable
+
+import numpy as np
+
+from spidar_gym.arrays import RotorVector
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.footsteps import GaitCommand, Lift, Move, plan_cycles
+from spidar_gym.control.crawl.memory import CrawlRecord
+from spidar_gym.control.crawl.phases import PHASES
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.model.dynamics import Model
+from spidar_gym.native.constants import MAX_STEPS, PROGRAMS
+from spidar_gym.native.library import Core, LastCommand, Library, Struct, pointer, read_allocation
+from spidar_gym.native.structs import fill
+from spidar_gym.robot import N_LEGS
+from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
+
+
+class _Pose2(ctypes.Structure):
+    """sp_pose2, which is passed by value."""
+
+    _fields_ = [("x", ctypes.c_double), ("y", ctypes.c_double), ("yaw", ctypes.c_double)]
+
+
+class CoreGait:
+    """What the core's gait is doing: what tasks and observations read of it."""
+
+    def __init__(self, crawl: Struct, library: Library) -> None:
+        """Look at it."""
+        self._crawl, self._library = crawl, library
+        self._memory = crawl.inner("gait", "gait_memory")
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        return bool(self._library.sp_gait_done(self._crawl.pointer))
+
+    @property
+    def phase(self) -> str:
+        """One of `PHASES`."""
+        return PHASES[int(self._memory["phase"])]
+
+    @property
+    def timeouts(self) -> int:
+        """Phases that ended by time-out."""
+        return int(self._memory["timeouts"])
+
+
+class CoreCrawlMemory(LastCommand):
+    """What the core's crawler remembers; the arrays show what is there now."""
+
+    def __init__(self, struct: Struct) -> None:
+        """Look at it."""
+        super().__init__(struct)
+        self._struct = struct
+
+    @property
+    def gap(self) -> float:
+        """How much of the hand-over is left."""
+        return float(self._struct["gap"])
+
+    @property
+    def mode(self) -> str:
+        """Allocation mode of the last tick."""
+        return PROGRAMS[int(self._struct["mode"])]
+
+
+class CoreCrawler(Core[CoreCrawlMemory]):
+    """The crawler of the onboard core, a `CrawlControl`."""
+
+    def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
+        """Load the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
+        super().__init__(model)
+        self.config = config or CrawlerConfig()
+        self._crawl, settings = Struct("crawl"), Struct("crawler_config")
+        fill(settings.record, self.config)
+        self.library.sp_crawl_init(self._crawl.pointer, settings.pointer)
+        self.gait = CoreGait(self._crawl, self.library)
+        self.memory = CoreCrawlMemory(self._crawl.inner("memory", "crawl_memory"))
+        self._answered = self._crawl.inner("allocation", "allocation")
+        self._solve_time, self._last_step = 0.0, None
+
+    @property
+    def last_step(self) -> CrawlRecord | None:
+        """What the last tick did; None before the first."""
+        if self._last_step is None and self._crawl["ticked"]:
+            allocation = read_allocation(self._answered, self._solve_time)
+            self._last_step = CrawlRecord(allocation, self.memory.forces_l, self.memory.mode, self.gait.phase)
+        return self._last_step
+
+    @property
+    def done(self) -> bool:
+        """Whether every command is carried out and the forces of the last mode have faded."""
+        return self.gait.done and self.memory.gap == 0.0
+
+    def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
+        """Forget everything; as `Crawler.reset`."""
+        self.write_state(state)
+        self._last_step = None
+        self.library.sp_crawl_reset(self._crawl.pointer, self._state.pointer)
+        for command in commands:
+            self.command(command)
+
+    def command(self, command: GaitCommand) -> int:
+        """Append a command; returns how many steps it takes (`InvalidValueError` for what is out of reach)."""
+        crawl = self._crawl.pointer
+        if isinstance(command, Move):
+            way = _Pose2(command.way.x, command.way.y, command.way.yaw)
+            steps = self.library.sp_gait_move(crawl, way, plan_cycles(self.config.gait, command))
+        elif isinstance(command, Lift):
+            legs = np.array([leg in command.legs for leg in range(N_LEGS)], np.int32)
+            seconds = ctypes.c_double(command.seconds)
+            steps = self.library.sp_gait_lift(crawl, pointer(legs), ctypes.c_double(command.angle), seconds)
+        else:
+            height, seconds = ctypes.c_double(command.height), ctypes.c_double(command.seconds)
+            steps = self.library.sp_gait_stand(crawl, height, seconds)
+        if not steps:
+            raise InvalidValueError("command", command, f"one in reach, and no more than {MAX_STEPS} steps in all")
+        return int(steps)
+
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
+        """One control tick; as `Crawler.step`."""
+        self.write_state(state)
+        start = time.perf_counter()
+        self.library.sp_crawl_step(
+            self._crawl.pointer, self._state.pointer, self.residual_pointer(residual), self._command.pointer
+        )
+        self._solve_time = time.perf_counter() - start
+        self._last_step = None
+        return self._answer()
+
+    def observe(
+        self, state: RobotState, goal: Pose2, thrust_command: RotorVector, previous_action: np.ndarray, *,
+        bound: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """The observation; as `control.crawl.observation.observe_crawl`."""
+        self.write_state(state)
+        pose = np.array([goal.x, goal.y, goal.yaw])
+        size = self.library.sp_observe_crawl(
+            self._crawl.pointer, self._state.pointer, pointer(pose), pointer(thrust_command), pointer(previous_action),
+            len(previous_action), pointer(bound), pointer(self._observation),
+        )  # fmt: skip
+        return self._observation[:size].copy()

@@ -1,0 +1,154 @@
+"""The flight controller of the onboard core, a `FlightControl`."""
+
+import ctypes
+import time
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, RotorVector, Vectoring, Wrench
+from spidar_gym.control.flight.centroidal import Integrals, MotionError
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.memory import ControlState, FlightRecord
+from spidar_gym.control.flight.observation import LegMomentum, Preview
+from spidar_gym.model.dynamics import Model, Snapshot
+from spidar_gym.model.interference import Interference
+from spidar_gym.native.library import Core, LastCommand, Struct, pointer, read_allocation
+from spidar_gym.native.structs import fill
+from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
+
+
+class ControlStateView:
+    """A control state in the core's memory, and the controller's dataclass whose arrays show it."""
+
+    def __init__(self, record: np.ndarray | None = None) -> None:
+        """Make one, or look at one inside another struct."""
+        self.struct = Struct("control_state", record)
+        s, e = self.struct.inner("snapshot", "snapshot"), self.struct.inner("error", "motion_error")
+        shapes = {"inertia_c": (3, 3), "R_bl": (8, 3, 3), "J_rotor": (8, 3, 16), "joint_axes": (3, 16),
+                  "momentum_map": (6, 16)}  # fmt: skip
+        names = [name for name in Snapshot.__dataclass_fields__ if name != "mass"]
+        arrays = {name: s[name].reshape(shapes.get(name, s[name].shape)) for name in names}
+        self.control_state = ControlState(
+            self.struct["R_wb"].reshape(3, 3), Snapshot(mass=ROBOT.total_mass, **arrays), MotionError(**e.views)
+        )  # fmt: skip
+
+
+class CoreMemory(LastCommand):
+    """What the core's flight controller remembers; the arrays show what is there now."""
+
+    def __init__(self, struct: Struct) -> None:
+        """Look at it."""
+        super().__init__(struct)
+        self._bounds = struct.inner("interference", "interference")
+        self.integrals = Integrals(struct["position_integral_w"], struct["attitude_integral"])
+        self.joint_velocity = struct["joint_velocity"]
+
+    @property
+    def interference(self) -> Interference:
+        """Restricted rotors and bounds."""
+        b = self._bounds
+        return Interference(b["restricted"] != 0, b["lower"], b["upper"], b["side"])
+
+
+class CoreFlightController(Core[CoreMemory]):
+    """The flight controller of the onboard core, a `FlightControl`."""
+
+    def __init__(self, config: ControllerConfig | None = None, model: Model | None = None) -> None:
+        """Load the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
+        super().__init__(model)
+        self.config = config or ControllerConfig()
+        self._flight, self._reference, self._given = Struct("flight"), Struct("reference"), None
+        self._settings = Struct("controller_config")
+        fill(self._settings.record, self.config)
+        self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
+        self._views = ControlStateView(), ControlStateView()
+        self._own = ControlStateView(self._flight.views["control"])
+        self._turn = 0
+        self.memory = CoreMemory(self._flight.inner("memory", "flight_memory"))
+        self._answered = self._flight.inner("allocation", "allocation")
+        self._solve_time, self._last_step = 0.0, None
+
+    @property
+    def last_step(self) -> FlightRecord | None:
+        """What the last tick did; None before the first."""
+        if self._last_step is None and self._flight["ticked"]:
+            allocation = read_allocation(self._answered, self._solve_time)
+            f = self._flight
+            self._last_step = FlightRecord(
+                self._own.control_state, f["wrench_desired"], allocation, f["joint_velocity"]
+            )
+        return self._last_step
+
+    def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
+        """Forget everything; as `FlightController.reset`."""
+        self.write_state(state)
+        self._last_step = None
+        given = [None if x is None else np.ascontiguousarray(x, float) for x in (joint_position, trim)]
+        pointers = [None if x is None else pointer(x) for x in given]
+        self.library.sp_flight_reset(self._flight.pointer, self._state.pointer, *pointers)
+
+    def rest_vectoring(self, q: JointVector) -> Vectoring:
+        """(φ, θ) that a hover in the form q comes to rest near [rad]."""
+        vectoring = np.zeros((N_ROTORS, 2))
+        self.library.sp_rest_vectoring(
+            self._settings.pointer, pointer(np.ascontiguousarray(q, float)), pointer(vectoring)
+        )
+        return vectoring
+
+    def _write_reference(self, reference: Reference) -> None:
+        if reference is not self._given:
+            fill(self._reference.record, reference)
+            self._given = reference
+
+    def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
+        """What the controller makes of a state; its arrays are overwritten by the next call but one."""
+        self.write_state(state)
+        self._write_reference(reference)
+        view = self._views[self._turn]
+        self._turn = 1 - self._turn
+        self.library.sp_compute_state(self._state.pointer, self._reference.pointer, view.struct.pointer)
+        return view.control_state
+
+    def step(
+        self,
+        state: RobotState,
+        reference: Reference,
+        residual: Residual = NO_RESIDUAL,
+        control_state: ControlState | None = None,
+    ) -> Command:
+        """One control tick; as `FlightController.step`."""
+        self.write_state(state)
+        self._write_reference(reference)
+        known = next((view.struct.pointer for view in self._views if view.control_state is control_state), None)
+        start = time.perf_counter()
+        self.library.sp_flight_step(
+            self._flight.pointer, self._state.pointer, self._reference.pointer, self.residual_pointer(residual), known,
+            self._command.pointer,
+        )  # fmt: skip
+        self._solve_time = time.perf_counter() - start
+        self._last_step = None
+        return self._answer()
+
+    def observe(
+        self,
+        state: RobotState,
+        control_state: ControlState,
+        thrust_command: RotorVector,
+        joint_velocity: JointVector,
+        legs: LegMomentum,
+        preview: Preview,
+        previous_action: np.ndarray,
+        *,
+        bound: np.ndarray,
+    ) -> np.ndarray:
+        """The observation; as `control.flight.observation.observe`."""
+        self.write_state(state)
+        view = next(view for view in self._views if view.control_state is control_state)
+        arrays = (thrust_command, joint_velocity, legs.value, legs.rate, preview.joint_target, preview.next_form)
+        size = self.library.sp_observe(
+            self._flight.pointer, self._state.pointer, view.struct.pointer, *map(pointer, arrays),
+            ctypes.c_double(preview.time_to_next), pointer(previous_action), len(previous_action), pointer(bound),
+            pointer(self._observation),
+        )  # fmt: skip
+        return self._observation[:size].copy()

@@ -1,0 +1,132 @@
+"""Structs that Python and the onboard core share, written down once: dataclasses, or tables of members."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.allocation.allocator import AllocatorConfig
+from spidar_gym.control.allocation.modes import ALLOCATIONS
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.footsteps import STRIDES, GaitConfig
+from spidar_gym.control.estimator import EstimatorConfig
+from spidar_gym.control.flight.centroidal import CentroidalConfig
+from spidar_gym.control.flight.compensation import CompensationConfig
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.model.interference import InterferenceConfig
+from spidar_gym.model.rotor import LockConfig
+from spidar_gym.native.constants import ENUMERATIONS, snake
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, field_docs
+from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
+
+WORDS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("reference", "mode"): ("flight", "flight_unrestricted"),
+    ("controller_config", "allocation"): tuple(ALLOCATIONS),
+    ("gait_config", "stride"): STRIDES,
+}
+"""Fields that are words in Python and numbers in C: the valid ones in order."""
+OPTIONAL = {("residual", "forces_l"): (N_ROTORS, 3), ("residual", "leg_forces_b"): (N_LEGS, 3)}
+"""Arrays that may be missing, with their shapes: in C a flag `has_…` goes before them."""
+
+
+def samples() -> list[Any]:
+    """An instance of every dataclass that becomes a struct, those inside others first."""
+    zero, quat, q = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(N_JOINTS)
+    angles, eight = np.zeros((N_ROTORS, 2)), np.zeros(N_ROTORS)
+    return [
+        RobotState(0.0, zero, quat, zero, zero, q, q, angles, angles, eight, q),
+        Measurement(
+            0.0, 0, np.zeros(POSE_FRAMES), np.zeros((POSE_FRAMES, 3)), np.zeros((POSE_FRAMES, 4)), 0,
+            np.zeros(IMU_SAMPLES), np.zeros((IMU_SAMPLES, 3)), np.zeros((IMU_SAMPLES, 3)), 0.0, q, q, angles,
+        ),
+        Reference(zero, quat, zero, zero, q),
+        Residual(),
+        Command(eight, angles, q, q),
+        CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),
+        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(),
+    ]  # fmt: skip
+
+
+Row = tuple[str, str, tuple[int, ...], str]
+"""Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment.
+
+The kind is `f8`, `f4`, `i4`, `u1`, an enumeration, or a struct that came before.
+"""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class CStruct:
+    """One struct: its C text and its numpy type come from here."""
+
+    name: str
+    """Without `sp_`."""
+    doc: str
+    """What it is."""
+    rows: Sequence[Row]
+    """Its members, in order."""
+
+
+@cache
+def border_structs() -> tuple[CStruct, ...]:
+    """Structs of the dataclasses that cross the border, in the core's order."""
+    return tuple(
+        CStruct(snake(type(sample).__name__), (type(sample).__doc__ or "").splitlines()[0], _rows(sample))
+        for sample in samples()
+    )
+
+
+def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
+    """Fields of a dataclass in its order; in the core arrays are flat."""
+    struct, docs = snake(type(sample).__name__), field_docs(type(sample))
+    rows: list[Row] = []
+    for field in dataclasses.fields(sample):
+        value, doc = getattr(sample, field.name), docs.get(field.name, "")
+        kind, shape = "i4", ()
+        if (struct, field.name) in OPTIONAL:
+            rows.append((f"has_{field.name}", "i4", (), "Whether the next field counts."))
+            kind, shape = "f8", OPTIONAL[struct, field.name]
+        elif dataclasses.is_dataclass(value):
+            kind = snake(type(value).__name__)
+        elif not isinstance(value, bool | int | str):
+            array = np.asarray(value)
+            kind, shape = "i4" if array.dtype == bool else "f8", array.shape
+        flat = (int(np.prod(shape)),) if shape else ()
+        rows.append((field.name, kind, flat, f"{shape} {doc}" if len(shape) > 1 else doc))
+    return rows
+
+
+def dtypes(structs: Iterable[CStruct], known: Mapping[str, np.dtype] | None = None) -> dict[str, np.dtype]:
+    """Numpy types by name, laid out as a C compiler does.
+
+    Args:
+        structs: Those inside others first.
+        known: Types of structs that came before.
+    """
+    types = dict(known or {})
+    for struct in structs:
+        members = [
+            (name, types.get(kind) or np.dtype("i4" if kind in ENUMERATIONS else kind), shape)
+            for names, kind, shape, _ in struct.rows
+            for name in names.split()
+        ]
+        types[struct.name] = np.dtype(members, align=True)
+    return types
+
+
+def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and a dataclass
+    """Write a dataclass into a numpy record of its struct."""
+    struct = snake(type(value).__name__)
+    for field in dataclasses.fields(value):
+        own = getattr(value, field.name)
+        if (struct, field.name) in OPTIONAL:
+            record[f"has_{field.name}"] = own is not None
+            record[field.name][...] = 0.0 if own is None else np.reshape(own, -1)
+        elif dataclasses.is_dataclass(own):
+            fill(record[field.name], own)
+        elif isinstance(own, str):
+            record[field.name] = WORDS[struct, field.name].index(own)
+        else:
+            # In the core arrays are flat.
+            record[field.name] = np.reshape(own, -1) if np.ndim(own) else own
