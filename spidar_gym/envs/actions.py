@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spidar_gym.errors import UnknownNameError
+from spidar_gym.errors import require_name
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.state import Command, Residual
 
-CONTROLS = ("python", "core")
-"""Who controls: the readable controller, or the compiled core of the robot."""
 WRENCH_AUTHORITY = np.array([0.15 * ROBOT.weight] * 3 + [8.0] * 3)
 """Force of 15 % of the weight [N] and torque [Nm] per axis of the wrench residual."""
 JOINT_AUTHORITY = 0.1
@@ -144,8 +142,7 @@ CRAWL_MODES: dict[str, ActionMode] = {
 
 def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) -> ActionMode:
     """Mode by name (`UnknownNameError` lists the valid ones)."""
-    if name not in modes:
-        raise UnknownNameError("action mode", name, modes)
+    require_name("action mode", name, modes)
     return modes[name]
 
 

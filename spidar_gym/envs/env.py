@@ -1,49 +1,78 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
 import inspect
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from spidar_gym.control.allocator import Allocation
-from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.arrays import JointVector
+from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.estimator import Estimator
-from spidar_gym.control.observation import Field
-from spidar_gym.description import CAMERAS
-from spidar_gym.envs.actions import ActionMode
-from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.robot import N_JOINTS
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import Field
+from spidar_gym.control.interface import Controller, LastCommand, LastStep, Settings
+from spidar_gym.envs.actions import ActionMode, direct_command
+from spidar_gym.errors import (
+    InvalidValueError,
+    SpidarError,
+    require_flag,
+    require_instance,
+    require_keys,
+    require_least,
+    require_name,
+    require_within,
+)
+from spidar_gym.robot import N_JOINTS, ROBOT
+from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.energy import endurance_min
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.randomize import check_strength, randomize
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
+from spidar_gym.sim.values import real_array
 from spidar_gym.state import Command, RobotState
 
 
-class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
+@runtime_checkable
+class Task(Protocol):
+    """What every environment asks of its task, a frozen dataclass of options."""
+
+    @property
+    def horizon_s(self) -> float:
+        """Length of an episode [s]."""
+        ...
+
+
+TaskT = TypeVar("TaskT", bound=Task)
+ControllerT = TypeVar("ControllerT", bound=Controller[Settings, LastCommand, LastStep])
+
+
+class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
         "render_modes": ["human", "rgb_array", "depth_array"],
         "render_fps": int(CONTROL_RATE),
     }
-    task: Any
-    """The task: a frozen dataclass of options."""
+    task: TaskT
+    """What is to be done."""
+    controller: ControllerT
+    """What commands the robot where no action does."""
     reward_weights: Mapping[str, float]
     """Weight of each term of the reward; they add up to 1."""
+    reset_options: tuple[str, ...] = ("disturbances",)
+    """Names of the options of `reset`."""
 
     def __init__(
         self,
         mode: ActionMode,
-        fields: tuple[Field, ...],
+        layout: tuple[Field, ...],
         *,
         joint_speed: float,
         idle_thrust: float = 0.0,
@@ -62,7 +91,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
 
         Args:
             mode: What the action means.
-            fields: The observation's layout.
+            layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
             idle_thrust: Least thrust of a module [N].
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
@@ -81,38 +110,43 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
             InvalidValueError: For a value out of range.
             StaleAssetError: When the model file was edited by hand.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise UnknownNameError("render mode", render_mode, self.metadata["render_modes"])
-        if camera not in CAMERAS:
-            raise UnknownNameError("camera", camera, CAMERAS)
+        if render_mode is not None:
+            require_name("render mode", render_mode, self.metadata["render_modes"])
+        require_name("camera", camera, CAMERAS)
+        require_flag(wake=wake, battery=battery, sensors=sensors)
+        require_within(0.0, ROBOT.max_thrust, "N", idle_thrust=idle_thrust)
         for name, size, most in (("width", width, MAX_WIDTH), ("height", height, MAX_HEIGHT)):
             if not (isinstance(size, int) and 1 <= size <= most):
                 raise InvalidValueError(name, size, f"a whole number of pixels within 1 … {most}")
         check_strength(randomization)
-        self._mode, self.layout = mode, fields
-        self._strength = randomization
+        self._mode, self.layout = mode, layout
+        self._strength = float(randomization)
         self._disturbances = Disturbances.parse(disturbances)
-        robot = plant or PlantConfig()
+        robot = own_robot(plant)
         self._nominal = replace(
             robot,
             joint_speed=joint_speed,
-            idle_thrust=idle_thrust or robot.idle_thrust,
-            sense=robot.sense or sensors,
-            aero=replace(robot.aero, wake=robot.aero.wake and wake),
-            actuators=replace(robot.actuators, battery=robot.actuators.battery or battery),
+            idle_thrust=float(idle_thrust) or robot.idle_thrust,
+            sense=bool(robot.sense or sensors),
+            aero=replace(robot.aero, wake=bool(robot.aero.wake and wake)),
+            actuators=replace(robot.actuators, battery=bool(robot.actuators.battery or battery)),
         )
         self._described = plant is None and randomization == 0.0
         self.plant = Plant(self._nominal)
         self.estimator = Estimator()
-        self._draws: dict[str, np.ndarray] = {}
+        self._sampled_parameters: dict[str, np.ndarray] = {}
         self.render_mode = render_mode
         self._camera, self._size = camera, (width, height)
         self._renderer: Any = None
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
-        self._bound = np.concatenate([np.full(f.size, f.bound) for f in fields])
+        self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._state: RobotState | None = None
+        self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE))
+        """Steps after which the episode ends, unless it fails before."""
+        self.ticks = 0
+        """Steps since the reset."""
 
     @property
     def seen(self) -> RobotState:
@@ -127,9 +161,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
         return self._command
 
     @property
-    def draws(self) -> dict[str, np.ndarray]:
+    def sampled_parameters(self) -> dict[str, np.ndarray]:
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
-        return self._draws
+        return self._sampled_parameters
 
     @property
     def state(self) -> RobotState:
@@ -150,13 +184,19 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
 
         Returns:
             Observation and info.
+
+        Raises:
+            UnknownNameError: For an option that does not exist, and nothing has changed.
+            InvalidValueError: For a value that is not valid, and nothing has changed.
         """
+        chosen: dict[str, object] = {}
+        given = {} if options is None else options
+        for name, value in require_keys("options", "reset option", given, self.reset_options).items():
+            chosen |= self._chosen(name, value)
         super().reset(seed=seed)
-        for name, value in (options or {}).items():
-            if name == "disturbances":
-                self._disturbances = Disturbances.parse(value)
-            else:
-                self._choose(name, value)
+        for name, value in chosen.items():
+            setattr(self, name, value)
+        self.ticks = 0
         self._action = np.zeros(self._mode.size)
         self._command: Command | None = None
         self._begin(self.np_random)
@@ -173,25 +213,27 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
             action: In [−1, 1]; what lies outside is clipped.
 
         Returns:
-            Observation, reward in [0, 1], terminated, truncated (always False: TimeLimit truncates), info.
+            Observation, reward in [0, 1], terminated, truncated (always False: the wrapper `Horizon` truncates), info.
 
         Raises:
-            InvalidValueError: For an action of the wrong shape or with a NaN.
+            InvalidValueError: For an action of the wrong shape or with a NaN; nothing has moved.
             SpidarError: When `reset` was never called.
         """
-        action = np.asarray(action, np.float64)
+        action = real_array("action", action, f"numbers of shape ({self._mode.size},)")
         if action.shape != (self._mode.size,):
             raise InvalidValueError("action", action.shape, f"an array of shape ({self._mode.size},)")
-        if not math.isfinite(action.sum()):
+        if not np.isfinite(action).all():
             raise InvalidValueError("action", action.tolist(), "finite numbers within −1 … 1")
         if self._state is None:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
+        self.ticks += 1
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
         self._command = self._act(self._action)
-        self._state = self.plant.step(self._command)
+        state = self.plant.step(self._command)
         if self.plant.diverged:
+            # The last state that was one stays for info: a client's sums and networks take no NaN.
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, self._info("diverged")
-        self._seen = self._state
+        self._seen = self._state = state
         if self._nominal.sense:
             self._seen = self.estimator.update(self.plant.measure(), self._command.thrust)
         failure = self._advance()
@@ -216,15 +258,16 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
         return self._renderer.render(self.plant.data.qpos, depth=self.render_mode == "depth_array")
 
     def close(self) -> None:
-        """Release window or OpenGL context; a second call does nothing."""
+        """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
         renderer, self._renderer = self._renderer, None
         if renderer is not None:
             renderer.close()
+        self.controller.close()
 
     def _draw_robot(self, rng: np.random.Generator) -> None:
         """Become the robot of this episode, where robots are drawn."""
         if self._strength > 0.0:
-            config, self._draws = randomize(self._nominal, rng, self._strength)
+            config, self._sampled_parameters = randomize(self._nominal, rng, self._strength)
             self.plant.configure(config)
 
     def _sense(self) -> None:
@@ -236,9 +279,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
             self.estimator.reset(replace(self.state, **indicated))
             self._seen = self.estimator.update(first, self.state.thrust)
 
-    def _choose(self, name: str, value: object) -> None:
-        """Set an option of the task from now on (`UnknownNameError` lists the valid ones)."""
-        raise UnknownNameError("reset option", name, ["disturbances"])
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+        """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
+        assert name == "disturbances"
+        return {"_disturbances": Disturbances.parse(value)}
 
     @abstractmethod
     def _begin(self, rng: np.random.Generator) -> None:
@@ -247,6 +291,18 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
     @abstractmethod
     def _act(self, action: np.ndarray) -> Command:
         """The command of this tick."""
+
+    def _act_directly(self, action: np.ndarray) -> tuple[Command, JointVector]:
+        """The command of an action that no controller stands behind, and the rate of its setpoints [rad/s].
+
+        The controller is told what the servos' slew limit makes of it within this tick.
+        """
+        controller, memory = self.controller, self.controller.memory
+        reach = controller.config.joint_speed / CONTROL_RATE
+        command = direct_command(action, memory.vectoring)
+        step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
+        controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
+        return command, step * CONTROL_RATE
 
     @abstractmethod
     def _advance(self) -> str:
@@ -260,14 +316,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
     def _task_info(self, failure: str) -> dict[str, Any]:
         """What the task adds to `info`: errors, reward terms, `is_success`."""
 
-    @property
-    @abstractmethod
-    def _allocation(self) -> Allocation | None:
-        """The last allocation; None where none ran."""
-
     def _info(self, failure: str) -> dict[str, Any]:
         """The same keys and shapes at every step and at reset; nothing in it is written or handed out again."""
-        state, command, allocation = self.state, self._command, self._allocation
+        state, command, last = self.state, self._command, self.controller.last_step
+        allocation = None if last is None else last.allocation
         vectoring = state.vectoring if command is None else command.vectoring
         return {
             "thrust_command": (state.thrust if command is None else command.thrust).copy(),
@@ -286,17 +338,32 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC):
             "power_w": self.plant.memory.power,
             "energy_wh": self.plant.memory.energy_wh,
             "endurance_min": endurance_min(self.plant.mean_power),
-            "randomization": {name: draw.copy() for name, draw in self._draws.items()},
+            "randomization": {name: draw.copy() for name, draw in self._sampled_parameters.items()},
             **self._task_info(failure),
             "failure": failure,
         }
 
 
-def split_options(task: type, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arguments of the task and of `SpidarEnv` (`UnknownNameError` lists the task's valid ones)."""
-    shared = {n for n, p in inspect.signature(SpidarEnv).parameters.items() if p.default is not p.empty}
-    own = {name: value for name, value in options.items() if name not in shared}
-    for name in own:
-        if name not in task.option_names():
-            raise UnknownNameError("option", name, task.option_names())
-    return own, {name: value for name, value in options.items() if name in shared}
+def split_options(env: type[SpidarEnv], task: type, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arguments of the task and of `SpidarEnv` (`UnknownNameError` lists all that the environment takes)."""
+    own = list(inspect.signature(task).parameters)
+    named, shared = (
+        [name for name, p in inspect.signature(kind).parameters.items() if p.default is not p.empty]
+        for kind in (env, SpidarEnv)
+    )
+    for name in options:
+        require_name("option", name, own + named + shared)
+    return {k: v for k, v in options.items() if k in own}, {k: v for k, v in options.items() if k not in own}
+
+
+def own_robot(plant: PlantConfig | None) -> PlantConfig:
+    """The simulated robot that was given, or the nominal one."""
+    plant = PlantConfig() if plant is None else plant
+    require_instance(PlantConfig, plant=plant)
+    return plant
+
+
+def solver_settings(max_iter: int) -> AllocatorConfig:
+    """Settings of the QP solver with an iteration cap of one's own."""
+    require_least(1, max_iter=max_iter)
+    return AllocatorConfig(max_iter=int(max_iter))

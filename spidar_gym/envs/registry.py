@@ -3,8 +3,20 @@
 from dataclasses import dataclass
 
 import gymnasium
+from gymnasium.envs.registration import WrapperSpec
 
-from spidar_gym.errors import UnknownNameError
+from spidar_gym.errors import require_name
+
+
+class RegisteredSteps(int):
+    """Length of an episode that nobody has asked for: `horizon_s` goes before it."""
+
+
+HORIZON = WrapperSpec("Horizon", "spidar_gym.envs.horizon:Horizon", {})
+"""What ends every environment's episodes."""
+
+
+HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 
 
 @dataclass(frozen=True)
@@ -20,12 +32,17 @@ class Entry:
 
 
 ENVIRONMENTS: dict[str, Entry] = {
-    "spidar_gym/Hover-v0": Entry(
-        "spidar_gym.envs.hover:HoverEnv", 800, "hold the CoG while the joints go through a sequence of forms"
+    HOVER: Entry(
+        "spidar_gym.envs.hover.env:HoverEnv", 800, "hold the CoG while the joints go through a sequence of forms"
     ),
-    "spidar_gym/Crawl-v0": Entry("spidar_gym.envs.crawl:CrawlEnv", 3000, "crawl to a pose on the floor"),
+    CRAWL: Entry("spidar_gym.envs.crawl.env:CrawlEnv", 3000, "crawl to a pose on the floor"),
 }
 """Every environment of this package."""
+
+
+def import_id(name: str) -> str:
+    """The id for a process that has not imported this package: Gymnasium imports what stands before the colon."""
+    return f"{__name__.partition('.')[0]}:{name}"
 
 
 def register() -> None:
@@ -35,12 +52,12 @@ def register() -> None:
             gymnasium.register(
                 id=name,
                 entry_point=entry.entry_point,
-                max_episode_steps=entry.horizon,
+                max_episode_steps=RegisteredSteps(entry.horizon),
+                additional_wrappers=(HORIZON,),
             )
 
 
 def environment(name: str) -> Entry:
     """Entry by id (`UnknownNameError` lists the valid ones)."""
-    if name not in ENVIRONMENTS:
-        raise UnknownNameError("environment", name, ENVIRONMENTS)
+    require_name("environment", name, ENVIRONMENTS)
     return ENVIRONMENTS[name]

@@ -12,6 +12,7 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
+from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.sim.values import check_arrays, constant
 
 NOISE_BANDWIDTH = 10.0
@@ -25,7 +26,7 @@ class ActuatorConfig:
     thrust_gain: float = 1.0
     """Thrust over commanded thrust, all modules."""
     module_gain: np.ndarray = field(default_factory=lambda: constant(1.0, N_ROTORS))
-    """… of each module, times that."""
+    """Thrust over commanded thrust of each module, times `thrust_gain`."""
     duct_imbalance: np.ndarray = field(default_factory=lambda: constant(0.0, N_ROTORS))
     """(T_left − T_right) / λ of each module; it turns the module about x."""
     thrust_tilt: np.ndarray = field(default_factory=lambda: constant(0.0, N_ROTORS, 2))
@@ -51,7 +52,7 @@ class ActuatorConfig:
     joint_kd: float = ROBOT.joint_kd
     """Damping of the joint servos [Nm s/rad]."""
     servo_stiffness: np.ndarray = field(default_factory=lambda: constant(1.0, N_JOINTS))
-    """Factor on it, each servo."""
+    """Factor on the stiffness of each joint servo."""
     joint_speed_factor: float = 1.0
     """The servos' speed limit over the one that they are told."""
     max_joint_torque: float = ROBOT.max_joint_torque
@@ -91,6 +92,22 @@ class ActuatorConfig:
         """Thrust over commanded thrust of each module."""
         return self.thrust_gain * self.module_gain
 
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """True minus indicated value of all actuators: thrusts, joints, vectoring angles."""
+        return np.concatenate([np.zeros(N_ROTORS), self.joint_offset, self.vectoring_offset.reshape(-1)])
+
+    @cached_property
+    def delay_steps(self) -> tuple[int, int]:
+        """Physics steps between a command and the actuators: thrusts and joints, vectoring servos."""
+        delay = round(self.delay / TIMESTEP)
+        return delay, delay + round(self.vectoring_delay / TIMESTEP)
+
+    @property
+    def asymmetric(self) -> bool:
+        """Whether anything depends on a direction: falling thrusts lag otherwise, or joints have play."""
+        return self.backlash > 0.0 or self.spin_down != 1.0
+
     def apply(self, model: mujoco.MjModel, joint_speed: float) -> None:
         """Write everything that MuJoCo can do by itself into the model; nothing of an earlier configuration stays."""
         rotors, joints, gimbals = (
@@ -114,6 +131,25 @@ class ActuatorConfig:
         dofs = [model.joint(name).dofadr[0] for name in JOINT_NAMES]
         model.dof_frictionloss[dofs] = self.joint_friction
         model.dof_damping[dofs] = self.joint_damping
+
+    def write_asymmetry(
+        self, model: mujoco.MjModel, rotors: np.ndarray, joints: np.ndarray, falling: np.ndarray, loose: np.ndarray
+    ) -> None:
+        """Write what depends on a direction into the model: the lag of falling thrusts, and the play of the joints.
+
+        Inside its play a servo's spring has no grip, outside it starts from the play's edge.
+
+        Args:
+            model: Written.
+            rotors: Ids of the modules' actuators.
+            joints: Ids of the joint servos.
+            falling: Modules whose thrust falls.
+            loose: Where each joint is within its play [rad].
+        """
+        if self.spin_down != 1.0:
+            model.actuator_dynprm[rotors, 0] = self.thrust_lag * np.where(falling, self.spin_down, 1.0)
+        if self.backlash > 0.0:
+            model.actuator_biasprm[joints, 0] = -(self.joint_kp * self.servo_stiffness) * loose
 
 
 def thrust_noise(noise: np.ndarray, sigma: float, dt: float, rng: np.random.Generator) -> np.ndarray:

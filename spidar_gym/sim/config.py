@@ -1,12 +1,11 @@
 """What can be chosen about the simulated robot: one configuration of five parts, all of them nominal by default."""
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, is_finite, require_flag, require_instance, require_least
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
-from spidar_gym.sim.aero import AeroConfig
+from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.sensors import SensorConfig
@@ -37,9 +36,12 @@ class PlantConfig:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated."""
-        if self.substeps < 1:
-            raise InvalidValueError("substeps", self.substeps, "a whole number of at least 1")
-        if not (math.isfinite(self.joint_speed) and self.joint_speed > 0.0):
+        require_least(1, substeps=self.substeps)
+        require_flag(sense=self.sense)
+        for f in fields(self):
+            if isinstance(f.default_factory, type):
+                require_instance(f.default_factory, **{f.name: getattr(self, f.name)})
+        if not (is_finite(self.joint_speed) and self.joint_speed > 0.0):
             raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
-        if not 0.0 <= self.idle_thrust <= ROBOT.max_thrust:
+        if not (is_finite(self.idle_thrust) and 0.0 <= self.idle_thrust <= ROBOT.max_thrust):
             raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {ROBOT.max_thrust:g} N")

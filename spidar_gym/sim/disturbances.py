@@ -3,13 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 
 from spidar_gym.arrays import Vector3
-from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, is_finite, require_keys, require_name
 from spidar_gym.robot import N_ROTORS
 
 FAULTS = ("thrust", "vectoring")
@@ -18,6 +18,8 @@ LENGTH = np.array([23.0, 23.0, 3.05])
 """Turbulence lengths u, v, w at 10 ft and below [m] [MIL-F-8785C]."""
 INTENSITY = np.array([0.196, 0.196, 0.1])
 """Standard deviation of the turbulence over the wind speed there [MIL-F-8785C]."""
+MOST = {"wind": (200.0, "m/s"), "push": (1e4, "N"), "fault_time": (1e9, "s")}
+"""No more than this: what is left of the robot would be no simulation."""
 PUSH_SECONDS = 0.2
 """Length of a push [s]."""
 PUSH_EVERY = (5.0, 15.0)
@@ -41,25 +43,27 @@ class Disturbances:
 
     def __post_init__(self) -> None:
         """Refuse what cannot happen."""
-        for name, unit in (("wind", "m/s"), ("push", "N"), ("fault_time", "s")):
+        for name, (most, unit) in MOST.items():
             value = getattr(self, name)
-            if not (isinstance(value, Real) and 0.0 <= float(value) < math.inf):
-                raise InvalidValueError(name, value, f"a number of at least 0 [{unit}]")
+            if not (is_finite(value) and 0.0 <= value <= most):
+                raise InvalidValueError(name, value, f"a number of at least 0 [{unit}], at most {most:g}")
+            object.__setattr__(self, name, float(value))
         if not (isinstance(self.lost_rotor, Integral) and 0 <= self.lost_rotor <= N_ROTORS):
             raise InvalidValueError("lost_rotor", self.lost_rotor, f"a rotor number 1 … {N_ROTORS}, or 0 for none")
-        if self.fault not in FAULTS:
-            raise UnknownNameError("fault", self.fault, FAULTS)
+        require_name("fault", self.fault, FAULTS)
+
+    @property
+    def has_weather(self) -> bool:
+        """Whether there is wind, or pushes."""
+        return self.wind > 0.0 or self.push > 0.0
 
     @classmethod
     def parse(cls, values: "Mapping[str, Any] | Disturbances | None") -> "Disturbances":
         """From a dictionary, as `gym.make` and `reset` take it (`UnknownNameError` lists the valid names)."""
         if isinstance(values, Disturbances):
             return values
-        names = [f.name for f in fields(cls)]
-        for name in values or {}:
-            if name not in names:
-                raise UnknownNameError("disturbance", name, names)
-        return cls(**(values or {}))
+        given = {} if values is None else values
+        return cls(**require_keys("disturbances", "disturbance", given, [f.name for f in fields(cls)]))
 
 
 @dataclass

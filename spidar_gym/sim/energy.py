@@ -13,13 +13,13 @@ BASE_POWER = 60.0
 THRUST_POWER = 4.26
 """c in c λ^1.5 [W/N^1.5]: **calibrated**, so that the usable energy hovers the paper's 9 minutes [Zhao2025, Tab. 1]."""
 SERVO_EFFICIENCY = 0.5
-"""Of a joint servo that moves against its torque [estimate]."""
+"""Efficiency of a joint servo that moves against its torque [estimate]."""
 HOLDING_POWER = 0.75
-"""Of a joint servo that holds a torque [W/Nm²] [estimate]: 0.5 … 1."""
+"""Power of a joint servo over the square of the torque that it holds [W/Nm²] [estimate]: 0.5 … 1."""
 FULL_VOLTAGE, EMPTY_VOLTAGE = 25.2, 22.2
-"""Of a pack at rest, full and at the end of the usable charge [V]."""
+"""Voltage of a pack at rest, full and at the end of the usable charge [V]."""
 RESISTANCE = 0.08 / 8
-"""Of eight packs in parallel [Ω] [JSK]."""
+"""Resistance of eight packs in parallel [Ω] [JSK]."""
 
 
 def electrical_power(thrust: RotorVector, joint_torque: JointVector, joint_velocity: JointVector) -> float:

@@ -8,6 +8,7 @@ What is measured here is for rewards, metrics and tests: no controller sees it, 
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -52,7 +53,12 @@ class GroundConfig:
         """Whether there are tiles."""
         return bool(self.tiles.any())
 
-    @property
+    @cached_property
+    def highest_tile(self) -> float:
+        """Height of the highest tile over the plane [m]."""
+        return float(self.tiles.max())
+
+    @cached_property
     def R_wf(self) -> Matrix3:
         """Attitude of the floor."""
         return exp(self.slope * np.array([math.sin(self.heading), -math.cos(self.heading), 0.0]))
@@ -115,13 +121,13 @@ class Touch:
     foot_slip: np.ndarray
     """Speed of each foot's touching point along the floor, 0 in the air (4,) [m/s]."""
     peg_slip: np.ndarray
-    """… of each of the torso's pegs (4,) [m/s]."""
+    """Speed of the touching point of each of the torso's pegs along the floor, 0 in the air (4,) [m/s]."""
     duct_clearance: float
     """Height of the lowest duct over the floor below its centre [m]."""
 
 
 class GroundWatch:
-    """Looks at the contacts of one simulation."""
+    """Looks at the contacts of one simulation, and has MuJoCo look for them or not."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Look up what may touch."""
@@ -137,14 +143,27 @@ class GroundWatch:
         self._kind = np.full(model.ngeom, -1)
         self._kind[self._balls] = np.arange(len(names))
         self._kind[self._ducts] = len(names)
-        self._x, self._R = data.geom_xpos, data.geom_xmat
+        self._x, self._R, self._options = data.geom_xpos, data.geom_xmat, model.opt
+        self._reach = model.geom_rbound.copy()
+        self._reach[model.geom_contype > 0] = -np.inf  # the floor itself
+        self._enabled = True
         self._twist, self._com = data.cvel, data.subtree_com
         self._carriers = model.geom_bodyid[self._balls[:8]]
         self._root = int(model.body_rootid[self._carriers[0]])
 
-    def look(self, ground: GroundConfig, R_wf: Matrix3) -> Touch:
+    def clearance(self, ground: GroundConfig) -> float:
+        """Height of everything over the highest tile at least [m]."""
+        return float((self._x @ ground.R_wf[:, 2] - self._reach).min()) - ground.highest_tile
+
+    def enable(self, enabled: bool) -> None:
+        """Look for contacts, or save the time: with the floor far below the result is the same."""
+        if enabled != self._enabled:
+            self._options.disableflags ^= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+            self._enabled = enabled
+
+    def look(self, ground: GroundConfig) -> Touch:
         """What touches the floor now."""
-        data, n = self._data, len(self._balls)
+        data, n, R_wf = self._data, len(self._balls), ground.R_wf
         touching = np.zeros(n + 2, bool)
         if data.ncon:
             touching[self._kind[data.contact.geom].reshape(-1)] = True

@@ -6,7 +6,7 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, RotorMask, RotorVector
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.aero import AirForces
+from spidar_gym.sim.air import AirForces
 from spidar_gym.sim.disturbances import Disturbances, Weather
 from spidar_gym.sim.sensors import SensorMemory
 

@@ -13,18 +13,19 @@ from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vec
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROTOR_SITES
 from spidar_gym.sim.actuators import thrust_noise
-from spidar_gym.sim.aero import Aero
+from spidar_gym.sim.air import Aero
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances, Weather
 from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
+from spidar_gym.sim.events import Event, every, next_arrival
 from spidar_gym.sim.ground import GroundWatch, Touch
 from spidar_gym.sim.memory import PlantMemory, Saved
-from spidar_gym.sim.scene import TIMESTEP, scene
+from spidar_gym.sim.scene import TIMESTEP, quieten, scene
 from spidar_gym.sim.sensors import Sensors
 from spidar_gym.state import Command, Measurement, RobotState
 
 AIR_STEPS = 10
-"""Physics steps between two evaluations of the air: 25 ms, 40 Hz; README tells what the hold costs."""
+"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/simulator.md tells what the hold costs."""
 SERVO_STEPS = 5
 """Physics steps between two looks at which way thrusts go and where joints are in their play: 12.5 ms."""
 IMU_STEPS = 2
@@ -61,36 +62,35 @@ class Plant:
         self._rotors = np.array([servo.id for servo in servos[_ROTORS]])
         self._joint_servos = np.array([servo.id for servo in servos[_JOINTS]])
         self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
-        self._geom_xpos, self._options = self.data.geom_xpos, self.model.opt
-        self._reach = self.model.geom_rbound.copy()
-        self._reach[self.model.geom_contype > 0] = -np.inf  # the floor itself
         self._watch = GroundWatch(self.model, self.data)
-        self._watching = True
         self.memory = PlantMemory()
+        self._events: tuple[Event[Plant], ...] = ()
+        self.diverged = False
+        """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
         self.config = config
-        self.configure(config)
+        """What was chosen about the robot."""
+        self._write_config()
+        self._aero, self._sensors = Aero(self.model, self.data, config.aero), Sensors(config.sensors)
 
     def configure(self, config: PlantConfig) -> None:
         """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
         if config.ground.uneven != self.config.ground.uneven:
             raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
         self.config = config
-        self.period = config.substeps * TIMESTEP
-        """Control period [s]."""
+        self._write_config()
+        self._aero, self._sensors = Aero(self.model, self.data, config.aero), Sensors(config.sensors)
+
+    def _write_config(self) -> None:
+        """Write what MuJoCo can do by itself into its model."""
+        config = self.config
         config.actuators.apply(self.model, config.joint_speed)
         config.body.apply(self.model, scene(visual=False, uneven=config.ground.uneven))
         config.ground.apply(self.model)
-        self._R_wf = config.ground.R_wf
-        self._top = float(config.ground.tiles.max())
-        self._aero = Aero(self.model, self.data, config.aero)
-        self._sensors = Sensors(config.sensors)
-        actuators = config.actuators
-        self._offsets = np.concatenate(
-            [np.zeros(N_ROTORS), actuators.joint_offset, actuators.vectoring_offset.reshape(-1)]
-        )
-        self._gain = actuators.gain
-        self._delay = round(actuators.delay / TIMESTEP)
-        self._vectoring_delay = self._delay + round(actuators.vectoring_delay / TIMESTEP)
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return self.config.substeps * TIMESTEP
 
     def reset(
         self,
@@ -119,87 +119,69 @@ class Plant:
         """
         disturbances = disturbances or Disturbances()
         random = self.config.sense or self.config.actuators.thrust_noise
-        if rng is None and (random or disturbances.wind or disturbances.push):
+        if rng is None and (random or disturbances.has_weather):
             raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
         mujoco.mj_resetData(self.model, self.data)
+        quieten(self.data)
+        self.diverged = False
         self.memory = memory = PlantMemory(rng=rng, disturbances=disturbances)
-        self._prepare()
         targets = self._targets
         targets[_ROTORS] = 0.0 if thrust is None else thrust
         targets[_JOINTS] = 0.0 if joint_position is None else joint_position
         targets[_GIMBALS] = 0.0 if vectoring is None else vectoring.reshape(-1)
-        targets += self._offsets
+        targets += self.config.actuators.offsets
         self.data.qpos[:3] = position_w
         self.data.qpos[3:7] = quat_wb
         self.data.qpos[self._qpos] = targets[N_ROTORS:]
         self.data.act[self._act] = targets
         self.data.ctrl[self._ctrl] = targets
         self._limit_torque(memory.torque_limit)
-        self._watch_floor(True)
-        self._one_sided()
+        self._watch.enable(True)
+        self._write_asymmetry()
         mujoco.mj_forward(self.model, self.data)
         memory.in_contact = self.data.ncon > 0
-        if rng is not None and (disturbances.wind or disturbances.push):
+        if rng is not None and disturbances.has_weather:
             memory.weather = Weather.draw(disturbances, rng)
-        self._blow()
-        if self._lopsided:
-            self._lean()
+        self._choose_events()
+        for event in self._events:
+            event.run(self)
         memory.power = self._power()
         state = self.state()
         if self.config.sense and rng is not None:
             actuators = self.config.actuators
             memory.sensors = self._sensors.start(state, rng, actuators.joint_offset, actuators.vectoring_offset)
+            self._choose_events()
         return state
 
     def step(self, command: Command) -> RobotState:
-        """Advance by one control period.
+        """Advance by one control period: physics, and `EVENTS` where they are due.
 
         Args:
             command: Thrusts are clipped to idle … λ̄, joint setpoints to ± 90° and slewed by the servos.
 
         Returns:
-            The true state at the end of the period.
+            The true state at the end of the period; where it has `diverged`, air, power and energy stay as before.
         """
-        memory, config = self.memory, self.config
-        targets = self._targets
-        targets[_ROTORS] = command.thrust
-        targets[_JOINTS] = command.joint_position
-        targets[_GIMBALS] = command.vectoring.reshape(-1)
-        self._obey(targets)
-        if not (command.joint_torque_limit == memory.torque_limit).all():
-            self._limit_torque(command.joint_torque_limit.copy())
-        clearance = float((self._geom_xpos @ self._R_wf[:, 2] - self._reach).min()) - self._top
-        self._watch_floor(not clearance > FASTEST * self.period)
+        memory, config, events = self.memory, self.config, self._events
+        before = memory.air, memory.power, memory.energy_wh
+        self._dispatch_command(command)
+        self._watch.enable(not self._watch.clearance(config.ground) > FASTEST * self.period)
         end = memory.clock + config.substeps
         while memory.clock < end:
-            stop = self._next_stop(end)
+            dues = [event.due(memory) for event in events]
+            stop = min(end, *dues)
             mujoco.mj_step(self.model, self.data, stop - memory.clock)
             memory.clock = stop
-            if memory.pending:
-                self._arrive()
-            if self._airy and stop % AIR_STEPS == 0:
-                self._blow()
-            if self._lopsided and stop % SERVO_STEPS == 0:
-                self._lean()
-            if memory.sensors is not None and stop % IMU_STEPS == 0:
-                assert memory.rng is not None
-                actuators = config.actuators
-                self._sensors.sample(
-                    memory.sensors, self.state(), actuators.joint_offset, actuators.vectoring_offset, memory.rng
-                )
+            for event, due in zip(events, dues, strict=True):
+                if due == stop:
+                    event.run(self)
         memory.in_contact = self.data.ncon > 0
         memory.power = self._power()
         memory.energy_wh += memory.power * self.period / 3600.0
+        self.diverged = not float(self._q @ self._q + self._v @ self._v) < 1e12
+        if self.diverged:
+            memory.air, memory.power, memory.energy_wh = before
         return self.state()
-
-    def _next_stop(self, end: int) -> int:
-        """The physics step at which something besides MuJoCo is due, `end` at the latest."""
-        memory, stop = self.memory, end
-        periods = (self._airy, AIR_STEPS), (self._lopsided, SERVO_STEPS), (memory.sensors is not None, IMU_STEPS)
-        for needed, steps in periods:
-            if needed:
-                stop = min(stop, memory.clock + steps - memory.clock % steps)
-        return min(stop, *(due for due, _, _ in memory.pending)) if memory.pending else stop
 
     def state(self) -> RobotState:
         """The true state."""
@@ -214,7 +196,7 @@ class Plant:
             joint_velocity=v[:N_JOINTS],
             vectoring=q[N_JOINTS:].reshape(N_ROTORS, 2),
             vectoring_velocity=v[N_JOINTS:].reshape(N_ROTORS, 2),
-            thrust=self._a.take(self._act[:N_ROTORS]) * self._gain,
+            thrust=self._a.take(self._act[:N_ROTORS]) * self.config.actuators.gain,
             joint_torque=self._force.take(self._joint_servos),
         )
 
@@ -231,7 +213,7 @@ class Plant:
 
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
-        return self._watch.look(self.config.ground, self._R_wf)
+        return self._watch.look(self.config.ground)
 
     def contact_forces(self) -> np.ndarray:
         """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
@@ -263,11 +245,6 @@ class Plant:
         net = data.qfrc_actuator - data.qfrc_bias
         return net[:3], net[3:6]
 
-    @property
-    def diverged(self) -> bool:
-        """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
-        return not float(self._q @ self._q + self._v @ self._v) < 1e12
-
     def save(self) -> Saved:
         """This moment, all of it; `restore` continues from it bit for bit."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -283,23 +260,32 @@ class Plant:
             raise InvalidValueError("saved", saved.state.shape, f"a state of {sum(sizes)} numbers from save()")
         state, force = np.split(saved.state, sizes[:1])
         self.memory = copy.deepcopy(saved.memory)
-        self._prepare()
+        self._choose_events()
+        quieten(self.data)
+        self.diverged = False
         mujoco.mj_setState(self.model, self.data, state, kind)
         self._limit_torque(self.memory.torque_limit)
-        self._one_sided()
+        self._write_asymmetry()
         mujoco.mj_forward(self.model, self.data)
         # The forward pass looks at the present instant; a step leaves what it saw at the start of its last substep.
         self.data.actuator_force[:] = force
         return self.state()
 
-    def _obey(self, targets: np.ndarray) -> None:
-        """Send a command on its way to the actuators."""
-        config, memory = self.config, self.memory
-        most = config.actuators.max_thrust
-        if config.actuators.battery:
+    def _choose_events(self) -> None:
+        """Keep those of `EVENTS` that this robot and this episode need."""
+        self._events = tuple(event for event in EVENTS if event.needed(self))
+
+    def _dispatch_command(self, command: Command) -> None:
+        """Send a command on its way to the actuators, within what they can."""
+        config, actuators, memory, targets = self.config, self.config.actuators, self.memory, self._targets
+        targets[_ROTORS] = command.thrust
+        targets[_JOINTS] = command.joint_position
+        targets[_GIMBALS] = command.vectoring.reshape(-1)
+        most = actuators.max_thrust
+        if actuators.battery:
             most = min(most, max_thrust(voltage(memory.energy_wh, memory.power)))
         thrust = targets[_ROTORS]
-        np.minimum(thrust, most / config.actuators.gain, out=thrust)
+        np.minimum(thrust, most / actuators.gain, out=thrust)
         if config.idle_thrust > 0.0:
             np.maximum(thrust, config.idle_thrust, out=thrust)
         fault = memory.disturbances
@@ -309,18 +295,21 @@ class Plant:
                 thrust[k] = 0.0
             elif memory.stuck is None:
                 memory.stuck = self._q.take(self._qpos[N_JOINTS + 2 * k : N_JOINTS + 2 * k + 2])
-        targets += self._offsets
-        if self._delay == self._vectoring_delay == 0:
+        targets += actuators.offsets
+        delay, vectoring_delay = actuators.delay_steps
+        if delay == vectoring_delay == 0:
             self._control[self._ctrl] = targets
             self._hold_stuck()
-            return
-        early = slice(0, _GIMBALS.start)
-        memory.pending.append((memory.clock + self._delay, early, targets[early].copy()))
-        memory.pending.append((memory.clock + self._vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
-        self._arrive()
+        else:
+            early = slice(0, _GIMBALS.start)
+            memory.pending.append((memory.clock + delay, early, targets[early].copy()))
+            memory.pending.append((memory.clock + vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
+            self._deliver_due_commands()
+        if not (command.joint_torque_limit == memory.torque_limit).all():
+            self._limit_torque(command.joint_torque_limit.copy())
 
-    def _arrive(self) -> None:
-        """Hand over the commands that are due."""
+    def _deliver_due_commands(self) -> None:
+        """Hand over the commands whose delay is over."""
         memory = self.memory
         for due, part, values in memory.pending:
             if due <= memory.clock:
@@ -335,52 +324,53 @@ class Plant:
             first = _GIMBALS.start + 2 * (memory.disturbances.lost_rotor - 1)
             self._control[self._ctrl[first : first + 2]] = memory.stuck
 
-    def _blow(self) -> None:
+    @property
+    def _has_air(self) -> bool:
+        """Whether air, wind, pushes or thrust noise act on the robot."""
+        disturbances, actuators = self.memory.disturbances, self.config.actuators
+        return self.config.aero.wake or disturbances.has_weather or actuators.thrust_noise > 0.0
+
+    def _update_air(self) -> None:
         """Let noise, wind and pushes go on, and evaluate the air."""
         memory, actuators = self.memory, self.config.actuators
-        thrust = self._a.take(self._act[_ROTORS])
+        weather, windy = memory.weather, memory.disturbances.has_weather
         if memory.rng is not None:
             dt = AIR_STEPS * TIMESTEP
             if actuators.thrust_noise > 0.0:
                 memory.noise = thrust_noise(memory.noise, actuators.thrust_noise, dt, memory.rng)
-            if self._windy:
-                memory.weather.advance(memory.disturbances, self.data.time, dt, memory.rng)
-        if self._airy:
-            weather = memory.weather
-            wind_w = weather.mean_w + weather.gust_w if self._windy else weather.mean_w
-            memory.air = self._aero.evaluate(
-                thrust * self._gain, wind_w=wind_w, noise=memory.noise, push_w=weather.push_w
-            )
-            self._applied[:] = memory.air.generalized
+            if windy:
+                weather.advance(memory.disturbances, self.data.time, dt, memory.rng)
+        memory.air = self._aero.evaluate(
+            self._a.take(self._act[_ROTORS]) * actuators.gain,
+            wind_w=weather.mean_w + weather.gust_w if windy else weather.mean_w,
+            noise=memory.noise,
+            push_w=weather.push_w,
+        )
+        self._applied[:] = memory.air.generalized
 
-    def _lean(self) -> None:
+    def _update_asymmetry(self) -> None:
         """Look which thrusts fall and where the joints are in their play."""
         memory, play = self.memory, self.config.actuators.backlash
         memory.falling = self._control.take(self._ctrl[_ROTORS]) < self._a.take(self._act[_ROTORS])
         gap = self._a.take(self._act[_JOINTS]) - self._q.take(self._qpos[:N_JOINTS])
         memory.loose = np.minimum(np.maximum(gap, -play), play)
-        self._one_sided()
+        self._write_asymmetry()
 
-    def _prepare(self) -> None:
-        """Note what has to be evaluated between the physics steps."""
-        config, disturbances = self.config, self.memory.disturbances
-        actuators = config.actuators
-        self._windy = disturbances.wind > 0.0 or disturbances.push > 0.0
-        self._airy = config.aero.wake or self._windy or actuators.thrust_noise > 0.0
-        self._lopsided = actuators.backlash > 0.0 or actuators.spin_down != 1.0
+    def _write_asymmetry(self) -> None:
+        """Tell MuJoCo what depends on a direction."""
+        memory = self.memory
+        self.config.actuators.write_asymmetry(
+            self.model, self._rotors, self._joint_servos, memory.falling, memory.loose
+        )
 
-    def _one_sided(self) -> None:
-        """Tell MuJoCo what depends on a direction: the lag of falling thrusts, and the play of the joints.
-
-        Inside its play a servo's spring has no grip, outside it starts from the play's edge.
-        """
-        actuators, memory = self.config.actuators, self.memory
-        if actuators.spin_down != 1.0:
-            slower = np.where(memory.falling, actuators.spin_down, 1.0)
-            self.model.actuator_dynprm[self._rotors, 0] = actuators.thrust_lag * slower
-        if actuators.backlash > 0.0:
-            stiffness = actuators.joint_kp * actuators.servo_stiffness
-            self.model.actuator_biasprm[self._joint_servos, 0] = -stiffness * memory.loose
+    def _sample_sensors(self) -> None:
+        """Let the sensors measure."""
+        memory, actuators = self.memory, self.config.actuators
+        assert memory.sensors is not None
+        assert memory.rng is not None
+        self._sensors.sample(
+            memory.sensors, self.state(), actuators.joint_offset, actuators.vectoring_offset, memory.rng
+        )
 
     def _power(self) -> float:
         """Electrical power now [W]."""
@@ -390,14 +380,19 @@ class Plant:
             self._v.take(self._qvel[:N_JOINTS]),
         )
 
-    def _watch_floor(self, watch: bool) -> None:
-        """Look for contacts, or save the time: with the floor far below the result is the same."""
-        if watch != self._watching:
-            self._options.disableflags ^= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-            self._watching = watch
-
     def _limit_torque(self, limit: JointVector) -> None:
         self.memory.torque_limit = limit
         bound = np.minimum(limit, self.config.actuators.max_joint_torque)
         self.model.actuator_forcerange[self._joint_servos, 0] = -bound
         self.model.actuator_forcerange[self._joint_servos, 1] = bound
+
+
+EVENTS: tuple[Event[Plant], ...] = (
+    Event("delivery", next_arrival, Plant._deliver_due_commands, lambda plant: True),
+    Event("air", every(AIR_STEPS), Plant._update_air, lambda plant: plant._has_air),
+    Event("asymmetry", every(SERVO_STEPS), Plant._update_asymmetry, lambda plant: plant.config.actuators.asymmetric),
+    Event("sensors", every(IMU_STEPS), Plant._sample_sensors, lambda plant: plant.memory.sensors is not None),
+)
+"""What runs between the physics steps, in order: commands that arrive late at 400 Hz at most, the air at 40 Hz, falling
+thrusts and play at 80 Hz, sensors at 200 Hz. Around them, once a control period: the command is sent before the first
+physics step, and contacts, power and energy are read after the last."""

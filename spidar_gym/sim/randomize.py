@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, is_finite
 from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS
 from spidar_gym.sim.config import PlantConfig
 
@@ -31,7 +31,7 @@ class Row:
     source: str
     """Whose range it is."""
     shape: tuple[int, ...] = ()
-    """Of independent draws; () is one number for all."""
+    """Shape of the independent draws; () is one number for all."""
 
     @property
     def distribution(self) -> str:
@@ -117,5 +117,5 @@ def randomize(
 
 def check_strength(strength: float) -> None:
     """Refuse a strength outside 0 … 1."""
-    if not (isinstance(strength, int | float) and 0.0 <= strength <= 1.0):
+    if not (is_finite(strength) and 0.0 <= strength <= 1.0):
         raise InvalidValueError("randomization", strength, "a strength within 0 … 1")

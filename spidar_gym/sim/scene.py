@@ -8,7 +8,7 @@ from functools import cache
 
 import mujoco
 
-from spidar_gym.description import mjcf_path
+from spidar_gym.robot.description import mjcf_path
 from spidar_gym.sim.ground import TILE, TILE_DEPTH, TILES
 
 # MuJoCo would write its warnings into a file of the working folder.
@@ -20,11 +20,20 @@ MAX_WIDTH, MAX_HEIGHT = 1920, 1080
 """Largest picture [px]."""
 
 
+_UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC", "CTRL")]
+
+
+def quieten(data: mujoco.MjData) -> None:
+    """Have MuJoCo count, not print, numbers that are not finite: it prints a warning where its count is 0."""
+    data.warning.number[_UNSTABLE] = 1
+
+
 @cache
-def scene(visual: bool, uneven: bool = False) -> mujoco.MjModel:
+def scene(visual: bool, uneven: bool = False, film: bool = False) -> mujoco.MjModel:
     """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step.
 
-    With `uneven` there are tiles on the floor, which `GroundConfig.apply` lays.
+    With `uneven` there are tiles on the floor, which `GroundConfig.apply` lays. With `film` it looks as in films and
+    figures; the plain look is what the environments' pictures have, which may be observations, and it stays.
     """
     spec = mujoco.MjSpec.from_file(str(mjcf_path()))
     if not visual:
@@ -34,44 +43,83 @@ def scene(visual: bool, uneven: bool = False) -> mujoco.MjModel:
     world = spec.worldbody
     floor = world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     floor.contype, floor.conaffinity, floor.friction = 1, 0, [0.01, 0.005, 0.0001]
-    tiles = []
     if uneven:
         for i in range(TILES):
             for j in range(TILES):
                 tile = world.add_geom(name=f"tile{i}_{j}", type=mujoco.mjtGeom.mjGEOM_BOX)
                 tile.size, tile.pos = [TILE / 2, TILE / 2, TILE_DEPTH], [i * TILE, j * TILE, -1.0]
                 tile.contype, tile.conaffinity, tile.friction = 1, 0, floor.friction
-                tiles.append(tile)
+                shade = 0.70 + 0.08 * ((i + j) % 2)
+                tile.rgba = [shade, shade + 0.02, shade + 0.04, 1.0]
     if visual:
-        spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
-        spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
         getattr(spec.visual, "global").offwidth = MAX_WIDTH
         getattr(spec.visual, "global").offheight = MAX_HEIGHT
-        # Off-screen pictures are mostly drawn by the processor: a reflection, a large shadow map and multiple
-        # sampling would each cost more than the robot.
-        spec.visual.quality.shadowsize = 1024
-        spec.visual.quality.offsamples = 0
-        builtin = mujoco.mjtBuiltin
-        spec.add_texture(
-            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=builtin.mjBUILTIN_GRADIENT,
-            rgb1=[0.75, 0.83, 0.92], rgb2=[0.95, 0.96, 0.97], width=256, height=1536,
-        )  # fmt: skip
-        spec.add_texture(
-            name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER,
-            rgb1=[0.72, 0.74, 0.76], rgb2=[0.78, 0.80, 0.82], width=512, height=512,
-            mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.6, 0.62, 0.65],
-        )  # fmt: skip
-        grid = spec.add_material(name="grid", texrepeat=[1, 1], texuniform=True)
-        grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
+        (_light_film if film else _light_plainly)(spec)
         floor.material = "grid"
-        for k, tile in enumerate(tiles):
-            shade = 0.70 + 0.08 * ((k // TILES + k) % 2)
-            tile.rgba = [shade, shade + 0.02, shade + 0.04, 1.0]
-        world.add_light(
-            pos=[0, 0, 5], dir=[0, 0, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            castshadow=True, diffuse=[0.45, 0.45, 0.45], specular=[0.2, 0.2, 0.2],
-        )  # fmt: skip
     model = spec.compile()
     # A state that diverges must be seen, not silently reset.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
+
+
+def _light_plainly(spec: mujoco.MjSpec) -> None:
+    """A chequered floor under a light from above, drawn fast: what agents may look at a thousand times a second."""
+    spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
+    spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+    # Off-screen pictures are mostly drawn by the processor: a reflection, a large shadow map and multiple
+    # sampling would each cost more than the robot.
+    spec.visual.quality.shadowsize = 1024
+    spec.visual.quality.offsamples = 0
+    builtin = mujoco.mjtBuiltin
+    _add_sky(spec, [0.75, 0.83, 0.92], [0.95, 0.96, 0.97])
+    spec.add_texture(
+        name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER,
+        rgb1=[0.72, 0.74, 0.76], rgb2=[0.78, 0.80, 0.82], width=512, height=512,
+        mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.6, 0.62, 0.65],
+    )  # fmt: skip
+    _add_grid(spec, 1.0)
+    _add_light(spec, [0.0, 0.0, -1.0], 0.45, castshadow=True)
+
+
+def _light_film(spec: mujoco.MjSpec) -> None:
+    """A pale floor, lined every half metre, that fades into the horizon; light from above, a little from the side."""
+    horizon = [0.93, 0.95, 0.97]
+    getattr(spec.visual, "global").fovy = 30
+    spec.visual.headlight.ambient = [0.42, 0.43, 0.45]
+    spec.visual.headlight.diffuse = [0.12, 0.12, 0.12]
+    spec.visual.headlight.specular = [0, 0, 0]
+    spec.visual.rgba.haze = [*horizon, 1]
+    spec.visual.map.haze, spec.visual.map.zfar = 0.5, 20
+    spec.visual.quality.shadowsize = 1024
+    spec.visual.quality.offsamples = 4
+    # Round enough at the size of a film, and a third of the work of MuJoCo's defaults.
+    spec.visual.quality.numslices, spec.visual.quality.numstacks, spec.visual.quality.numquads = 16, 8, 1
+    _add_sky(spec, [0.36, 0.56, 0.80], horizon)
+    spec.add_texture(
+        name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=[0.83, 0.85, 0.87], width=512, height=512, mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.55, 0.59, 0.64],
+    )  # fmt: skip
+    _add_grid(spec, 2.0)
+    # From straight above: the shadow lies where the robot is, and the floor throws none on itself.
+    _add_light(spec, [0.0, 0.0, -1.0], 0.45, castshadow=True)
+    _add_light(spec, [0.8, 0.3, -0.3], 0.25, castshadow=False)
+
+
+def _add_sky(spec: mujoco.MjSpec, zenith: list[float], horizon: list[float]) -> None:
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=zenith, rgb2=horizon, width=256, height=1536,
+    )  # fmt: skip
+
+
+def _add_grid(spec: mujoco.MjSpec, repeat: float) -> None:
+    """The floor's material: its texture so many times a metre."""
+    grid = spec.add_material(name="grid", texrepeat=[repeat, repeat], texuniform=True)
+    grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
+
+
+def _add_light(spec: mujoco.MjSpec, direction: list[float], strength: float, *, castshadow: bool) -> None:
+    spec.worldbody.add_light(
+        pos=[0, 0, 5], dir=direction, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        castshadow=castshadow, diffuse=[strength] * 3, specular=[0.2] * 3,
+    )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import cross, exp, matrix_to_quat, quat_to_matrix
-from spidar_gym.state import Measurement, RobotState
+from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Measurement, RobotState
 
 POSE_PERIOD, IMU_PERIOD, ENCODER_PERIOD = 0.010, 0.005, 0.020
 """Motion capture 100 Hz, inertial unit 200 Hz, servo bus 50 Hz [JSK] [s]."""
@@ -18,8 +18,6 @@ ROLL_STEP, TILT_STEP = 0.00092, 0.00115
 """One count of the encoders of φ and θ [rad] [JSK]."""
 IMU_POSITION_B = np.array(ROBOT.flight_controller)
 """Where motion capture and inertial unit look [m]."""
-MAX_POSES, MAX_IMU = 4, 8
-"""Most frames and samples of one control tick."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +80,9 @@ class SensorMemory:
     """Everything about the sensors that changes during an episode."""
 
     gyro_bias: np.ndarray
-    """[rad/s]."""
+    """Bias of the gyroscope [rad/s]."""
     accelerometer_bias: np.ndarray
-    """[m/s²]."""
+    """Bias of the accelerometer [m/s²]."""
     drift: np.ndarray
     """Slow error of position [m] and attitude [rad], shape (6,)."""
     velocity_w: np.ndarray
@@ -102,9 +100,9 @@ class SensorMemory:
     encoder_time: float = 0.0
     """When the servos were read last [s]."""
     angles: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS + 2 * N_ROTORS))
-    """What they indicated."""
+    """What the servos indicated [rad]."""
     torque: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """The torque that they reported."""
+    """The torque that the servos reported [Nm]."""
 
 
 class Sensors:
@@ -163,7 +161,7 @@ class Sensors:
         gyro = state.omega_b + memory.gyro_bias + c.gyro_noise * density * noise[:3]
         shake = math.hypot(c.accelerometer_noise * density, c.vibration)
         force = acceleration @ R + memory.accelerometer_bias + shake * noise[3:6]
-        memory.imu = [*memory.imu[1 - MAX_IMU :], (time, gyro, force)]
+        memory.imu = [*memory.imu[1 - IMU_SAMPLES :], (time, gyro, force)]
         if time >= memory.next_pose - 1e-9:
             memory.next_pose += POSE_PERIOD
             decay = math.exp(-POSE_PERIOD / DRIFT_SECONDS)
@@ -188,13 +186,13 @@ class Sensors:
 
     def read(self, memory: SensorMemory, time: float) -> Measurement:
         """What has arrived by a control tick at `time` [s]; it is handed out once."""
-        due = [frame for frame in memory.frames if frame[0] + self.config.latency <= time + 1e-9][-MAX_POSES:]
+        due = [frame for frame in memory.frames if frame[0] + self.config.latency <= time + 1e-9][-POSE_FRAMES:]
         memory.frames = [frame for frame in memory.frames if frame[0] + self.config.latency > time + 1e-9]
         imu, memory.imu = memory.imu, []
-        pose_time, positions, quats = np.zeros(MAX_POSES), np.zeros((MAX_POSES, 3)), np.zeros((MAX_POSES, 4))
+        pose_time, positions, quats = np.zeros(POSE_FRAMES), np.zeros((POSE_FRAMES, 3)), np.zeros((POSE_FRAMES, 4))
         for k, (at, position, quat) in enumerate(due):
             pose_time[k], positions[k], quats[k] = at, position, quat
-        imu_time, gyro, force = np.zeros(MAX_IMU), np.zeros((MAX_IMU, 3)), np.zeros((MAX_IMU, 3))
+        imu_time, gyro, force = np.zeros(IMU_SAMPLES), np.zeros((IMU_SAMPLES, 3)), np.zeros((IMU_SAMPLES, 3))
         for k, (at, omega, acceleration) in enumerate(imu):
             imu_time[k], gyro[k], force[k] = at, omega, acceleration
         return Measurement(

@@ -1,12 +1,25 @@
-"""Array defaults, and the check that the configurations of the simulated robot share."""
+"""Arrays from outside: what becomes one, defaults, and the check that the robot's configurations share."""
 
-import math
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError
+
+_REAL = "?bBhHiIlLqQefd"
+"""Kinds of array that a float64 can hold: no text, no objects, nothing complex, nothing longer."""
+
+
+def real_array(name: str, value: object, expected: str) -> np.ndarray:
+    """A copy of the value as float64 (`InvalidValueError` where it is none, with what was `expected`)."""
+    try:
+        array = np.asarray(value)
+    except Exception:  # `__array__` is foreign code
+        array = np.array(None)
+    if array.dtype.char not in _REAL:
+        raise InvalidValueError(name, value, expected)
+    return array.astype(float)
 
 
 def check_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
@@ -16,12 +29,9 @@ def check_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
         if isinstance(value, bool):
             continue
         shape = f.default_factory().shape if callable(f.default_factory) else ()
-        try:
-            array = np.asarray(value, float)
-        except (TypeError, ValueError):
-            array = np.array(math.nan)
+        what = f"finite numbers of shape {shape}" if shape else "a finite number"
+        array = real_array(f.name, value, what)
         if array.shape != shape or not np.isfinite(array).all():
-            what = f"finite numbers of shape {shape}" if shape else "a finite number"
             raise InvalidValueError(f.name, value.tolist() if isinstance(value, np.ndarray) else value, what)
 
 

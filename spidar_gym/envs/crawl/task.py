@@ -1,43 +1,59 @@
 """The crawl task on a page: constants with units, goals, reward terms, failure, metrics, success."""
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from spidar_gym.arrays import Matrix3, Vector3
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.planar import Planar
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.rewards import tolerance
-from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.errors import InvalidValueError, require_name, require_within
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.sim.ground import MAX_SLOPE, GroundConfig, Touch, uneven, with_blocks
+from spidar_gym.sim.values import real_array
 
-PAPER_WAY = Planar(0.6, 0.0, 0.0)
+PAPER_WAY = Pose2(0.6, 0.0, 0.0)
 """The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
 PAPER_SHARE = 0.25
-"""How often the default draw is exactly that."""
+"""How often the default draw is exactly the paper's way."""
 DISTANCES, TURN = (0.2, 0.6), 0.5
-"""Otherwise it goes so far [m] in any direction and turns by at most so much [rad]."""
+"""The other default draws go so far [m] in any direction and turn by at most so much [rad]."""
 TURN_LENGTH = 0.5
 """A radian of heading counts as this many metres where both are one number."""
 OBSTACLE_HEIGHT = 0.15
-"""Of an obstacle [m]."""
+"""Height of an obstacle [m]."""
 GOAL_CLEARANCE = 0.3
 """A goal is at least this far from an obstacle [m]."""
 MAX_TILT = 0.5
 """More tilt of the torso against the floor than this ends the episode [rad]."""
 MAX_ASTRAY = 0.5
-"""… and being this much farther from the goal than at the start [m]."""
+"""Being this much farther from the goal than at the start ends the episode [m]."""
+RANGES = {
+    "distance": (0.0, 10.0, "m"),
+    "direction": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
+    # A turn on the spot by more than π leaves the goal's heading behind before it comes near it.
+    "turn": (-math.pi - MAX_ASTRAY / TURN_LENGTH, math.pi + MAX_ASTRAY / TURN_LENGTH, "rad"),
+    "joint_speed": (1e-3, 2.0, "rad/s"),
+    "friction": (1e-3, 5.0, "1"),
+    "slope": (-MAX_SLOPE, MAX_SLOPE, "rad"),
+    "slope_direction": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
+    "steps": (0.0, 0.2, "m"),
+    "horizon_s": (1.0 / CONTROL_RATE, 1e9, "s"),
+}
+"""Least and largest number of each argument, and its unit."""
+SEARCHED = 1000
+"""Goals drawn in search of one that no obstacle covers."""
 SUCCESS_POSITION, SUCCESS_YAW = 0.010, 0.02
 """A success ends this close to the goal [m], [rad]."""
 SUCCESS_AIRBORNE = 0.95
-"""… with every foot off the ground for this share of its swing,"""
+"""In a success every foot is off the ground for this share of its swing."""
 SUCCESS_SLIP = 0.05
-"""… with no foot sliding farther than this [m],"""
+"""In a success no foot slides this far [m]."""
 SUCCESS_TIME = 1.25
-"""… within this many times the preset's nominal time."""
+"""A success takes at most this many times the preset's nominal time."""
 SATURATED = 0.01
 """A joint servo this close to its largest torque is saturated [Nm]."""
 
@@ -51,7 +67,7 @@ class CrawlTask:
     direction: float | None = None
     """In which direction, 0 straight ahead, π/2 to the left [rad]; drawn if None."""
     turn: float | None = None
-    """How far the heading turns on the way [rad]; drawn if None."""
+    """How far the heading turns [rad], where the arc leads less than 0.5 m away from its goal; drawn if None."""
     joint_speed: float | None = None
     """Speed of the joint motion [rad/s]; the preset's own if None."""
     schedule: str | None = None
@@ -67,58 +83,67 @@ class CrawlTask:
     obstacles: tuple[tuple[float, float, float], ...] = ()
     """Blocks on the floor: (x, y, radius) [m] from the start; the tiles within are 15 cm high."""
     horizon_s: float = 75.0
-    """Length of an episode [s]; give `gym.make` the matching `max_episode_steps` too (40 a second)."""
+    """Length of an episode [s]."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be crawled."""
-        for name, low, high, unit in (
-            ("distance", 0.0, 10.0, "m"), ("direction", -2 * math.pi, 2 * math.pi, "rad"),
-            ("turn", -2 * math.pi, 2 * math.pi, "rad"), ("joint_speed", 1e-3, 2.0, "rad/s"),
-            ("friction", 1e-3, 5.0, "1"), ("slope", -MAX_SLOPE, MAX_SLOPE, "rad"),
-            ("slope_direction", -2 * math.pi, 2 * math.pi, "rad"), ("steps", 0.0, 0.2, "m"),
-            ("horizon_s", 1.0 / CONTROL_RATE, math.inf, "s"),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if value is None:
+        for name, bounds in RANGES.items():
+            value: float | None = getattr(self, name)
+            if value is None and getattr(CrawlTask, name) is None:
                 continue
-            if not (isinstance(value, int | float) and math.isfinite(value) and low <= value <= high):
-                raise InvalidValueError(name, value, f"a number within {low:g} … {high:.4g} [{unit}]")
+            require_within(*bounds, **{name: value})
+            object.__setattr__(self, name, float(value or 0.0))
         if self.schedule is not None:
             require_name("schedule", self.schedule, SCHEDULES)
-        for block in self.obstacles:
-            if len(block) != 3 or not all(math.isfinite(v) for v in block) or not 0.0 < block[2] <= 2.0:
-                raise InvalidValueError("obstacles", block, "(x, y, radius) in metres, radius within 0 … 2")
+        self._check_obstacles()
         if self.distance == 0.0 and self.turn == 0.0:
             raise InvalidValueError("distance", 0.0, "a way or a turn above 0")
+        if self.turn is not None:
+            astray = arc_astray(DISTANCES[1] if self.distance is None else self.distance, self.turn)
+            if astray >= MAX_ASTRAY:
+                raise InvalidValueError(
+                    "turn", self.turn,
+                    f"a smaller turn [rad] or a shorter way: the arc leads {astray:.2f} m away from the goal, below "
+                    f"{MAX_ASTRAY:g} m is valid",
+                )  # fmt: skip
 
-    @classmethod
-    def option_names(cls) -> list[str]:
-        """Names of the arguments."""
-        return [f.name for f in fields(cls)]
+    def _check_obstacles(self) -> None:
+        """Refuse what is no block, and blocks that leave no goal."""
+        expected = "some (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
+        blocks = real_array("obstacles", self.obstacles, expected)
+        if blocks.shape == (0,):
+            return
+        if blocks.ndim != 2 or blocks.shape[1] != 3:
+            raise InvalidValueError("obstacles", self.obstacles, expected)
+        for x, y, radius in blocks.tolist():
+            if not (abs(x) <= 100.0 and abs(y) <= 100.0 and 0.0 < radius <= 2.0):
+                raise InvalidValueError("obstacles", (x, y, radius), expected)
+        object.__setattr__(self, "obstacles", tuple(map(tuple, blocks.tolist())))
+        rng = np.random.Generator(np.random.PCG64(0))
+        if any(self._blocked(self._draw(rng)) is None for _ in range(SEARCHED)):
+            return
+        goal = self._draw(rng)
+        where = f"a pose farther than {GOAL_CLEARANCE:g} m from obstacle {self._blocked(goal)}"
+        raise InvalidValueError("goal", (goal.x, goal.y), where)
 
-    def way(self, rng: np.random.Generator) -> Planar:
+    def way(self, rng: np.random.Generator) -> Pose2:
         """Where the goal is, seen from the start; the paper's 0.6 m ahead in a quarter of the draws.
 
-        A goal in an obstacle is drawn again; `InvalidValueError` where it is given, or none of 100 draws is free.
+        A goal in an obstacle is drawn again.
         """
-        way = self._draw(rng)
-        given = None not in (self.distance, self.direction)
-        for _ in range(0 if given else 100):
-            if self._blocked(way) is None:
-                break
+        while True:
             way = self._draw(rng)
-        if self._blocked(way) is None:
-            return way
-        raise InvalidValueError("goal", (way.x, way.y), f"a pose farther than 0.3 m from obstacle {self._blocked(way)}")
+            if self._blocked(way) is None:
+                return way
 
-    def _blocked(self, way: Planar) -> tuple[float, float, float] | None:
+    def _blocked(self, way: Pose2) -> tuple[float, float, float] | None:
         """The obstacle in which the torso would come to lie."""
         for x, y, r in self.obstacles:
             if math.hypot(way.x - x, way.y - y) < r + GOAL_CLEARANCE:
                 return x, y, r
         return None
 
-    def _draw(self, rng: np.random.Generator) -> Planar:
+    def _draw(self, rng: np.random.Generator) -> Pose2:
         paper = rng.random() < PAPER_SHARE
         distance, direction, turn = rng.uniform((DISTANCES[0], -math.pi, -TURN), (DISTANCES[1], math.pi, TURN)).tolist()
         drawn = (PAPER_WAY.x, 0.0, 0.0) if paper else (distance, direction, turn)
@@ -127,7 +152,7 @@ class CrawlTask:
             for own, given in zip(drawn, (self.distance, self.direction, self.turn), strict=True)
         )
         # On an arc the chord points in the given direction.
-        return Planar(distance * math.cos(direction), distance * math.sin(direction), turn)
+        return Pose2(distance * math.cos(direction), distance * math.sin(direction), turn)
 
     def ground(self, rng: np.random.Generator, base: GroundConfig) -> GroundConfig:
         """The floor of an episode: the robot's configuration says, but for the task's slope and steps."""
@@ -151,8 +176,8 @@ class CrawlTask:
             action: In [−1, 1].
         """
         return {
-            "progress": max(0.0, 1.0 - progress.rest / progress.whole),
-            "goal": tolerance(progress.rest, 0.01),
+            "progress": max(0.0, 1.0 - progress.distance / progress.initial_distance),
+            "goal": tolerance(progress.distance, 0.01),
             "level": tolerance(tilt, 0.03),
             "slip": tolerance(slip, 0.02),
             "power": max(0.0, 1.0 - power / 3000.0),
@@ -165,7 +190,22 @@ class CrawlTask:
             return "duct"
         if tilt > MAX_TILT:
             return "tilt"
-        return "astray" if progress.rest > progress.whole + MAX_ASTRAY else ""
+        return "astray" if progress.distance > progress.initial_distance + MAX_ASTRAY else ""
+
+
+def arc_astray(distance: float, turn: float) -> float:
+    """How much farther from its goal than at its start an arc leads [m], a radian counting `TURN_LENGTH`.
+
+    Args:
+        distance: Length of its chord [m].
+        turn: How far the heading turns on it [rad].
+    """
+    turn = abs(turn)
+    if turn <= math.pi:
+        return 0.0
+    # Farthest where it is still to turn by π: there the rest of the way is the circle's diameter.
+    diameter = distance / math.sin(0.5 * turn) if turn < 2.0 * math.pi else math.inf
+    return diameter - distance + TURN_LENGTH * (turn - math.pi)
 
 
 CRAWL_REWARD_TERMS = {
@@ -190,16 +230,16 @@ CRAWL_FAILURES = {
 class CrawlProgress:
     """How far an episode has come, and what it has cost; what `is_success` is made of."""
 
-    goal: Planar
+    goal: Pose2
     """Where to, world."""
     nominal_time: float
     """How long the preset's gait takes, servos perfect [s]."""
     error: Vector3
     """Goal − torso: x, y [m], world, and yaw [rad]."""
-    whole: float = 1.0
-    """Way at the start [m]."""
-    rest: float = 1.0
-    """Way now [m]."""
+    initial_distance: float = 1.0
+    """Distance to the goal at the start, a radian counting `TURN_LENGTH` [m]."""
+    distance: float = 1.0
+    """Distance to the goal now [m]."""
     ticks: int = 0
     """Control periods."""
     finished: float = 0.0
@@ -207,11 +247,11 @@ class CrawlProgress:
     swing_ticks: int = 0
     """Ticks in which the legs swing."""
     airborne_ticks: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
-    """… of which each foot was in the air."""
+    """Ticks of these in which each foot was in the air."""
     foot_slip: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
     """Way of each foot's touching point along the floor [m]."""
     peg_slip: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
-    """… of each of the torso's pegs [m]."""
+    """Way of the touching point of each of the torso's pegs along the floor [m]."""
     duct_clearance: float = math.inf
     """Least height of a duct over the floor so far [m]."""
     duct_contact: bool = False
@@ -229,11 +269,11 @@ class CrawlProgress:
     tilt_torso: float = 0.0
     """Largest tilt while the torso moves [rad]."""
 
-    def look(self, position_w: Vector3, R_wb: Matrix3) -> None:
-        """Measure the way to the goal."""
+    def update_errors(self, position_w: Vector3, R_wb: Matrix3) -> None:
+        """Measure how far the goal is."""
         yaw = math.remainder(self.goal.yaw - math.atan2(R_wb[1, 0], R_wb[0, 0]), 2.0 * math.pi)
         self.error = np.array([self.goal.x - position_w[0], self.goal.y - position_w[1], yaw])
-        self.rest = math.hypot(self.error[0], self.error[1]) + TURN_LENGTH * abs(yaw)
+        self.distance = math.hypot(self.error[0], self.error[1]) + TURN_LENGTH * abs(yaw)
 
     def advance(
         self, touch: Touch, phase: str, thrust: float, joint_torque: np.ndarray, torque_limit: float, tilt: float

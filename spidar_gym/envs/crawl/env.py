@@ -6,21 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.allocator import Allocation, AllocatorConfig
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.core_crawl import CoreCrawler
-from spidar_gym.control.crawl_observation import crawl_layout, observe_crawl
-from spidar_gym.control.crawler import Crawler, CrawlerConfig
-from spidar_gym.control.footsteps import Move, lying_pose
-from spidar_gym.control.gait import nominal_time
-from spidar_gym.control.planar import planar_pose
+from spidar_gym.control.allocation.allocator import AllocatorConfig
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.footsteps import Move, lying_pose
+from spidar_gym.control.crawl.gait import nominal_time
+from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.crawl.pose2 import torso_pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
-from spidar_gym.envs.actions import CONTROLS, CRAWL_MODES, direct_command, find_action_mode
-from spidar_gym.envs.crawl_task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
-from spidar_gym.envs.env import SpidarEnv, split_options
-from spidar_gym.errors import SpidarError, require_name
+from spidar_gym.envs.actions import CRAWL_MODES, find_action_mode
+from spidar_gym.envs.controllers import make_crawler
+from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
+from spidar_gym.envs.env import SpidarEnv, own_robot, solver_settings, split_options
+from spidar_gym.errors import SpidarError, require_instance
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
 
@@ -28,10 +28,9 @@ SETTLE_TICKS = 40
 """Ticks in which the robot comes to lie on a floor that is no plane."""
 
 
-class CrawlEnv(SpidarEnv):
+class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
     """SPIDAR on the ground; `spidar list spidar_gym/Crawl-v0` prints its page."""
 
-    task: CrawlTask
     reward_weights = {name: weight for name, (weight, _) in CRAWL_REWARD_TERMS.items()}  # noqa: RUF012 - a constant
 
     def __init__(
@@ -58,17 +57,16 @@ class CrawlEnv(SpidarEnv):
             UnknownNameError: For a mode, preset, schedule, camera or option that does not exist.
             InvalidValueError: For a value out of range.
         """
-        own, shared = split_options(CrawlTask, options)
+        own, shared = split_options(CrawlEnv, CrawlTask, options)
         self.task = task = CrawlTask(**own)
         mode = find_action_mode(action_mode, CRAWL_MODES)
         config = crawler_config(preset, task.schedule) if controller is None else controller
-        config = replace(config, allocator=AllocatorConfig(max_iter=max_iter))
+        require_instance(CrawlerConfig, controller=config)
+        config = replace(config, allocator=solver_settings(max_iter))
         if task.joint_speed is not None:
             config = replace(config, joint_speed=task.joint_speed)
-        require_name("control", control, CONTROLS)
-        self.controller: Any = Crawler(config) if control == "python" else CoreCrawler(config)
-        robot = shared.pop("plant", None)
-        robot = robot or PlantConfig()
+        self.controller = make_crawler(config, control)
+        robot = own_robot(shared.pop("plant", None))
         if task.friction is not None:
             robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
         # A floor of tiles has to be one from the beginning; the heights are drawn at every reset.
@@ -118,70 +116,58 @@ class CrawlEnv(SpidarEnv):
         self.controller.reset(self._seen, [move])
         seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
         # The goal is where the controller was told to go from where it believed itself; the error is the true one.
-        start = planar_pose(self.state.position_w, quat_to_matrix(self.state.quat_wb))
+        start = torso_pose2(self.state.position_w, quat_to_matrix(self.state.quat_wb))
         self._progress = CrawlProgress(start @ way, seconds, np.zeros(3))
-        self._look()
-        self._progress.whole = max(self._progress.rest, 1e-6)
+        self._update_errors()
+        self._progress.initial_distance = max(self._progress.distance, 1e-6)
 
     def _act(self, action: np.ndarray) -> Command:
         if self._mode.residual is not None:
             return self.controller.step(self._seen, self._mode.residual(action))
-        memory, reach = self.controller.memory, self.controller.config.joint_speed / CONTROL_RATE
-        command = direct_command(action, memory.vectoring)
-        step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
-        self.controller.note(replace(command, joint_position=memory.joint_position + step))
-        return command
+        return self._act_directly(action)[0]
 
-    def _look(self) -> None:
+    def _update_errors(self) -> None:
         """What touches the floor, and how far the goal is."""
         state = self.state
         R_wb = quat_to_matrix(state.quat_wb)
         self._touch = self.plant.touch()
         upright = float(R_wb[:, 2] @ self.plant.config.ground.R_wf[:, 2])
         self._tilt = math.acos(max(-1.0, min(1.0, upright)))
-        self.progress.look(state.position_w, R_wb)
+        self.progress.update_errors(state.position_w, R_wb)
 
     def _advance(self) -> str:
-        self._look()
-        progress, gait = self.progress, self.controller.gait
+        self._update_errors()
+        progress, controller = self.progress, self.controller
         assert self._command is not None
-        limit = min(self.controller.config.joint_torque_limit, self.plant.config.actuators.max_joint_torque)
+        limit = min(controller.config.joint_torque_limit, self.plant.config.actuators.max_joint_torque)
         progress.advance(
             self._touch,
-            gait.memory.phase,
+            controller.gait.phase,
             float(self._command.thrust.sum()),
             self.state.joint_torque,
             limit,
             self._tilt,
         )
-        progress.timeouts = gait.memory.timeouts
-        if gait.done and not progress.finished and self.controller.memory.gap == 0.0:
+        progress.timeouts = controller.gait.timeouts
+        if controller.done and not progress.finished:
             progress.finished = progress.time
         return self.task.failed(progress, self._tilt, self._touch)
 
     def _observation(self) -> np.ndarray:
         thrust = self._seen.thrust if self._command is None else self._command.thrust
-        goal, crawler, action = self.progress.goal, self.controller, self._action
-        if isinstance(crawler, CoreCrawler):
-            return crawler.observe(self._seen, goal, thrust, action, bound=self._bound)
-        return observe_crawl(self._seen, goal, crawler.gait.memory, crawler.memory, thrust, action, bound=self._bound)
-
-    @property
-    def _allocation(self) -> Allocation | None:
-        return None if self.controller.tick is None else self.controller.tick.allocation
+        return self.controller.observe(self._seen, self.progress.goal, thrust, self._action, bound=self._bound)
 
     def _task_info(self, failure: str) -> dict[str, Any]:
         progress, touch, memory = self.progress, self._touch, self.plant.memory
         slip = max(float(touch.foot_slip.max()), float(touch.peg_slip.max()))
-        diverged = failure == "diverged"
         terms = self.task.reward_terms(progress, self._tilt, slip, memory.power, self._action)
-        if diverged:
+        if failure == "diverged":
             terms = dict.fromkeys(terms, 0.0)
         thrust = np.zeros(N_ROTORS) if self._command is None else self._command.thrust
-        way = max(progress.whole - progress.rest, 1e-3)
+        way = max(progress.initial_distance - progress.distance, 1e-3)
         return {
             "goal_error": progress.error.copy(),
-            "phase": self.controller.gait.memory.phase,
+            "phase": self.controller.gait.phase,
             "finished": progress.finished > 0.0,
             "time_s": progress.finished or progress.time,
             "nominal_time_s": progress.nominal_time,

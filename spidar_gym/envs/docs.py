@@ -5,18 +5,19 @@ import inspect
 from dataclasses import dataclass
 from typing import Any
 
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.crawl_observation import crawl_layout
-from spidar_gym.control.observation import Field, layout
+from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import Field, layout
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.description import CAMERAS
-from spidar_gym.envs import crawl_task, hover_task
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode
-from spidar_gym.envs.crawl import CrawlEnv
+from spidar_gym.envs.crawl import task as crawl_task
+from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover import HoverEnv
-from spidar_gym.envs.registry import ENVIRONMENTS, environment
+from spidar_gym.envs.hover import task as hover_task
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
 from spidar_gym.robot import field_docs
+from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
 
@@ -26,7 +27,7 @@ INFO = {
     "joint_torque_allocated, joint_torque": ("(16,)", "Nm", "quasi-static torque of the allocation; servo torque"),
     "wrench_allocated": ("(6,)", "N, Nm", "force and torque in {CoG} of rotors, and of feet where they carry"),
     "total_thrust": ("float", "N", "Σλ delivered"),
-    "qp_status": ("str", "", "closed_form, solved, softened, held; none where no allocation ran"),
+    "qp_status": ("str", "", "closed_form, solved, projected, softened, held; none where no allocation ran"),
     "qp_iterations": ("int", "", "solver iterations, 0 for the closed form"),
     "qp_slack": ("float", "", "largest violation of a softened row, in units of the weight or the torque limit"),
     "thrust_factor": ("(8,)", "", "thrust of each module over its thrust in still air"),
@@ -52,6 +53,8 @@ class Chapter:
     """Its task."""
     modes: dict[str, ActionMode]
     """Its action modes."""
+    ranges: dict[str, tuple[float, float, str]]
+    """Least and largest number of the task's arguments, and their units."""
     layout: Any
     """Size of the action → layout of the observation."""
     reward_terms: dict[str, tuple[float, str]]
@@ -76,7 +79,8 @@ class Chapter:
 
 CHAPTERS: dict[str, Chapter] = {
     "spidar_gym/Hover-v0": Chapter(
-        HoverEnv, hover_task.HoverTask, ACTION_MODES, layout, hover_task.REWARD_TERMS, hover_task.FAILURES,
+        HoverEnv, hover_task.HoverTask, ACTION_MODES, hover_task.RANGES, layout, hover_task.REWARD_TERMS,
+        hover_task.FAILURES,
         {
             "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
             "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
@@ -93,7 +97,7 @@ CHAPTERS: dict[str, Chapter] = {
         "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
     ),
     "spidar_gym/Crawl-v0": Chapter(
-        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_layout, crawl_task.CRAWL_REWARD_TERMS,
+        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout, crawl_task.CRAWL_REWARD_TERMS,
         crawl_task.CRAWL_FAILURES,
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
@@ -135,11 +139,14 @@ def page(name: str) -> str:
     lines = [
         f"# {name}",
         "",
-        "Written by `spidar assets` from the code; a test holds it against the spaces.",
+        "Written by `spidar assets` from the code; a test compares it with the spaces.",
         "",
         "## Description",
         "",
         f"{task.__doc__} One step is one control period of {1000 / CONTROL_RATE:g} ms.",
+        "",
+        f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or',
+        f'remote, does so by the id: `gymnasium.make("{import_id(name)}")`.',
         "",
         "## Action Space",
         "",
@@ -189,7 +196,7 @@ def page(name: str) -> str:
         *(f"| {', '.join(f'`{k}`' for k in key.split(', '))} | {a} | {b} | {c} |" for key, (a, b, c) in info.items()),
         "",
         "Solve times are not in `info`, because the same seed gives the same `info`: see",
-        "`env.unwrapped.controller.tick.allocation.solve_time`.",
+        "`env.unwrapped.controller.last_step.allocation.solve_time`.",
         "",
         "## Starting State",
         "",
@@ -201,8 +208,10 @@ def page(name: str) -> str:
         "",
         *(f"- `{word}`: {meaning}." for word, meaning in own.failures.items()),
         "",
-        f"Truncated by `TimeLimit` after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another",
-        "length give both: `gym.make(..., horizon_s=40.0, max_episode_steps=1600)`.",
+        f"Truncated after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another length give "
+        "`gym.make` either",
+        "`horizon_s=40.0` or `max_episode_steps=1600`; of both the shorter ends the episode, and there success is",
+        "judged. `max_episode_steps=-1` never truncates, and vectors take the same arguments.",
         own.success,
         "",
         "## Arguments",
@@ -242,6 +251,8 @@ def page(name: str) -> str:
 def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
     """Arguments of `gym.make`: the task's fields, then the environment's own, then what all environments share."""
     docs = field_docs(own.task)
+    for name, (low, high, _) in own.ranges.items():
+        docs[name] += f" Within {low:.6g} … {high:.6g}."
     rows: list[tuple[str, object, str]] = [(f.name, f.default, docs[f.name]) for f in dataclasses.fields(own.task)]
     meanings = {
         "action_mode": "one of " + ", ".join(f"`{n}`" for n in own.modes),
@@ -267,5 +278,10 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
 
 
 def pages() -> dict[str, str]:
-    """Every environment's page: path relative to assets/ → text."""
-    return {f"environments/{name.split('/')[1]}.md": page(name) for name in ENVIRONMENTS}
+    """Every environment's page of the guide, with its picture: path relative to docs/ → text."""
+    found = {}
+    for name in ENVIRONMENTS:
+        short = name.split("/")[1]
+        picture = f"![{name} from each camera](../pictures/environment-{short}.png)\n\n## Description\n"
+        found[f"environments/{short}.md"] = page(name).replace("## Description\n", picture, 1)
+    return found

@@ -1,8 +1,8 @@
 """The hover task on a page: constants with units, initial state, reference, reward terms, failure, success."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Vector3, Wrench
-from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.rewards import norm, tolerance
-from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, require_flag, require_keys, require_name, require_within
 from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.sim.values import real_array
 
 CLEARANCE = 0.5
 """Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
@@ -28,8 +29,15 @@ ARRIVAL_GRACE = 0.5
 """A form may be reached this much after its deadline [s]."""
 ARRIVAL_TOLERANCE = 0.05
 """A form is reached when every joint is this close [rad]."""
-NO_NEXT_FORM = 60.0
-"""Time to the next form when there is none [s]."""
+RANGES = {
+    "joint_speed": (1e-6, 1e3, "rad/s"),
+    # All forms are drawn before the episode begins, a day's in a second.
+    "horizon_s": (1e-3, 86400.0, "s"),
+    "perturbation": (0.0, 1e3, "1"),
+}
+"""Least and largest number of each argument, and its unit."""
+START = {"goals": math.pi, "position": 10.0, "rotation": 2.0 * math.pi, "trim": 1e3}
+"""Keys of a given start: no angle, offset or preload in it is larger [rad, m, rad, N or Nm]."""
 
 
 @cache
@@ -62,7 +70,7 @@ class FlightStart:
     position: Vector3
     """Offset of the torso from its place over the reference [m]."""
     rotation: Vector3
-    """… and of its attitude, a rotation vector [rad]."""
+    """Offset of its attitude, a rotation vector [rad]."""
     trim: Wrench | None = None
     """What a hover takes beyond the description, with which the integrals begin [N, Nm]; computed if None."""
 
@@ -70,12 +78,12 @@ class FlightStart:
         """Refuse what is no episode."""
         if not self.goals or not self.goals[0].deadline <= 0.0:
             raise InvalidValueError("goals", len(self.goals), "at least one goal, the first with deadline 0")
-        numbers = [self.position, self.rotation, *(goal.joint_target for goal in self.goals)]
-        numbers += [] if self.trim is None else [self.trim]
-        if not all(np.isfinite(values).all() for values in numbers):
-            raise InvalidValueError("start", "NaN or infinite", "finite offsets, targets and trim")
+        numbers = [("position", self.position), ("rotation", self.rotation), ("trim", self.trim)]
+        for name, values in numbers + [("goals", goal.joint_target) for goal in self.goals]:
+            if values is not None and not (np.abs(values) <= START[name]).all():
+                raise InvalidValueError(name, values.tolist(), f"finite numbers within ± {START[name]:.4g}")
         times = [goal.start for goal in self.goals]
-        if not all(a <= b for a, b in pairwise(times)) or not all(g.start <= g.deadline for g in self.goals):
+        if not all(a <= b for a, b in pairwise(times)) or not all(g.start <= g.deadline < math.inf for g in self.goals):
             raise InvalidValueError("goals", times, "goals in order of time, no deadline before its start")
 
     @classmethod
@@ -83,25 +91,32 @@ class FlightStart:
         """From a dictionary of lists, as scenario files have it."""
         if isinstance(values, FlightStart):
             return values
-        try:
-            goals = tuple(
-                FormGoal(float(start), float(deadline), np.array(q, float)) for start, deadline, q in values["goals"]
-            )
-            trim = values.get("trim")
-            position, rotation = (np.array(values[name], float) for name in ("position", "rotation"))
-            start = cls(goals, position, rotation, None if trim is None else np.array(trim, float))
-        except (KeyError, TypeError, ValueError) as error:
-            if isinstance(error, InvalidValueError):
-                raise
-            raise InvalidValueError("start", values, _START) from None
-        shapes = [goal.joint_target.shape for goal in goals] + [start.position.shape, start.rotation.shape]
-        shapes += [] if start.trim is None else [start.trim.shape]
-        if shapes != [(N_JOINTS,)] * len(goals) + [(3,), (3,)] + [(6,)] * (start.trim is not None):
+        if not isinstance(values, Mapping):
             raise InvalidValueError("start", values, _START)
-        return start
+        require_keys("start", "key of start", values, START)
+        rows, trim = values.get("goals"), values.get("trim")
+        if not isinstance(rows, Sequence) or not all(isinstance(row, Sequence) and len(row) == 3 for row in rows):
+            raise InvalidValueError("goals", rows, _START)
+        goals = []
+        for *times, q in rows:
+            start, deadline = _numbers("goals", times, 2).tolist()
+            goals.append(FormGoal(start, deadline, _numbers("goals", q, N_JOINTS)))
+        return cls(
+            tuple(goals),
+            _numbers("position", values.get("position"), 3),
+            _numbers("rotation", values.get("rotation"), 3),
+            None if trim is None else _numbers("trim", trim, 6),
+        )
 
 
 _START = "{'goals': [[start s, deadline s, 16 angles], …], 'position': 3 m, 'rotation': 3 rad, 'trim': 6 or None}"
+
+
+def _numbers(name: str, value: object, size: int) -> np.ndarray:
+    array = real_array(name, value, _START)
+    if array.shape != (size,):
+        raise InvalidValueError(name, value, _START)
+    return array
 
 
 def _equal_legs(rng: np.random.Generator) -> JointVector:
@@ -125,6 +140,20 @@ SEQUENCES = ("paper", *FORMS, *SAMPLERS, "mixed")
 """Valid form sequences."""
 
 
+def _windows(value: object) -> tuple[tuple[float, float], ...]:
+    """Windows of time as a tuple of pairs, whether they come as tuples or, from JSON, as lists."""
+    windows = real_array("unrestricted", value, _WINDOWS)
+    if windows.size == 0:
+        return ()
+    paired = windows.ndim == 2 and windows.shape[1] == 2
+    if not (paired and np.isfinite(windows).all() and ((windows[:, 0] >= 0.0) & (windows[:, 0] < windows[:, 1])).all()):
+        raise InvalidValueError("unrestricted", value, _WINDOWS)
+    return tuple((start, end) for start, end in windows.tolist())
+
+
+_WINDOWS = "pairs (start, end) of times [s], 0 ≤ start < end"
+
+
 @dataclass(frozen=True)
 class HoverTask:
     """Hold the CoG and a level attitude while the joints go through a sequence of forms."""
@@ -135,42 +164,32 @@ class HoverTask:
     joint_speed: float = ROBOT.joint_speed
     """Speed of the joint motion [rad/s]."""
     horizon_s: float = 20.0
-    """Length of an episode [s]; give `gym.make` the matching `max_episode_steps` too (40 a second)."""
+    """Length of an episode [s]; forms are drawn until then."""
     perturbation: float = 1.0
     """Scale of the initial offset: 1 is ± 3 cm and ± 0.05 rad per axis, at rest; 0 starts on the reference."""
     avoid_interference: bool = True
     """Whether rotors are restricted; False is the paper's baseline method."""
+    unrestricted: Sequence[Sequence[float]] = ()
+    """Windows of time `(start, end)` in which no rotor is restricted [s], as in the paper's flight."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be flown."""
-        if self.forms not in SEQUENCES:
-            raise UnknownNameError("form sequence", self.forms, SEQUENCES)
-        for name, unit in (("joint_speed", "rad/s"), ("horizon_s", "s")):
-            value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0.0 < value < math.inf):
-                raise InvalidValueError(name, value, f"a number above 0 [{unit}]")
-        if not (isinstance(self.perturbation, int | float) and 0.0 <= self.perturbation < math.inf):
-            raise InvalidValueError("perturbation", self.perturbation, "a number of at least 0")
+        require_name("form sequence", self.forms, SEQUENCES)
+        for name, bounds in RANGES.items():
+            require_within(*bounds, **{name: getattr(self, name)})
+            object.__setattr__(self, name, float(getattr(self, name)))
+        require_flag(avoid_interference=self.avoid_interference)
+        object.__setattr__(self, "unrestricted", _windows(self.unrestricted))
 
-    @classmethod
-    def option_names(cls) -> list[str]:
-        """Names of the arguments."""
-        return [f.name for f in fields(cls)]
-
-    @property
-    def mode(self) -> str:
-        """Allocation mode."""
-        return "flight" if self.avoid_interference else "flight_unrestricted"
+    def mode(self, time: float) -> str:
+        """Allocation mode at a time of the episode [s]."""
+        restricted = self.avoid_interference and not any(start <= time < end for start, end in self.unrestricted)
+        return "flight" if restricted else "flight_unrestricted"
 
     @cached_property
     def position_w(self) -> Vector3:
         """Desired position of the CoG [m]."""
         return np.array([0.0, 0.0, hover_height()])
-
-    @property
-    def horizon(self) -> int:
-        """Length of an episode in ticks."""
-        return max(1, round(self.horizon_s * CONTROL_RATE))
 
     def schedule(self, rng: np.random.Generator) -> list[FormGoal]:
         """The episode's forms in order; the first one is the initial form, reached at time 0."""
@@ -208,7 +227,7 @@ class HoverTask:
     def reward_terms(
         self, position: Vector3, attitude: Vector3, joints: JointVector, action: np.ndarray
     ) -> dict[str, float]:
-        """Terms in [0, 1]; the reward is their sum weighted with `REWARD_WEIGHTS`.
+        """Terms in [0, 1]; the reward is their sum weighted with `REWARD_TERMS`.
 
         Args:
             position: CoG error [m].

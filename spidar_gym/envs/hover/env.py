@@ -6,15 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.allocator import Allocation, Allocator, AllocatorConfig
-from spidar_gym.control.controller import CONTROL_RATE, Controller, ControllerConfig, Percept
-from spidar_gym.control.core_flight import CoreController
-from spidar_gym.control.observation import LegMomentum, Preview, layout, observe
+from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
+from spidar_gym.control.flight.memory import ControlState
+from spidar_gym.control.flight.observation import NO_NEXT_FORM, LegMomentum, Preview, layout
+from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
-from spidar_gym.envs.actions import CONTROLS, direct_command, find_action_mode
-from spidar_gym.envs.env import SpidarEnv, split_options
-from spidar_gym.envs.hover_task import NO_NEXT_FORM, REWARD_TERMS, FlightStart, HoverTask, Progress
-from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError, require_name
+from spidar_gym.envs.actions import find_action_mode
+from spidar_gym.envs.controllers import make_flight_controller
+from spidar_gym.envs.env import SpidarEnv, solver_settings, split_options
+from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, HoverTask, Progress
+from spidar_gym.errors import SpidarError, require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp, log, matrix_to_quat
@@ -25,11 +27,11 @@ _STILL = np.zeros(3)
 _NO_JOINTS = np.zeros(N_JOINTS)
 
 
-class HoverEnv(SpidarEnv):
+class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
     """SPIDAR in flight; `spidar list spidar_gym/Hover-v0` prints its page."""
 
-    task: HoverTask
     reward_weights = {name: weight for name, (weight, _) in REWARD_TERMS.items()}  # noqa: RUF012 - a constant
+    reset_options = ("forms", "start", "disturbances")
 
     def __init__(
         self,
@@ -57,20 +59,14 @@ class HoverEnv(SpidarEnv):
             UnknownNameError: For a mode, preset, camera or option that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range.
         """
-        own, shared = split_options(HoverTask, options)
+        own, shared = split_options(HoverEnv, HoverTask, options)
         self.task = HoverTask(**own)
         joint_speed = self.task.joint_speed
         mode = find_action_mode(action_mode)
         base = controller_config(preset) if controller is None else controller
-        config = replace(base, joint_speed=joint_speed, allocator=AllocatorConfig(max_iter=max_iter))
-        require_name("control", control, CONTROLS)
-        self.controller: Any
-        if control == "python":
-            self.controller = Controller(config, allocator=allocator or Allocator)
-        elif allocator is not None:
-            raise InvalidValueError("allocator", allocator, "None: the core has its own")
-        else:
-            self.controller = CoreController(config)
+        require_instance(ControllerConfig, controller=base)
+        config = replace(base, joint_speed=joint_speed, allocator=solver_settings(max_iter))
+        self.controller = make_flight_controller(config, control, allocator)
         super().__init__(mode, layout(mode.size), joint_speed=joint_speed, **shared)
         self._start: FlightStart | None = None
         self.preload: np.ndarray | None = None
@@ -78,13 +74,10 @@ class HoverEnv(SpidarEnv):
         self._progress: Progress | None = None
         self._reference: Reference | None = None
 
-    def _choose(self, name: str, value: object) -> None:
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         if name == "start":
-            self._start = None if value is None else FlightStart.parse(value)  # type: ignore[arg-type] - it refuses
-        elif name == "forms":
-            self.task = replace(self.task, forms=str(value))
-        else:
-            raise UnknownNameError("reset option", name, ["forms", "start", "disturbances"])
+            return {"_start": None if value is None else FlightStart.parse(value)}
+        return {"task": replace(self.task, forms=value)} if name == "forms" else super()._chosen(name, value)
 
     def _begin(self, rng: np.random.Generator) -> None:
         self._reference = None
@@ -115,7 +108,7 @@ class HoverEnv(SpidarEnv):
         self.controller.reset(self._seen, q, trim)
         self._legs = LegMomentum(_STILL, _STILL)
         self._joint_velocity = _NO_JOINTS
-        self._look()
+        self._update_errors()
 
     @property
     def progress(self) -> Progress:
@@ -125,16 +118,16 @@ class HoverEnv(SpidarEnv):
         return self._progress
 
     @property
-    def truth(self) -> Percept:
+    def truth(self) -> ControlState:
         """What a controller with the true state would make of it."""
         return self._truth
 
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
-        target = self.progress.goal.joint_target
+        target, mode = self.progress.goal.joint_target, self.task.mode(self.progress.time)
         given = self._reference
-        if given is None or given.joint_target is not target or given.mode != self.task.mode:
-            given = Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, self.task.mode)
+        if given is None or given.joint_target is not target or given.mode != mode:
+            given = Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, mode)
             self._reference = given
         fault = self._disturbances
         if fault.lost_rotor and self.progress.time >= fault.fault_time - 1e-9:
@@ -149,24 +142,18 @@ class HoverEnv(SpidarEnv):
         controller = self.controller
         if self._mode.residual is not None:
             residual = self._mode.residual(action)
-            command = controller.step(self._seen, self.reference(), residual, self._percept)
-            assert controller.tick is not None
-            self._joint_velocity = controller.tick.joint_velocity
+            command = controller.step(self._seen, self.reference(), residual, self._control_state)
+            assert controller.last_step is not None
+            self._joint_velocity = controller.last_step.joint_velocity
             return command
-        memory = controller.memory
-        command = direct_command(action, memory.vectoring)
-        # Where the servos' slew limit takes the setpoints within this tick.
-        reach = self.task.joint_speed / CONTROL_RATE
-        step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
-        self._joint_velocity = step * CONTROL_RATE
-        controller.note(replace(command, joint_position=memory.joint_position + step))
+        command, self._joint_velocity = self._act_directly(action)
         return command
 
     def trim(self, q: np.ndarray) -> np.ndarray:
         """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
         state = self.state
-        percept = self.controller.perceive(state, self.reference())
-        snapshot, R_wb = percept.snapshot, percept.R_wb
+        control_state = self.controller.compute_state(state, self.reference())
+        snapshot, R_wb = control_state.snapshot, control_state.R_wb
         described = thrust_map(snapshot.R_bl, snapshot.rotor_c) @ (
             vectoring_to_force(np.full(N_ROTORS, ROBOT.hover_thrust), state.vectoring).reshape(-1)
         )
@@ -176,12 +163,12 @@ class HoverEnv(SpidarEnv):
         real = np.concatenate([force_b, torque_b - np.cross(snapshot.com_b, force_b)])
         return described - real
 
-    def _look(self) -> None:
+    def _update_errors(self) -> None:
         """What the controller makes of what it sees, and what is true."""
-        self._percept = self.controller.perceive(self._seen, self.reference())
-        self._truth = self._percept
+        self._control_state = self.controller.compute_state(self._seen, self.reference())
+        self._truth = self._control_state
         if self._seen is not self._state:
-            self._truth = self.controller.perceive(self.state, self.reference())
+            self._truth = self.controller.compute_state(self.state, self.reference())
 
     def _errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Position error, world [m], and attitude error log(RᵀR_d), torso axes [rad], of the true state.
@@ -191,8 +178,8 @@ class HoverEnv(SpidarEnv):
         return self._truth.error.position_w, log(self._truth.R_wb.T)  # the reference is level
 
     def _advance(self) -> str:
-        self._look()
-        h = self._percept.snapshot.momentum_map[3:] @ self._joint_velocity
+        self._update_errors()
+        h = self._control_state.snapshot.momentum_map[3:] @ self._joint_velocity
         self._legs = LegMomentum(h, (h - self._legs.value) * CONTROL_RATE)
         errors = self._errors()
         self.progress.advance(*errors, self.state.joint_position)
@@ -208,19 +195,14 @@ class HoverEnv(SpidarEnv):
             time_to_next=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
         )
         thrust = self._seen.thrust if self._command is None else self._command.thrust
-        rest = thrust, self._joint_velocity, self._legs, preview, self._action
-        controller = self.controller
-        if isinstance(controller, CoreController):
-            return controller.observe(self._seen, self._percept, *rest, bound=self._bound)
-        return observe(self._seen, self._percept, controller.memory, *rest, bound=self._bound)
-
-    @property
-    def _allocation(self) -> Allocation | None:
-        return None if self.controller.tick is None else self.controller.tick.allocation
+        return self.controller.observe(
+            self._seen, self._control_state, thrust, self._joint_velocity, self._legs, preview, self._action,
+            bound=self._bound,
+        )  # fmt: skip
 
     def _task_info(self, failure: str) -> dict[str, Any]:
-        errors = (np.zeros(3), np.zeros(3)) if failure == "diverged" else self._errors()
-        tick, memory, progress = self.controller.tick, self.controller.memory, self.progress
+        errors = self._errors()
+        last, memory, progress = self.controller.last_step, self.controller.memory, self.progress
         terms = self.task.reward_terms(*errors, progress.plan() - self.state.joint_position, self._action)
         if failure == "diverged":
             terms = dict.fromkeys(terms, 0.0)
@@ -228,8 +210,8 @@ class HoverEnv(SpidarEnv):
             "position_error": errors[0].copy(),
             "attitude_error": errors[1].copy(),
             "vectoring_command": memory.vectoring.copy(),
-            "wrench_desired": np.zeros(6) if tick is None else tick.wrench_desired.copy(),
+            "wrench_desired": np.zeros(6) if last is None else last.wrench_desired.copy(),
             "restricted_rotors": memory.interference.restricted.copy(),
             **{f"reward_{name}": value for name, value in terms.items()},
-            "is_success": failure == "" and progress.succeeded(self.task.horizon),
+            "is_success": failure == "" and progress.succeeded(self.horizon),
         }

@@ -1,0 +1,43 @@
+"""Who controls: the one place that knows readable and compiled controllers apart."""
+
+from spidar_gym.control.allocation.allocator import Allocator
+from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
+from spidar_gym.control.flight.controller import ControllerConfig, FlightController
+from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.native.crawl import CoreCrawler
+from spidar_gym.native.flight import CoreFlightController
+
+CONTROLS = ("python", "core")
+"""Who controls: the readable controller, or the compiled core of the robot."""
+
+
+def make_flight_controller(
+    config: ControllerConfig, control: str, allocator: type[Allocator] | None = None
+) -> FlightControl:
+    """A flight controller.
+
+    Args:
+        config: Allocation, gains, compensations.
+        control: One of `CONTROLS`.
+        allocator: A subclass of `Allocator` in place of the QP; the compiled core has its own.
+
+    Raises:
+        UnknownNameError: For a control that does not exist; it lists the valid ones.
+        InvalidValueError: For an allocator that is none, or one for the compiled core.
+        MissingDependencyError: When the core is not compiled.
+    """
+    require_name("control", control, CONTROLS)
+    if not (allocator is None or (isinstance(allocator, type) and issubclass(allocator, Allocator))):
+        raise InvalidValueError("allocator", allocator, "a subclass of Allocator")
+    if control == "python":
+        return FlightController(config, allocator=allocator or Allocator)
+    if allocator is not None:
+        raise InvalidValueError("allocator", allocator, "None: the core has its own")
+    return CoreFlightController(config)
+
+
+def make_crawler(config: CrawlerConfig, control: str) -> CrawlControl:
+    """A crawler; `control` is one of `CONTROLS` (`UnknownNameError` lists them)."""
+    require_name("control", control, CONTROLS)
+    return Crawler(config) if control == "python" else CoreCrawler(config)

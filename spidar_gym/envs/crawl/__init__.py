@@ -1,0 +1,1 @@
+"""Crawl-v0: crawl to a pose on the floor."""

@@ -1,0 +1,46 @@
+"""When an episode is over: after `horizon_s` or `max_episode_steps`, whichever is given, the shorter where both are."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils import RecordConstructorArgs
+
+from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.registry import RegisteredSteps
+
+
+class Horizon(gymnasium.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray], RecordConstructorArgs):
+    """Truncates, and tells the environment when, so that success is judged there; `gymnasium.make` puts it outermost.
+
+    The registered `TimeLimit` below it knows nothing of `horizon_s`, and the environment nothing of `TimeLimit`.
+    """
+
+    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray]) -> None:
+        """Take an environment as `gymnasium.make` wraps it."""
+        RecordConstructorArgs.__init__(self)
+        super().__init__(env)
+        inner = env.unwrapped
+        assert isinstance(inner, SpidarEnv)
+        assert env.spec is not None
+        steps = env.spec.max_episode_steps
+        if steps is not None:
+            lengths = [] if isinstance(steps, RegisteredSteps) else [steps]
+            if not lengths or "horizon_s" in env.spec.kwargs:
+                lengths.append(inner.horizon)
+            inner.horizon = steps = min(lengths)
+        self._inner, self._steps = inner, steps
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
+        """One step; truncated where the episode is over, never with `max_episode_steps=-1`."""
+        observation, reward, terminated, _, info = self.env.step(action)
+        return observation, reward, terminated, self._steps is not None and self._inner.ticks >= self._steps, info
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The specification with the steps after which the episode really ends."""
+        spec = super().spec
+        if spec is not None:
+            spec.max_episode_steps = self._steps
+        return spec
