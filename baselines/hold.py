@@ -3,12 +3,14 @@
 import numpy as np
 
 from spidar_gym.benchmark import HOVER
-from spidar_gym.control.observation import layout
+from spidar_gym.control.flight.observation import layout
 from spidar_gym.robot import N_ROTORS, ROBOT
 
 
 class Hold:
     """A constant hover command without feedback: rotors and joints as in the first moment; flights only."""
+
+    kind = "classical"
 
     def arguments(self, env_id: str) -> dict | None:
         """No controller at all; on the ground no constant command crawls."""

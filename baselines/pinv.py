@@ -3,8 +3,7 @@
 import numpy as np
 
 from spidar_gym.benchmark import HOVER, PresetPolicy
-from spidar_gym.control.allocator import Allocation, AllocationStatus, Allocator
-from spidar_gym.control.qp import Demand
+from spidar_gym.control import Allocation, AllocationStatus, Allocator, Demand
 from spidar_gym.robot import N_ROTORS
 
 

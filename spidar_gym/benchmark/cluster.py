@@ -32,7 +32,7 @@ def cluster(
 
     Args:
         address: `local` for a cluster of `workers` workers here, `auto`, or host:port.
-        workers: Of a local cluster.
+        workers: Workers of a local cluster.
         variables: Environment variables of the workers, beside where they import from.
         **options: More of `ray.init`.
 

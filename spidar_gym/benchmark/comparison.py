@@ -17,9 +17,9 @@ from spidar_gym.benchmark.statistics import (
     paired_difference,
     stratified_bootstrap,
 )
-from spidar_gym.benchmark.tables import aligned
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.text import format_table
 
 COMPARED: dict[str, dict[str, tuple[str, float, str]]] = {
     "flight": {
@@ -121,7 +121,7 @@ def _cells(comparison: Comparison, shown: Mapping[str, tuple[str, float, str]]) 
 
 def comparison_text(row: Row, base: Row) -> str:
     """Compared for a terminal."""
-    tables = [aligned(table) for table in comparison_tables(compare_rows(row, base))]
+    tables = [format_table(cells) for cells in comparison_tables(compare_rows(row, base))]
     return "\n\n".join([f"{row.name} against {base.name}, IQM of paired differences with 95 % intervals:", *tables])
 
 

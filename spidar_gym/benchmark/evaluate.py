@@ -3,7 +3,6 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -12,15 +11,19 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.cluster import cluster
-from spidar_gym.benchmark.episode import ACT_LIMIT_S, METRICS, play
-from spidar_gym.benchmark.policy import Policy, load_policy, policy_digest, policy_name
+from spidar_gym.benchmark.finished import read_finished, write_finished
+from spidar_gym.benchmark.metrics import METRICS
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
+from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario
+from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.errors import InvalidValueError, SpidarError, require_least
-from spidar_gym.files import write_text
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import Policy, policy_digest, policy_name
+from spidar_gym.processes import Pool
 
 BEHAVIOUR = (
-    "so3.py", "robot.py", "state.py", "description.py", "model", "control", "sim", "envs",
-    "benchmark/episode.py", "benchmark/scenario.py", "benchmark/track.py",
+    "so3.py", "state.py", "robot", "model", "control", "native", "sim", "envs",
+    "policies/rollout.py", "benchmark/scenario.py", "benchmark/scoring.py", "benchmark/track.py",
 )  # fmt: skip
 """Files and folders of the package on which the numbers of an episode rest."""
 
@@ -67,10 +70,18 @@ class Shard:
     """Which episode."""
     act_limit_s: float = ACT_LIMIT_S
     """How long the policy may think about one action [s]."""
+    control: str = CONTROL
+    """What computes, as in `play`."""
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{self.policy} on {self.track}, scenario {self.scenario.index}"
 
     def key(self, digest: str) -> str:
         """Name under which its result is kept: it changes with the policy's file, the scenario and the code."""
-        words = json.dumps([self.policy, digest, self.track, self.split, asdict(self.scenario), behaviour()])
+        words = json.dumps(
+            [self.policy, digest, self.track, self.split, asdict(self.scenario), self.control, behaviour()]
+        )
         return hashlib.sha256(words.encode()).hexdigest()[:24]
 
 
@@ -88,7 +99,8 @@ def behaviour() -> str:
 
 def play_shard(shard: Shard) -> dict[str, Any]:
     """Do one piece of work, with a policy that has seen nothing before."""
-    return play(load_policy(shard.policy), shard.track, shard.scenario, act_limit_s=shard.act_limit_s)
+    policy = load_policy(shard.policy)
+    return play_scenario(policy, shard.track, shard.scenario, act_limit_s=shard.act_limit_s, control=shard.control)
 
 
 def evaluate(
@@ -140,7 +152,7 @@ def evaluate(
             raise InvalidValueError("policy", policy, "module:Class for more than one process, a folder, or Ray")
         results = []
         for scenario in chosen:
-            results.append(play(policy, track, scenario, act_limit_s=act_limit_s))
+            results.append(play_scenario(policy, track, scenario, act_limit_s=act_limit_s))
             on_scenario()
     columns = {name: [result["metrics"][name] for result in results] for name in METRICS}
     return Score(track, split, digest, tuple(indices), columns, [result["timing"] for result in results])
@@ -180,8 +192,9 @@ def run_shards(
     folder: Path | None = None,
     ray: str | None = None,
     on_scenario: Callable[[], object] = lambda: None,
+    on_result: Callable[[int, dict[str, Any]], object] = lambda k, result: None,
 ) -> list[dict[str, Any]]:
-    """Do pieces of work, in whatever order; the results come in theirs."""
+    """Do pieces of work, in whatever order; the results come in theirs, to `on_result` as soon as they are there."""
     require_least(1, workers=workers)
     results: dict[int, dict[str, Any]] = {}
     files: list[Path | None] = [None] * len(shards)
@@ -190,48 +203,30 @@ def run_shards(
         for k, shard in enumerate(shards):
             policy = policies[shard.policy]
             file = folder / policy_name(policy) / shard.track / f"{shard.key(policy_digest(policy))}.json"
-            files[k], kept = file, _kept(file)
-            if kept is not None:
-                results[k] = kept
+            files[k], found = file, read_finished(file, flies=TRACKS[shard.track].flies)
+            if found is not None:
+                results[k] = found
                 on_scenario()
     rest = [k for k in range(len(shards)) if k not in results]
-    work = _on_ray if ray else _here if workers == 1 else _in_processes
+    work = _on_ray if ray else _in_processes
     for k, result in work([(k, shards[k]) for k in rest], workers, ray) if rest else ():
-        # Through JSON, so that a result is the same whether it was kept or has just been made.
-        text = json.dumps(result, allow_nan=False)
         if (file := files[k]) is not None:
-            write_text(file, text)
-        results[k] = json.loads(text)
+            write_finished(file, result)
+        # Through JSON, so that a result is the same whether it was kept or has just been made.
+        results[k] = json.loads(json.dumps(result, allow_nan=False))
+        on_result(k, results[k])
         on_scenario()
     return [results[k] for k in range(len(shards))]
-
-
-def _kept(file: Path) -> dict[str, Any] | None:
-    """A finished piece of work; None where there is none, or none that can be read."""
-    try:
-        result = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    whole = isinstance(result, dict) and set(result) == {"metrics", "timing"} and isinstance(result["metrics"], dict)
-    return result if whole and set(result["metrics"]) == set(METRICS) else None
 
 
 _Done = Iterator[tuple[int, dict[str, Any]]]
 
 
-def _here(jobs: Iterable[tuple[int, Shard]], workers: int, ray: str | None) -> _Done:
-    for k, shard in jobs:
-        yield k, play_shard(shard)
-
-
 def _in_processes(jobs: Iterable[tuple[int, Shard]], workers: int, ray: str | None) -> _Done:
-    with ProcessPoolExecutor(workers) as pool:
-        futures = {pool.submit(play_shard, shard): k for k, shard in jobs}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    numbers, shards = zip(*jobs, strict=True)
+    with Pool(workers) as pool:
+        for k, result in pool.as_done(play_shard, shards, lambda k: str(shards[k])):
+            yield numbers[k], result
 
 
 def _on_ray(jobs: Iterable[tuple[int, Shard]], workers: int, address: str | None) -> _Done:

@@ -2,40 +2,35 @@
 
 import hashlib
 import json
-import os
-import platform
-import sys
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import spidar_gym
-from spidar_gym.benchmark.episode import METRICS
+from spidar_gym.benchmark.content import RowError, check_content
 from spidar_gym.benchmark.evaluate import Score
-from spidar_gym.benchmark.policy import (
-    KINDS,
+from spidar_gym.benchmark.track import SCENARIOS, TRACKS
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.files import write_text
+from spidar_gym.policies.policy import (
+    LEARNED,
     Policy,
-    check_name,
     policy_arguments,
     policy_digest,
     policy_doc,
     policy_kind,
     policy_name,
 )
-from spidar_gym.benchmark.scenario import load_scenarios
-from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
-from spidar_gym.description import assets_dir, mjcf_path
-from spidar_gym.errors import InvalidValueError, SpidarError, require_name
-from spidar_gym.files import write_text
+from spidar_gym.policies.provenance import processor, versions
+from spidar_gym.robot.description import assets_dir, model_hash
 
-FORMAT = 1
+FORMAT = 2
 """Version of the rows' format."""
-PACKAGES = ("mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
-"""Packages whose versions stand in a row, beside Python's and our own."""
+LARGEST = 2**26
+"""Largest file of a row [bytes]: some hundred runs on every track."""
 REFERENCE = "qp"
 """The row that scores refer to."""
 BASES = {"paper": "qp", "tuned": "qp_tuned", "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped",
@@ -45,18 +40,14 @@ ROWS = "baselines/scores"
 """Folder of the committed rows in a checkout."""
 
 
-class RowError(SpidarError):
-    """A row's file that cannot be read, was edited by hand, or belongs to other scenarios."""
-
-
 @dataclass(frozen=True)
 class Row:
     """One line of the leaderboard."""
 
     name: str
-    """Of the policy."""
+    """Name of the policy."""
     kind: str
-    """`classical`, `learned` or `residual`."""
+    """One of `KINDS`."""
     doc: str
     """What it is, in one line."""
     policies: tuple[str, ...]
@@ -88,36 +79,6 @@ class Row:
         return self.content["tracks"][track]["scenarios"]
 
 
-def model_hash() -> str:
-    """SHA-256 of the robot's model file."""
-    return hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
-
-
-def versions() -> dict[str, str]:
-    """Versions of what the numbers rest on."""
-    found = {"python": platform.python_version(), "spidar-gym": spidar_gym.__version__}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = ""
-    return found
-
-
-def processor() -> str:
-    """Family of the processor: what decides which machine code numpy and its libraries choose."""
-    words = {}
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            key, _, value = line.partition(":")
-            words.setdefault(key.strip(), value.strip())
-    except OSError:
-        pass
-    family = " ".join(words.get(key, "") for key in ("vendor_id", "cpu family", "model")).strip()
-    wide = [flag for flag in ("avx2", "avx512f") if flag in words.get("flags", "").split()]
-    return " ".join([platform.machine(), family or platform.processor(), *wide]).strip()
-
-
 def make_row(
     policies: Sequence[Policy],
     specs: Sequence[str],
@@ -131,7 +92,7 @@ def make_row(
         policies: One for each run.
         specs: Their specifications.
         scores: For each track the score of each run.
-        command: What was called.
+        command: Command line that makes it.
     """
     first = policies[0]
     require_one_policy(policies, specs)
@@ -165,17 +126,19 @@ def make_row(
         **_arguments(first, scores),
         "command": command,
         "versions": versions(),
+        "processor": processor(),
         "model_sha256": model_hash(),
         "tracks": tracks,
-        "timing": {"processor": processor(), "tracks": times},
+        "timing": times,
     }
+    check_content(content)
     content["sha256"] = row_hash(content)
-    return _row(content)
+    return row_of(content)
 
 
 def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
     """What a learned policy asked its environment for; nothing for a controller, whose code says it."""
-    if policy_kind(policy) == "classical":
+    if policy_kind(policy) not in LEARNED:
         return {}
     chosen = policy_arguments(policy, TRACKS[next(iter(scores))].env_id) or {}
     plain = {name: value for name, value in chosen.items() if isinstance(value, str | int | float)}
@@ -183,17 +146,20 @@ def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[st
 
 
 def require_one_policy(policies: Sequence[Policy], specs: Sequence[str]) -> None:
-    """Refuse runs of different policies."""
+    """Refuse runs of different policies, and words that no row may hold."""
+    for policy in policies:
+        policy_doc(policy)
     if len({(policy_name(policy), policy_kind(policy)) for policy in policies}) > 1:
         raise InvalidValueError("policies", list(specs), "runs of one policy: the same name and kind")
 
 
-def _row(content: Mapping[str, Any]) -> Row:
+def row_of(content: Mapping[str, Any]) -> Row:
+    """The row that a file's whole content is."""
     return Row(content["name"], content["kind"], content["doc"], tuple(content["policies"]), content)
 
 
 def row_hash(content: Mapping[str, Any]) -> str:
-    """SHA-256 of a row but for itself and the `timing` block."""
+    """SHA-256 of a row but for itself and the `timing` block: on which processor it was made counts, not how fast."""
     kept = {key: value for key, value in content.items() if key not in ("sha256", "timing")}
     return hashlib.sha256(json.dumps(kept, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
 
@@ -225,65 +191,52 @@ def write_row(row: Row, folder: Path) -> Path:
     return path
 
 
+def read_content(path: Path) -> dict[str, Any]:
+    """What a row's file holds, its hash checked and nothing else.
+
+    Raises:
+        RowError: When it cannot be read, holds what is no JSON, no object or no number, or was edited by hand.
+    """
+    try:
+        if path.is_file() and path.stat().st_size > LARGEST:
+            raise RowError(f"{path} is larger than {LARGEST} bytes; valid: a row that `spidar eval` wrote")
+        content = json.loads(path.read_text(encoding="utf-8"), parse_float=_finite, parse_constant=_finite)
+        digest = row_hash(content) if isinstance(content, dict) else ""
+    except OSError as error:
+        raise RowError(f"{path}: {error.strerror}; valid: a row that `spidar eval` wrote") from error
+    except (ValueError, RecursionError) as error:
+        raise RowError(f"{path} is no JSON of a row ({error}); valid: a row that `spidar eval` wrote") from error
+    if not (isinstance(content, dict) and type(content.get("format")) is int):
+        raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote")
+    if content.get("sha256") != digest:
+        raise RowError(f"{path} was edited by hand: its hash does not match; valid: the row that `spidar eval` writes")
+    return content
+
+
+def _finite(text: str) -> float:
+    """A number of a file; JSON has no NaN, and a row no infinity."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number
+
+
 def read_row(path: Path) -> Row:
     """A row from its file.
 
     Raises:
-        RowError: When it cannot be read, was edited by hand, or its scenarios or model are not the present ones.
+        RowError: When it cannot be read, was edited by hand, is of another format, holds what no evaluation writes,
+            or its scenarios or model are not the present ones.
     """
+    content = read_content(path)
+    if content["format"] != FORMAT:
+        older = f"; `spidar leaderboard migrate --rows {path.parent}` makes it one" if content["format"] == 1 else ""
+        raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote{older}")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RowError(f"{path}: {error.strerror}; valid: a row that `spidar eval` wrote") from error
-    except ValueError as error:
-        raise RowError(f"{path} is no JSON ({error}); valid: a row that `spidar eval` wrote") from error
-    if not (isinstance(content, dict) and content.get("format") == FORMAT):
-        raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote")
-    if content.get("sha256") != row_hash(content):
-        raise RowError(f"{path} was edited by hand: its hash does not match; valid: the row that `spidar eval` writes")
-    try:
-        _check_content(content)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise RowError(f"{path} lacks {error}; valid: a row that `spidar eval` wrote") from error
+        check_content(content)
     except SpidarError as error:
         raise RowError(f"{path}: {error}") from error
-    return _row(content)
-
-
-def _check_content(content: Mapping[str, Any]) -> None:
-    """Whether a row has all its parts, of the present robot and scenarios."""
-    anew = "valid: a row evaluated anew by its command"
-    if content["model_sha256"] != model_hash():
-        raise RowError(f"another robot model; {anew}")
-    require_name("kind", content["kind"], KINDS)
-    check_name(content["name"])
-    runs = len(content["policies"])
-    if not {"doc", "command", "versions", "training"} <= set(content) or not {"processor", "tracks"} <= set(
-        content["timing"]
-    ):
-        raise RowError("it lacks where it comes from; valid: a row that `spidar eval` wrote")
-    if len(content["policies_sha256"]) != runs or not runs:
-        raise RowError("as many policies as hashes are valid, at least one")
-    for name, track in content["tracks"].items():
-        require_name("split", track["split"], SPLITS)
-        if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
-            raise RowError(f"{name} has other scenarios; {anew}")
-        if len(track["runs"]) != runs:
-            raise RowError(f"{name} has {len(track['runs'])} runs; valid: {runs}, one a policy")
-        _check_numbers(name, track)
-
-
-def _check_numbers(name: str, track: Mapping[str, Any]) -> None:
-    """Whether a track has a number for each scenario, of each metric and run."""
-    indices = track["scenarios"]
-    if len(set(indices)) != len(indices) or not set(indices) <= set(range(SCENARIOS)) or not indices:
-        raise RowError(f"{name} has scenarios {indices}; valid: different ones within 0 … {SCENARIOS - 1}")
-    for run in track["runs"]:
-        for metric in METRICS:
-            if metric not in run:
-                raise RowError(f"{name} lacks {metric}; valid: a row evaluated anew by its command")
-            if len(run[metric]) != len(indices):
-                raise RowError(f"{name} has {len(run[metric])} numbers of {metric}; valid: {len(indices)}")
+    return row_of(content)
 
 
 def read_rows(folder: Path) -> dict[str, Row]:
@@ -301,18 +254,33 @@ def read_rows(folder: Path) -> dict[str, Row]:
     return {name: rows[name] for name in sorted(rows, key=lambda name: (name != REFERENCE, name))}
 
 
+def committed_rows() -> dict[str, Row]:
+    """The committed rows of a checkout, or what of them the installed wheel has: the row that scores refer to."""
+    candidates = (Path(ROWS), assets_dir() / "scores", assets_dir().parent / ROWS)
+    folder = next((folder for folder in candidates if (folder / f"{REFERENCE}.json").is_file()), None)
+    return {} if folder is None else read_rows(folder)
+
+
 def committed_row(name: str = REFERENCE) -> Row | None:
-    """A committed row of a checkout or of the installed wheel, the one that scores refer to; None if there is none."""
+    """A committed row, the one that scores refer to; None if there is none."""
     candidates = (Path(ROWS) / f"{name}.json", assets_dir() / "scores" / f"{name}.json",
                   assets_dir().parent / ROWS / f"{name}.json")  # fmt: skip
     path = next((path for path in candidates if path.is_file()), None)
     return None if path is None else read_row(path)
 
 
-def called(arguments: Sequence[str] | None = None) -> str:
-    """The command that is being run, in words."""
-    given = sys.argv[1:] if arguments is None else arguments
-    return " ".join(["spidar", *given])
+def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
+    """One's own rows among the committed ones, and their names there.
+
+    Scores refer to a committed row whatever one's own are called: one of the name of another is called NAME (own).
+    """
+    rows, names = committed_rows(), []
+    for name, row in own.items():
+        if name in rows and rows[name].content["sha256"] == row.content["sha256"]:
+            continue
+        names.append(f"{name} (own)" if name in rows else name)
+        rows[names[-1]] = row
+    return rows, names
 
 
 def eval_command(specs: Sequence[str], tracks: Sequence[str], split: str = "test", scenarios: int = SCENARIOS) -> str:
@@ -320,12 +288,4 @@ def eval_command(specs: Sequence[str], tracks: Sequence[str], split: str = "test
     words = ["eval", "--policy", *specs, *(["--tracks", *tracks] if tracks else [])]
     words += [] if split == "test" else ["--split", split]
     words += [] if scenarios == SCENARIOS else ["--scenarios", str(scenarios)]
-    return called(words)
-
-
-def cores() -> int:
-    """Processes by default: one a core that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
+    return " ".join(["spidar", *words])

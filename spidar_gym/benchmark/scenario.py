@@ -13,12 +13,14 @@ import numpy as np
 
 import spidar_gym.envs.registry
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS, Track, find_track
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.description import assets_dir
+from spidar_gym.border import BorderError, parse_json, read_file, require_form
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover import HoverEnv
-from spidar_gym.envs.hover_task import HoverTask
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.errors import SpidarError, StaleAssetError, require_name
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.robot.description import assets_dir
 
 PINS = "scenarios/SHA256SUMS"
 """File with the hash of every scenario file, relative to assets/."""
@@ -27,6 +29,22 @@ WRITER = "spidar scenarios"
 OFFSET = 0.33
 """Scale of a flight's initial offset: ± 1 cm and ± 0.017 rad per axis."""
 
+MOST_BYTES = 2**23
+"""No file of scenarios is larger."""
+FORM = {
+    "of": {"track": str, "split": str},
+    "scenarios": [
+        {
+            "index": int, "seed": int, "options": {str: float}, "start": (dict, None),
+            "disturbances": {str: float}, "robot": str,
+        }
+    ],
+}  # fmt: skip
+"""What stands in a file."""
+START = {
+    "goals": [[float, float, [float]]], "position": [float], "rotation": [float], "trim": ([float], None),
+}  # fmt: skip
+"""What stands in the start of a flight."""
 HOVER_TICKS = 200
 """A robot has hovered in its wind for so long before the episode [ticks]."""
 
@@ -38,7 +56,7 @@ class Scenario:
     index: int
     """Which one of its track and split."""
     seed: int
-    """Of the drawn robot, the sensors' noise, the weather, the tiles."""
+    """Seed of the drawn robot, the sensors' noise, the weather, the tiles."""
     options: Mapping[str, Any]
     """Arguments of the environment beside the track's."""
     start: Mapping[str, Any] | None
@@ -95,9 +113,10 @@ def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
     assert scenario.start is not None
     env = make_env(track, scenario, {"preset": "tuned"})
     held = {**scenario.start, "goals": scenario.start["goals"][:1]}
-    env.reset(seed=scenario.seed, options={**reset_options(scenario), "start": held})
-    forces = [env.step(np.zeros(env.action_space.shape or ()))[4]["air_force"] for _ in range(HOVER_TICKS)]
-    return np.mean(forces, axis=0)
+    steps = rollout(
+        env, seed=scenario.seed, options={**reset_options(scenario), "start": held}, ticks=HOVER_TICKS
+    )  # fmt: skip
+    return np.mean([step.info["air_force"] for step in steps], axis=0)
 
 
 def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -106,7 +125,7 @@ def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
 
 def robot_digest(env: SpidarEnv) -> str:
     """Digest of the numbers of the drawn robot, to four digits; empty where none is drawn."""
-    draws = env.draws
+    draws = env.sampled_parameters
     if not draws:
         return ""
     text = " ".join(f"{x:.4g}" for name in sorted(draws) for x in np.ravel(draws[name]))
@@ -167,12 +186,33 @@ def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...]
     require_name("split", split, SPLITS)
     path, pins = assets_dir() / "scenarios" / split / f"{name}.json", assets_dir() / PINS
     try:
-        text, pinned = path.read_text(encoding="utf-8"), pins.read_text(encoding="utf-8")
-    except OSError as error:
+        data = read_file(path, MOST_BYTES).replace(b"\r\n", b"\n")  # as git checks it out elsewhere
+        digest = hashlib.sha256(data).hexdigest()
+        if f"{digest}  {split}/{name}.json\n".encode() not in read_file(pins, MOST_BYTES).replace(b"\r\n", b"\n"):
+            raise BorderError("not the pinned one")
+        content = parse_json(data)
+        require_form(content, FORM, path.name)
+        if content["of"] != {"track": name, "split": split}:
+            raise BorderError("of another track or split")
+        return tuple(_scenario(TRACKS[name], k, entry) for k, entry in enumerate(content["scenarios"])), digest
+    except SpidarError as error:
         raise StaleAssetError(path, WRITER) from error
-    if f"{_sha256(text)}  {split}/{name}.json\n" not in pinned:
-        raise StaleAssetError(path, WRITER)
-    return tuple(Scenario(**entry) for entry in json.loads(text)["scenarios"]), _sha256(text)
+
+
+def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
+    """The scenario of an entry that has the form, where its numbers are some that the track can have."""
+    start, drawn = entry["start"], ((entry["options"], track.ranges), (entry["disturbances"], track.disturbances))
+    fits = entry["index"] == index and 0 <= entry["seed"] < 2**31 and (start is not None) == track.flies
+    for values, ranges in drawn:
+        fits = fits and values.keys() == ranges.keys()
+        # They are kept to six digits.
+        fits = fits and all(low - 1e-6 <= values[key] <= high + 1e-6 for key, (low, high) in ranges.items())
+    if not fits:
+        raise BorderError(f"scenario {index} is none of its track")
+    if start is not None:
+        require_form({"trim": None, **start}, START, "start")
+        FlightStart.parse(start)
+    return Scenario(**entry)
 
 
 def check_robot(env: SpidarEnv, scenario: Scenario, place: str) -> None:

@@ -15,7 +15,7 @@ class Interval:
     """A number and its 95 % bootstrap interval."""
 
     value: float
-    """Of the data themselves."""
+    """The statistic of the data themselves."""
     low: float
     """2.5th percentile of the draws."""
     high: float

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import require_name
 
-HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 CAP = 5.0
 """Error of a failed scenario, and the largest one of any other."""
 SCENARIOS = 50

@@ -1,32 +1,78 @@
 """Rows played again: what a stranger does who wants to trust them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.episode import METRICS
+from spidar_gym.benchmark.content import RowError
 from spidar_gym.benchmark.evaluate import Shard, run_shards
-from spidar_gym.benchmark.policy import load_policy, policy_digest
-from spidar_gym.benchmark.row import Row, RowError, processor, versions
+from spidar_gym.benchmark.metrics import METRICS, differences
+from spidar_gym.benchmark.row import Row
 from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.scoring import CONTROL
 from spidar_gym.benchmark.track import TRACKS
-
-TOLERANCE = {"flight": 0.005, "ground": 0.02}
-"""Other versions or another processor may change a scenario's error by this share of it, or of 0.1 if that is more."""
+from spidar_gym.policies.provenance import file_digest, processor, versions
+from spidar_gym.policies.source import is_own, source_file
 
 
 @dataclass(frozen=True)
 class Check:
     """A scenario of a row, played again."""
 
+    row: str
+    """Name of the row."""
     line: str
     """What came out, in words."""
-    equal: bool
-    """Every metric bit for bit."""
-    fine: bool
-    """Equal, or within the tolerance where versions or processor differ."""
+    apart: str
+    """In what the row was made otherwise, in words: processor, versions, control; empty where all are the same."""
+    moved: Mapping[str, float]
+    """Metrics that are not equal: by how much, as a share of what rounding may do."""
+
+    @property
+    def equal(self) -> bool:
+        """Every metric bit for bit."""
+        return not self.moved
+
+    @property
+    def fine(self) -> bool:
+        """Equal, or every metric within its tolerance where something is otherwise."""
+        return self.equal or (bool(self.apart) and max(self.moved.values()) <= 1.0)
+
+
+def require_ours(row: Row, *, trust: bool) -> None:
+    """Refuse a row whose policies may not run here, or are not the files that were evaluated; nothing is imported.
+
+    Args:
+        row: The row, whose names of policies are whatever its file says.
+        trust: Whether code from outside the package and the checkout's baselines may run.
+
+    Raises:
+        RowError: For a policy that may not run, or whose file has changed.
+        PolicyError: When there is none of that name.
+    """
+    for spec, digest in zip(row.policies, row.content["policies_sha256"], strict=True):
+        if not (trust or is_own(spec)):
+            raise RowError(
+                f"row {row.name}: {spec} is code from outside the package and the checkout's baselines; "
+                "valid: --trust, once you have read it"
+            )
+        if file_digest(source_file(spec)) != digest:
+            raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated anew")
+
+
+def made_apart(row: Row, control: str = CONTROL) -> str:
+    """In what a row was made otherwise than it would be here, in words; empty where its numbers have to be equal."""
+    present = versions()
+    words = [
+        f"{package} {number or 'none'}"
+        for package, number in row.content["versions"].items()
+        if present.get(package, "") != number
+    ]
+    words += [row.content["processor"]] if row.content["processor"] != processor() else []
+    words += ["python"] if control != CONTROL else []
+    return ", ".join(words)
 
 
 def verify(
@@ -35,7 +81,10 @@ def verify(
     rng: np.random.Generator,
     *,
     workers: int = 1,
+    trust: bool = False,
+    control: str = CONTROL,
     on_scenario: Callable[[], object] = lambda: None,
+    on_check: Callable[[Check], object] = lambda _: None,
 ) -> list[Check]:
     """Play scenarios of rows again and compare.
 
@@ -44,12 +93,16 @@ def verify(
         sample: How many scenarios, each of a row, a track, a run and an index drawn evenly.
         rng: Source of the draws.
         workers: Processes.
+        trust: Whether code from outside the package and the checkout's baselines may run.
+        control: `python`, with which rows are made, or `core`, whose rounding is another one.
         on_scenario: Called after every scenario, for progress.
+        on_check: Called with what came out, as soon as it has.
 
     Raises:
-        RowError: When a policy's file is no longer the one that was evaluated.
+        RowError: When a policy's file is no longer the one that was evaluated, or may not run.
     """
-    names, picks, shards = list(rows), [], []
+    names, shards = list(rows), []
+    picks: list[tuple[Row, str, int, int]] = []
     for _ in range(sample):
         row = rows[names[rng.integers(len(names))]]
         track = row.tracks[rng.integers(len(row.tracks))]
@@ -57,29 +110,51 @@ def verify(
         split = row.content["tracks"][track]["split"]
         scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
         picks.append((row, track, run, k))
-        shards.append(Shard(row.policies[run], track, split, scenario))
+        shards.append(Shard(row.policies[run], track, split, scenario, control=control))
     for row in {id(row): row for row, *_ in picks}.values():
-        for spec, digest in zip(row.policies, row.content["policies_sha256"], strict=True):
-            if policy_digest(load_policy(spec)) != digest:
-                raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated anew")
-    results = run_shards(shards, workers=workers, on_scenario=on_scenario)
-    return [
-        _compare(row, track, run, k, result["metrics"])
-        for (row, track, run, k), result in zip(picks, results, strict=True)
-    ]
+        require_ours(row, trust=trust)
+    checks: dict[int, Check] = {}
+
+    def on_result(place: int, result: dict[str, Any]) -> None:
+        row, track, run, k = picks[place]
+        checks[place] = _compare(row, track, run, k, result["metrics"], made_apart(row, control))
+        on_check(checks[place])
+
+    run_shards(shards, workers=workers, on_scenario=on_scenario, on_result=on_result)
+    return [checks[place] for place in range(len(picks))]
 
 
-def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any]) -> Check:
+def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], apart: str) -> Check:
     then = {name: values[k] for name, values in row.content["tracks"][track]["runs"][run].items()}
-    differ = [name for name in METRICS if metrics[name] != then[name]]
+    moved = differences(then, metrics, flies=TRACKS[track].flies)
     where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
-    if not differ:
-        return Check(f"{where}, equal", True, True)
-    same = row.content["versions"] == versions() and row.content["timing"]["processor"] == processor()
-    allowed = TOLERANCE["flight" if TRACKS[track].flies else "ground"] * max(0.1, then["error"])
-    fine = not same and abs(metrics["error"] - then["error"]) <= allowed and metrics["failed"] == then["failed"]
-    words = "within tolerance of another processor or version" if fine else "DIFFERS"
-    return Check(f"{where}, was {then['error']:.6g}, {words} ({', '.join(differ)})", False, fine)
+    check = Check(row.name, f"{where}, equal", apart, moved)
+    if check.equal:
+        return check
+    if check.fine:
+        worst = max(moved, key=lambda name: moved[name])
+        return replace(check, line=f"{where}, within tolerance ({worst} {moved[worst]:.1%} of it)")
+    off = ", ".join(f"{name} {then[name]} → {metrics[name]}" for name in moved if not apart or moved[name] > 1.0)
+    return replace(check, line=f"{where}, DIFFERS ({off})")
+
+
+def paths(checks: Sequence[Check]) -> list[str]:
+    """For each row by which measure it was held, in words."""
+    lines = []
+    for name in dict.fromkeys(check.row for check in checks):
+        own = [check for check in checks if check.row == name]
+        equal, apart = sum(check.equal for check in own), own[0].apart
+        measure = f"within tolerance (made with {apart})" if apart else "bit for bit"
+        lines.append(f"{name}: {len(own)} {measure}" + (f", {equal} of them equal" if apart else ""))
+    return lines
+
+
+def largest(checks: Sequence[Check]) -> str:
+    """How far every metric that is not equal everywhere has moved at most, in words."""
+    moved: dict[str, float] = {}
+    for check in checks:
+        moved |= {name: max(share, moved.get(name, 0.0)) for name, share in check.moved.items()}
+    return ", ".join(f"{name} {moved[name]:.2%}" for name in METRICS if name in moved)
 
 
 def require_verified(checks: Sequence[Check]) -> None:

@@ -1,9 +1,6 @@
 """The artifact of a learned policy: one file with network, normaliser, arguments and origin, and who refuses it."""
 
-import io
-import json
 import math
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +10,15 @@ import gymnasium
 import numpy as np
 
 import spidar_gym.envs.registry
-from spidar_gym.benchmark.policy import KINDS, check_name
-from spidar_gym.benchmark.row import model_hash, versions
-from spidar_gym.control.controller import CONTROL_RATE
+from spidar_gym.border import MOST_WORDS, BorderError, pack, read_file, require_form, unpack
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
+from spidar_gym.policies.policy import KINDS, check_name
+from spidar_gym.policies.provenance import versions
+from spidar_gym.robot.description import model_hash
 
 FORMAT = 2
 """Version of the format."""
@@ -27,8 +26,27 @@ ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))
 """Valid activations of the hidden layers."""
 OUTPUTS = ("clip", "tanh")
 """How the last layer becomes an action: clipped to ± 1 (PPO), or squashed (SAC)."""
-EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Date of everything in the file, so that the same policy gives the same bytes."""
+TITLE = "policy.json"
+"""The words in the file."""
+MOST_LAYERS, MOST_WIDTH = 8, 1024
+"""Largest network in a file: its layers, and the numbers that one gives; the onboard core takes no wider one either."""
+MOST_BYTES = 4 * MOST_LAYERS * MOST_WIDTH * (MOST_WIDTH + 1) + 2 * MOST_WORDS
+"""No file of such a network is larger."""
+MOST_LETTERS = 500
+"""Longest name, and description in one line."""
+ARGUMENT_FORMS: dict[str, Any] = {
+    "action_mode": str, "preset": str, "schedule": (str, None), "avoid_interference": bool, "max_iter": int,
+}  # fmt: skip
+"""Arguments of the environment that a file may choose, of those that a policy may."""
+FORM = {
+    "format": int, "name": str, "kind": str, "doc": str, "env_id": str, "arguments": dict,
+    "interface": {"observation": [[str, int, float]], "action": int},
+    "clip": float, "activation": str, "output": str, "layers": int, "model_sha256": str, "versions": {str: str},
+    "training": dict,
+}  # fmt: skip
+"""What stands in the words."""
+TRAINING = {"command": str, "seed": int, "steps": int, "chosen_at": int, "curve": [[float, float]]}
+"""What stands in `training`, of which nothing has to be there, and beside which anything may be."""
 
 
 class ArtifactError(SpidarError):
@@ -50,7 +68,7 @@ class Washout:
         for time in times.tolist():
             require_not_negative(washout=time)
         self.share = np.array([-math.expm1(-1.0 / (CONTROL_RATE * t)) if t > 0.0 else 0.0 for t in times.tolist()])
-        """Of the way to the action that its low-pass goes in a tick."""
+        """Share of the way to the action that its low-pass goes in a tick."""
         self.reset()
 
     def reset(self) -> None:
@@ -72,7 +90,7 @@ class Artifact:
     """A multi-layer perceptron from observations to actions, and where it comes from."""
 
     name: str
-    """Of its row."""
+    """Name of its row."""
     kind: str
     """`learned`, or `residual` where it adds to a controller."""
     doc: str
@@ -86,13 +104,13 @@ class Artifact:
     biases: tuple[np.ndarray, ...]
     """b of every layer, shape (out,)."""
     mean: np.ndarray
-    """Of the observations; they enter the network as (o − mean) / √variance, clipped."""
+    """Mean of the observations; they enter the network as (o − mean) / √variance, clipped."""
     variance: np.ndarray
-    """… > 0."""
+    """Variance of the observations, above 0."""
     clip: float = 10.0
     """Bound of a normalised observation."""
     activation: str = "tanh"
-    """Of the hidden layers."""
+    """Activation of the hidden layers."""
     output: str = "clip"
     """How the last layer becomes an action."""
     washout: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -177,42 +195,27 @@ def write_artifact(artifact: Artifact, path: Path) -> None:
     }
     for k, (w, b) in enumerate(zip(artifact.weights, artifact.biases, strict=True)):
         arrays[f"weight{k}"], arrays[f"bias{k}"] = w.astype(np.float32), b.astype(np.float32)
-    buffer = io.BytesIO()
-    # Stored, not compressed: another version of the compressor would give other bytes.
-    with zipfile.ZipFile(buffer, "w") as archive:
-        archive.writestr(zipfile.ZipInfo("policy.json", EPOCH), json.dumps(meta, indent=1, ensure_ascii=False))
-        for name, array in arrays.items():
-            data = io.BytesIO()
-            np.lib.format.write_array(data, np.ascontiguousarray(array), allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy", EPOCH), data.getvalue())
-    write_bytes(path, buffer.getvalue())
+    write_bytes(path, pack(TITLE, meta, arrays))
 
 
 def read_artifact(path: Path) -> Artifact:
     """Read an artifact.
 
     Raises:
-        ArtifactError: When there is none, it is damaged, lacks a part, or does not match the environments or the robot.
+        ArtifactError: When there is none, it is damaged, lacks a part, is larger than any network may be, or does not
+            match the environments or the robot.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            meta = json.loads(archive.read("policy.json"))
-            names = [name for name in archive.namelist() if name.endswith(".npy")]
-            arrays = {
-                name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(archive.read(name)), allow_pickle=False)
-                for name in names
-            }
-    except OSError as error:
-        raise ArtifactError(f"{path}: {error.strerror}; valid: a learned policy's artifact") from error
-    except (KeyError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
-        raise ArtifactError(f"{path} is no artifact ({error}); valid: a file that `write_artifact` wrote") from error
-    was = meta.get("format") if isinstance(meta, dict) else None
-    if was != FORMAT:
-        raise ArtifactError(f"{path} has format {was}; valid: format {FORMAT}")
-    try:
+        meta, arrays = unpack(TITLE, read_file(path, MOST_BYTES))
+        was = meta.get("format") if isinstance(meta, dict) else None
+        if was != FORMAT:
+            raise ArtifactError(f"{path} has format {was!r:.20}; valid: format {FORMAT}")
+        require_form(meta, FORM, TITLE)
         return _artifact(path, meta, arrays)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ArtifactError(f"{path} lacks {error}; valid: a file that `write_artifact` wrote") from error
+    except BorderError as error:
+        raise ArtifactError(
+            f"{path} is no artifact ({error}); valid: a learned policy's artifact, as `write_artifact` wrote it"
+        ) from error
     except ArtifactError:
         raise
     except SpidarError as error:
@@ -221,8 +224,14 @@ def read_artifact(path: Path) -> Artifact:
 
 def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Artifact:
     """The artifact of a file's parts, where they fit the environments, the robot and each other."""
+    for name in ("name", "kind", "doc", "env_id", "activation", "output"):
+        if not (len(meta[name]) <= MOST_LETTERS and meta[name].isprintable()):
+            raise BorderError(f"its {name} is no line of at most {MOST_LETTERS} letters")
     _check_origin(path, meta)
-    check_name(meta["name"])
+    for name in TRAINING.keys() & meta["training"].keys():
+        require_form(meta["training"][name], TRAINING[name], f"training's {name}")
+    if not 1 <= meta["layers"] <= MOST_LAYERS:
+        raise InvalidValueError("layers", meta["layers"], f"1 … {MOST_LAYERS}")
     layers = range(meta["layers"])
     needed = ["mean", "variance", "washout", *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
     missing = [name for name in needed if name not in arrays]
@@ -230,18 +239,19 @@ def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarr
         what = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}.get(missing[0], "network")
         raise ArtifactError(f"{path} lacks {missing[0]} of its {what}; valid: an artifact with all its parts")
     weights, biases = (tuple(arrays[f"{part}{k}"] for k in layers) for part in ("weight", "bias"))
-    known = {
-        name: meta[name] for name in ("name", "kind", "doc", "env_id", "arguments", "clip", "activation", "output")
-    }
+    known = {name: meta[name] for name in ("name", "kind", "doc", "env_id", "arguments", "activation", "output")}
     artifact = Artifact(
-        **known, weights=weights, biases=biases, mean=arrays["mean"], variance=arrays["variance"],
-        washout=arrays["washout"], training=meta["training"],
+        **known, clip=float(meta["clip"]), weights=weights, biases=biases, mean=arrays["mean"],
+        variance=arrays["variance"], washout=arrays["washout"], training=meta["training"],
     )  # fmt: skip
     sizes = sum(size for _, size, _ in meta["interface"]["observation"]), meta["interface"]["action"]
     if (len(artifact.mean), len(artifact.biases[-1])) != sizes:
         raise ArtifactError(
             f"{path}: a network from {len(artifact.mean)} to {len(artifact.biases[-1])}; valid: {sizes}"
         )
+    widest = max(len(bias) for bias in artifact.biases)
+    if widest > MOST_WIDTH:
+        raise InvalidValueError("widest layer", widest, f"at most {MOST_WIDTH} numbers")
     return artifact
 
 
@@ -251,12 +261,17 @@ def _check_origin(path: Path, meta: Mapping[str, Any]) -> None:
         raise ArtifactError(f"{path} was learned in {meta['env_id']}; valid: {', '.join(ENVIRONMENTS)}")
     if meta["model_sha256"] != model_hash():
         raise ArtifactError(f"{path} was learned on another robot model; valid: one learned on the present one")
+    for name, value in meta["arguments"].items():
+        # In a file there are only words and numbers; a controller or allocator of one's own is code.
+        require_name("argument of the environment", name, ARGUMENT_FORMS)
+        require_form(value, ARGUMENT_FORMS[name], name)
     present = interface(meta["env_id"], meta["arguments"])
     if present != meta["interface"]:
         was, now = ({name: size for name, size, _ in i["observation"]} for i in (meta["interface"], present))
         differ = sorted(set(was.items()) ^ set(now.items())) or [("bounds or action", 0)]
         raise ArtifactError(
-            f"{path} was learned with another interface of {meta['env_id']} ({differ[0][0]}); valid: the present one"
+            f"{path} was learned with another interface of {meta['env_id']} ({ascii(differ[0][0][:40])[1:-1]}); "
+            "valid: the present one"
         )
 
 

@@ -2,53 +2,43 @@
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.policy import Actor, Policy, policy_arguments
+from spidar_gym.benchmark.metrics import METRICS
 from spidar_gym.benchmark.scenario import Scenario, check_robot, make_env, reset_options
 from spidar_gym.benchmark.track import REST_S, SETTLE_S, find_track, flight_error, ground_error
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.envs.crawl import CrawlEnv
+from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover import HoverEnv
+from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.model.interference import Interference, InterferenceConfig, interference, no_interference
+from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
 from spidar_gym.model.rotor import nominal_vectoring
+from spidar_gym.policies.actor import Actor
+from spidar_gym.policies.policy import Policy, policy_arguments
+from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import ROBOT
 
 ACT_LIMIT_S = 10.0
 """How long a policy may think about one action [s]."""
-BLOWN = 0.05
+CONTROL = "python"
+"""With which rows are made."""
+INTERFERENCE_TOLERANCE = 0.05
 """A rotor that turns this far beyond the bound that keeps it off another one breaks the constraint [rad]."""
-METRICS: dict[str, tuple[str, str]] = {
-    "error": ("", "the track's error, on which the score rests"),
-    "success": ("", "`info['is_success']` in the end"),
-    "failed": ("", "ended early, late at a form, or not finished: costs the cap"),
-    "failure": ("", "why, in words"),
-    "position_rms_m": ("m", "flight: RMS of ‖position error‖ after the first second"),
-    "attitude_rms_rad": ("rad", "RMS of ‖attitude error‖ after the first second; on the ground of the tilt"),
-    "joint_rms_rad": ("rad", "RMS over the joints of the scenario's plan − measured; ground: setpoint − measured"),
-    "late_forms": ("", "flight: forms not reached within 0.5 s after their deadline"),
-    "final_error_m": ("m", "ground: distance from the goal in the end"),
-    "final_yaw_rad": ("rad", "ground: |heading error| in the end"),
-    "drift": ("m/m", "ground: final error over the way, a radian counting 0.5 m"),
-    "slip_m": ("m", "ground: way of the worst foot's touching point on the floor"),
-    "duration_s": ("s", "flown, or until the crawl was finished"),
-    "energy_wh": ("Wh", "electrical energy"),
-    "endurance_min": ("min", "predicted from the mean power"),
-    "cost_of_transport": ("", "ground: energy over weight times way"),
-    "thrust_mean": ("", "mean commanded Σλ over the weight"),
-    "torque_share": ("", "largest |joint torque| over the servo's limit"),
-    "violations": ("", "share of ticks with a static joint torque above the limit or a rotor that blows on another"),
-    "unsolved": ("", "ticks whose QP had no optimum"),
-}
-"""Unit and meaning of every number of an episode."""
 
 
-def play(
-    policy: Policy, name: str, scenario: Scenario, *, act_limit_s: float = ACT_LIMIT_S, control: str = "python"
+def play_scenario(
+    policy: Policy,
+    name: str,
+    scenario: Scenario,
+    *,
+    act_limit_s: float = ACT_LIMIT_S,
+    control: str = CONTROL,
+    on_tick: Callable[[dict[str, Any]], object] = lambda _: None,
 ) -> dict[str, Any]:
     """Play one scenario of a track, whole, in an environment of its own.
 
@@ -58,6 +48,7 @@ def play(
         scenario: Which episode.
         act_limit_s: How long the policy may think about one action [s].
         control: `python`, with which rows are made, or `core`, which is faster and equal to some 1e-12.
+        on_tick: Called with the `info` of each tick.
 
     Returns:
         The `METRICS` by name (None where one has no meaning), and `timing`: median and 99th percentile of the policy's
@@ -75,27 +66,30 @@ def play(
     env = make_env(track, scenario, {**arguments, "control": control})
     place = f"{name}, scenario {scenario.index}"
     actor = Actor(policy, env.action_space.shape or (), place, limit_s=act_limit_s)
-    observation, info = env.reset(seed=scenario.seed, options=reset_options(scenario))
+    steps = rollout(
+        env, actor, seed=scenario.seed, options=reset_options(scenario), ticks=round(track.seconds * CONTROL_RATE),
+        until_finished=False,
+    )  # fmt: skip
     check_robot(env, scenario, place)
-    actor.reset(scenario.seed)
     tally = _Tally(env)
-    steps: list[float] = []
+    times: list[float] = []
+    info: dict[str, Any] = {}
     rest = round(REST_S * CONTROL_RATE)
-    for _ in range(round(track.seconds * CONTROL_RATE)):
-        action = actor.act(observation.copy())
-        start = time.perf_counter()
-        observation, _, terminated, _, info = env.step(action)
-        steps.append(time.perf_counter() - start)
+    for step in steps:
+        info = step.info
+        times.append(step.seconds)
         tally.count(info)
-        rest -= bool(info.get("finished", False))
-        if terminated or rest <= 0:
+        on_tick(info)
+        rest -= step.finished
+        if rest <= 0:
             break
     metrics: dict[str, Any] = {**dict.fromkeys(METRICS), **tally.flight(info), **tally.crawl(info), **tally.both(info)}
-    metrics = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in metrics.items()}
+    # What a simulation that diverged leaves behind is no number.
+    metrics = {k: None if isinstance(v, float) and not v <= METRICS[k].most else v for k, v in metrics.items()}
     env.close()
     timing = {
         "act_s": np.percentile(actor.times, [50, 99]).tolist(),
-        "step_s": np.percentile(steps, [50, 99]).tolist(),
+        "step_s": np.percentile(times, [50, 99]).tolist(),
         "wall_s": time.perf_counter() - begin,
     }
     return {"metrics": metrics, "timing": timing}
@@ -125,14 +119,14 @@ class _Tally:
             return  # nothing in it is a number
         limit = env.plant.config.actuators.max_joint_torque
         self.torque = max(self.torque, float(np.abs(info["joint_torque"]).max()) / limit)
-        self.unsolved += info["qp_status"] not in ("closed_form", "solved", "none")
+        self.unsolved += info["qp_status"] not in (*ANSWERED, "none")
         broken = float(np.abs(info["joint_torque_allocated"]).max()) > ROBOT.max_joint_torque + 1e-3
         if isinstance(env, HoverEnv):
             position, attitude = info["position_error"], info["attitude_error"]
             self.position.append(float(position @ position))
             self.attitude.append(float(attitude @ attitude))
             wanted = env.progress.plan()
-            broken = broken or self._blows(env)
+            broken = broken or self._interferes(env)
         else:
             assert isinstance(env, CrawlEnv)
             self.attitude.append(info["tilt_rad"] ** 2)
@@ -144,15 +138,15 @@ class _Tally:
             self.thrust += float(info["thrust_command"].sum()) / ROBOT.weight
             self.violations += broken
 
-    def _blows(self, env: HoverEnv) -> bool:
+    def _interferes(self, env: HoverEnv) -> bool:
         """Whether a thrusting rotor points where its jet meets another rotor or the torso."""
         state = env.state
         snapshot = env.truth.snapshot
         nominal = nominal_vectoring(snapshot.R_bl, state.vectoring)
-        bounds = self._bounds = interference(snapshot, nominal, self._bounds, config=self._config)
+        bounds = self._bounds = find_interference(snapshot, nominal, self._bounds, config=self._config)
         theta = state.vectoring[:, 1]
         beyond = np.maximum(bounds.lower - theta, theta - bounds.upper)
-        return bool((bounds.restricted & (beyond > BLOWN) & (state.thrust > 1.0)).any())
+        return bool((bounds.restricted & (beyond > INTERFERENCE_TOLERANCE) & (state.thrust > 1.0)).any())
 
     def flight(self, info: dict[str, Any]) -> dict[str, Any]:
         """What only flights have."""
@@ -178,12 +172,12 @@ class _Tally:
         x, y, yaw = info["goal_error"].tolist()
         failed = bool(info["failure"]) or not info["finished"]
         return {
-            "error": ground_error(progress.rest, info["energy_wh"] / progress.whole, failed=failed),
+            "error": ground_error(progress.distance, info["energy_wh"] / progress.initial_distance, failed=failed),
             "failed": failed,
             "failure": info["failure"] or info["shortfalls"],
             "final_error_m": math.hypot(x, y),
             "final_yaw_rad": abs(yaw),
-            "drift": progress.rest / progress.whole,
+            "drift": progress.distance / progress.initial_distance,
             "slip_m": info["foot_slip_m"],
             "duration_s": float(info["time_s"]),
             "cost_of_transport": info["cost_of_transport"],

@@ -1,0 +1,150 @@
+"""The leaderboard's tables as cells, and what a terminal shows of them."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from spidar_gym.benchmark.leaderboard import (
+    GROUPS,
+    SHOWN,
+    Board,
+    cell,
+    common_tracks,
+    is_ranked,
+    overall_interval,
+    ranking,
+)
+from spidar_gym.benchmark.row import REFERENCE, Row
+from spidar_gym.benchmark.statistics import Interval, iqm
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.policies.policy import LEARNED
+from spidar_gym.text import escaped, format_table
+
+FEWEST_RUNS = 5
+"""A learned row with fewer training seeds is flagged."""
+NARROW = 7
+"""Columns of a track that a terminal shows; the others are metrics."""
+
+
+def format_interval(interval: Interval, *, percent: bool = False) -> str:
+    """A number with its interval in brackets, as a change in percent where asked."""
+    if percent:
+        return f"{interval.value:+.0%} [{interval.low:+.0%}, {interval.high:+.0%}]"
+    return f"{interval.value:.3g} [{interval.low:.3g}, {interval.high:.3g}]"
+
+
+def flag(row: Row) -> str:
+    """A learned row of too few training seeds is marked."""
+    return " †" if row.kind in LEARNED and len(row.policies) < FEWEST_RUNS else ""
+
+
+def overall_lines(board: Board) -> list[list[str]]:
+    """The policies that are defined on all tracks of flight or ground, best first: heading and a line a policy."""
+    lines = [["policy", "class", "runs", "flight", "ground", "success", "… on ground", "what it is"]]
+    order = sorted(
+        (name for name in board.names if is_ranked(board, name)),
+        key=lambda n: -max(board.overall[n, g].value for g in GROUPS if (n, g) in board.overall),
+    )
+    for name in order:
+        row = board.rows[name]
+        scores = [format_interval(board.overall[name, g]) if (name, g) in board.overall else "–" for g in GROUPS]
+        success = []
+        for tracks in GROUPS.values():
+            own = [board.cells[name, t].success for t in tracks if (name, t) in board.cells]
+            success.append(f"{np.mean(own):.0%}" if len(own) == len(tracks) else "–")
+        lines.append([f"{name}{flag(row)}", row.kind, str(len(row.policies)), *scores, *success, escaped(row.doc)])
+    return lines
+
+
+def partial_lines(board: Board, tracks: Sequence[str]) -> list[list[str]]:
+    """Rows without an overall score, track by track with their place there: they are not the worst, but elsewhere."""
+    lines = [["policy", "class", "runs", "track", "place", "score", "what it is"]]
+    for track in [track for track in board.tracks if track in tracks]:
+        order = ranking(board, track)
+        for place, name in enumerate(order, 1):
+            if not is_ranked(board, name):
+                row, score = board.rows[name], format_interval(board.cells[name, track].score)
+                head = [f"{name}{flag(row)}", row.kind, str(len(row.policies))]
+                lines.append([*head, track, f"{place} of {len(order)}", score, escaped(row.doc)])
+    return lines
+
+
+def track_lines(board: Board, track: str) -> list[list[str]]:
+    """The policies of a track, best first: heading and a line a policy."""
+    shown = SHOWN["flight" if TRACKS[track].flies else "ground"]
+    lines = [
+        [
+            "policy",
+            "score",
+            "error, IQM",
+            "against qp",
+            "P(better)",
+            "success",
+            "failed",
+            *(head for _, head, *_ in shown),
+        ]
+    ]
+    for name in ranking(board, track):
+        c = board.cells[name, track]
+        better = "" if name == REFERENCE else format_interval(c.difference, percent=True)
+        chance = (
+            ""
+            if name == REFERENCE
+            else f"{c.improvement.value:.2f} [{c.improvement.low:.2f}, {c.improvement.high:.2f}]"
+        )
+        numbers = [
+            "–" if math.isnan(c.metrics[key]) else f"{factor * c.metrics[key]:.{digits}f}"
+            for key, _, factor, digits in shown
+        ]
+        lines.append(
+            [f"{name}{flag(board.rows[name])}", format_interval(c.score), f"{c.error:.3f}", better, chance,
+             f"{c.success:.0%}", f"{c.failed:.0%}", *numbers]
+        )  # fmt: skip
+    return lines
+
+
+def text(board: Board, tracks: Sequence[str], *, wide: bool = False) -> str:
+    """The leaderboard for a terminal: within 120 columns, or every metric."""
+    ranked = overall_lines(board), partial_lines(board, tracks)
+    parts = [format_table([line[:-1] for line in lines]) for lines in ranked if len(lines) > 1]
+    for track in tracks:
+        if track in board.tracks:
+            lines = [line if wide else line[:NARROW] for line in track_lines(board, track)]
+            parts.append(f"{track}: {TRACKS[track].doc}\n{format_table(lines)}")
+    return "\n\n".join(parts)
+
+
+def report(row: Row, base: Row | None) -> str:
+    """What an evaluation gave, for a terminal: the row beside the reference."""
+    if base is None or not common_tracks(row, base):
+        lines = [["track", "error, IQM", "success", "failed"]]
+        for track in row.tracks:
+            numbers = [row.column(track, name).mean() for name in ("success", "failed")]
+            lines.append([track, f"{iqm(row.errors(track).reshape(-1)):.3f}", *(f"{number:.0%}" for number in numbers)])
+        return f"{row.name}; there is no row {REFERENCE} to compare it with\n{format_table(lines)}"
+    lines = [
+        [
+            "track",
+            "score",
+            "error, IQM",
+            f"against {REFERENCE}",
+            "P(better)",
+            "success",
+            "failed",
+            f"{REFERENCE}: success",
+        ]
+    ]
+    for track in common_tracks(row, base):
+        c = cell(row, base, track)
+        against, theirs = format_interval(c.difference, percent=True), base.column(track, "success").mean()
+        shares = [f"{share:.0%}" for share in (c.success, c.failed, theirs)]
+        lines.append(
+            [track, format_interval(c.score), f"{c.error:.3f}", against, f"{c.improvement.value:.2f}", *shares]
+        )
+    for group in GROUPS:
+        interval = overall_interval(row, base, group)
+        if interval is not None:
+            lines.append([f"all {group}", format_interval(interval), *[""] * 6])
+    few = f"\n† fewer than {FEWEST_RUNS} training runs" if flag(row) else ""
+    return f"{row.name}{flag(row)}: {row.doc}\n{format_table(lines)}{few}"

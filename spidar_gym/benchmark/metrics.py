@@ -1,0 +1,150 @@
+"""The numbers of an episode: what each means, and of which type and in which range it is wherever one is read."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from spidar_gym.benchmark.track import CAP
+from spidar_gym.errors import InvalidValueError
+
+FLIGHT, GROUND = "flight", "ground"
+BOTH = (FLIGHT, GROUND)
+WORD = 200
+"""Longest word on a failure, in characters."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number of an episode; none is negative."""
+
+    unit: str
+    """Unit."""
+    doc: str
+    """Meaning."""
+    kind: type
+    """`float`, `int`, `bool`, or `str`: just this type."""
+    most: float = 1.0
+    """Largest value: far beyond what an episode can give, and near enough that no sum of them overflows."""
+    worlds: tuple[str, ...] = BOTH
+    """Where it has a meaning; None elsewhere."""
+    least: float = 0.0
+    """Smallest value: above 0 where others are divided by it."""
+    spread: tuple[float, float] = (0.0, 0.0)
+    """How far rounding may move it in a flight and on the ground: see `METRICS`."""
+
+    @property
+    def expected(self) -> str:
+        """What is valid, in words."""
+        if self.kind is bool:
+            return "true or false"
+        if self.kind is str:
+            return f"a line of at most {WORD} characters"
+        return f"a {'whole ' if self.kind is int else ''}number within {self.least:g} … {self.most:g}"
+
+    def admits(self, value: object, *, flies: bool, failed: bool) -> bool:
+        """Whether it may be this, in a flight or on the ground, in a scenario that failed or in another one.
+
+        A simulation that diverged has failed, and leaves numbers that are none.
+        """
+        if (FLIGHT if flies else GROUND) not in self.worlds:
+            return value is None
+        if value is None:
+            return self.kind is float and failed
+        if not isinstance(value, self.kind) or isinstance(value, bool) != (self.kind is bool):
+            return False
+        if isinstance(value, str):
+            return len(value) <= WORD and value.isprintable()
+        return isinstance(value, int | float) and bool(self.least <= value <= self.most)
+
+
+METRICS: dict[str, Metric] = {
+    "error": Metric("", "the track's error, on which the score rests", float, CAP, least=1e-300, spread=(1e-06, 0.001)),
+    "success": Metric("", "`info['is_success']` in the end", bool),
+    "failed": Metric("", "ended early, late at a form, or not finished: costs the cap", bool),
+    "failure": Metric("", "why, in words", str),
+    "position_rms_m": Metric(
+        "m", "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=(1e-05, 0.0)
+    ),
+    "attitude_rms_rad": Metric(
+        "rad",
+        "RMS of ‖attitude error‖ after the first second; on the ground of the tilt",
+        float,
+        math.tau,
+        spread=(1e-05, 0.0003),
+    ),
+    "joint_rms_rad": Metric(
+        "rad",
+        "RMS over the joints of the scenario's plan − measured; ground: setpoint − measured",
+        float,
+        math.tau,
+        spread=(2e-06, 5e-04),
+    ),
+    "late_forms": Metric("", "flight: forms not reached within 0.5 s after their deadline", int, 100.0, (FLIGHT,)),
+    "final_error_m": Metric(
+        "m", "ground: distance from the goal in the end", float, 10.0, (GROUND,), spread=(0.0, 5e-05)
+    ),
+    "final_yaw_rad": Metric(
+        "rad", "ground: |heading error| in the end", float, math.tau, (GROUND,), spread=(0.0, 1e-4)
+    ),
+    "drift": Metric(
+        "m/m", "ground: final error over the way, a radian counting 0.5 m", float, 100.0, (GROUND,), spread=(0.0, 1e-4)
+    ),
+    "slip_m": Metric(
+        "m", "ground: way of the worst foot's touching point on the floor", float, 100.0, (GROUND,), spread=(0.0, 0.003)
+    ),
+    "duration_s": Metric("s", "flown, or until the crawl was finished", float, 100.0, spread=(0.026, 0.026)),
+    "energy_wh": Metric("Wh", "electrical energy", float, 1e3, spread=(1e-06, 0.04)),
+    "endurance_min": Metric("min", "predicted from the mean power", float, 1e6, spread=(1e-06, 0.1)),
+    "cost_of_transport": Metric("", "ground: energy over weight times way", float, 1e6, (GROUND,), spread=(0.0, 1.5)),
+    "thrust_mean": Metric("", "mean commanded Σλ over the weight", float, 10.0, spread=(1e-07, 0.0003)),
+    "torque_share": Metric("", "largest |joint torque| over the servo's limit", float, 10.0, spread=(1e-05, 5e-05)),
+    "violations": Metric(
+        "",
+        "share of ticks with a static joint torque above the limit or a rotor that blows on another",
+        float,
+        spread=(0.0025, 0.0025),
+    ),
+    "unsolved": Metric("", "ticks whose QP had no optimum", int, 1e5),
+}
+"""Every number of an episode, by name.
+
+Its `spread` is some thirty times the largest difference that rounding made in 274 scenarios of all 14 rows, and one
+tick of control for times and shares of ticks, which did not move at all; nor did a success, a failure, or a count. Rows
+of a processor with AVX2 were played again on one with AVX-512 (120), there with numpy and OpenBLAS held to SSE3 (46,
+`NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL" OPENBLAS_CORETYPE=Prescott`), and with the compiled core (108);
+`spidar leaderboard verify --sample 80 [--control core]` does the like and says the largest differences. They were, in a
+flight and on the ground: error 1.5e-9, 3.3e-5; position 3.5e-7 m; attitude 2.5e-7, 7.8e-6 rad; joints 3.7e-8,
+1.6e-5 rad; end of a crawl 1.7e-6 m, 2.2e-6 rad; drift 2.1e-6; slip 9.9e-5 m; energy 2.9e-9, 1.3e-3 Wh; endurance
+2.6e-8, 3.1e-3 min; cost of transport 0.049; thrust 5.2e-12, 8.0e-6; torque 4.2e-8, 1.5e-6.
+"""
+
+
+def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, flies: bool) -> dict[str, float]:
+    """How far each metric that is not equal has moved, as a share of its `spread`; infinity where none is allowed."""
+    found = {}
+    for name, metric in METRICS.items():
+        a, b = then[name], now[name]
+        if a != b:
+            spread = metric.spread[0 if flies else 1]
+            numbers = isinstance(a, float) and isinstance(b, float) and spread > 0.0
+            found[name] = abs(a - b) / spread if numbers else math.inf
+    return found
+
+
+def check_metrics(metrics: Mapping[str, Any], *, flies: bool) -> None:
+    """Refuse what no episode of a flight or of a crawl can have given.
+
+    Raises:
+        InvalidValueError: For a metric that is missing, too many, of another type, out of its range, or at odds with
+            the others.
+    """
+    if set(metrics) != set(METRICS):
+        odd = sorted(set(metrics) ^ set(METRICS))[:3]
+        raise InvalidValueError("metrics", odd, f"all of {', '.join(METRICS)}, and no others")
+    failed = metrics["failed"] is True
+    for name, metric in METRICS.items():
+        if not metric.admits(metrics[name], flies=flies, failed=failed):
+            raise InvalidValueError(name, metrics[name], metric.expected)
+    if failed and (metrics["success"] or metrics["error"] != CAP):
+        raise InvalidValueError("error", metrics["error"], f"{CAP:g} and no success where a scenario failed")

@@ -1,0 +1,88 @@
+"""A policy that is called with care: within its time, with answers that are actions, its errors named and placed."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from spidar_gym.policies.policy import Policy, policy_name
+from spidar_gym.policies.source import PolicyError
+
+
+class Actor:
+    """A policy that is called with care: what goes wrong becomes a `PolicyError` that says where."""
+
+    def __init__(self, policy: Policy, shape: tuple[int, ...], place: str, *, limit_s: float) -> None:
+        """Take a policy, the action's shape, where it acts, in words, and how long an answer may take [s]."""
+        self.policy, self._shape, self._place, self._limit = policy, shape, place, limit_s
+        self.ticks = 0
+        self.times: list[float] = []
+        """How long each action took [s]."""
+        begin = getattr(policy, "begin", None)
+        if begin is not None:
+            with self._care("begin"):
+                begin(shape[0])
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode."""
+        with self._care("reset"):
+            self.policy.reset(seed)
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """A valid action (`PolicyError` if it is none)."""
+        start = time.perf_counter()
+        with self._care("act"):
+            action = np.asarray(self.policy.act(observation))
+        self.times.append(time.perf_counter() - start)
+        if action.shape != self._shape or action.dtype.kind not in "fiu":
+            self._fail(f"gave {action.dtype} of shape {action.shape}; valid: numbers of shape {self._shape}")
+        if not np.isfinite(action).all():
+            self._fail("gave NaN or infinity; valid: numbers in −1 … 1")
+        self.ticks += 1
+        return action
+
+    @contextmanager
+    def _care(self, what: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            with _alarm(self._limit):
+                yield
+        except _TooLongError:
+            self._fail(f"took longer than {self._limit:g} s in {what}()")
+        except (Exception, SystemExit) as error:
+            raise PolicyError(f"{self._where}: {what}() raised {type(error).__name__}: {error}") from error
+        if time.perf_counter() - start > self._limit:  # where no alarm could ring
+            self._fail(f"took longer than {self._limit:g} s in {what}()")
+
+    @property
+    def _where(self) -> str:
+        return f"policy {policy_name(self.policy)} on {self._place}, tick {self.ticks}"
+
+    def _fail(self, message: str) -> None:
+        raise PolicyError(f"{self._where}: {message}")
+
+
+class _TooLongError(BaseException):
+    """Raised by the alarm; not an Exception, so that no policy catches it."""
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    """Raise `_TooLongError` after so many seconds, in a main thread with signals; elsewhere time is only looked at."""
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def ring(*_: object) -> None:
+        raise _TooLongError
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

@@ -1,0 +1,106 @@
+"""What can act: the protocol `Policy`, and what a policy says of itself."""
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.policies.provenance import file_digest
+from spidar_gym.policies.source import PolicyError
+
+UNSTATED = "unstated"
+"""Class of a policy that does not say of which it is."""
+LEARNED = ("learned", "residual")
+"""Classes of what comes from a training."""
+KINDS = ("classical", *LEARNED, UNSTATED)
+"""Valid classes of a policy."""
+NAME, DOC, LINE = 64, 200, 4000
+"""Longest name, longest word on what a policy is, and longest line of any other text, in characters."""
+ARGUMENTS = ("action_mode", "preset", "controller", "allocator", "schedule", "avoid_interference", "max_iter")
+"""Arguments of the environment that a policy may choose; the others are the track's."""
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """What a policy has to have. What it may have besides, with defaults, is on `PresetPolicy`."""
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode; whatever the policy draws comes from this seed."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """The action, in [−1, 1]."""
+        ...
+
+
+def policy_name(policy: Policy) -> str:
+    """Name of the policy's row: letters, digits, `_`, `-`."""
+    return check_name(getattr(policy, "name", "") or type(policy).__name__.lower())
+
+
+def check_name(name: object) -> str:
+    """A name that can be a file's, or `InvalidValueError`."""
+    if not (isinstance(name, str) and 0 < len(name) <= NAME and all(c.isalnum() or c in "_-" for c in name)):
+        raise InvalidValueError("name", name, f"letters, digits, _ and -, at most {NAME}")
+    return name
+
+
+def check_line(name: str, text: object, most: int = LINE) -> str:
+    """A text that can stand in a table and on a terminal: one line, nothing that steers, no HTML.
+
+    Raises:
+        InvalidValueError: For any other.
+    """
+    if not (isinstance(text, str) and len(text) <= most and text.isprintable() and not re.search("<[a-zA-Z/!?]", text)):
+        raise InvalidValueError(name, text, f"one line of at most {most} printable characters without HTML")
+    return text
+
+
+def policy_kind(policy: Policy) -> str:
+    """Its class, one of `KINDS`."""
+    kind = getattr(policy, "kind", UNSTATED)
+    if kind not in KINDS:
+        raise InvalidValueError("kind", kind, " or ".join(KINDS))
+    return kind
+
+
+def policy_arguments(policy: Policy, env_id: str) -> dict[str, Any] | None:
+    """What it asks `gym.make` for; None where it is not defined (`InvalidValueError` for what is not its choice)."""
+    choose = getattr(policy, "arguments", None)
+    if choose is None:
+        return {}
+    try:
+        chosen = choose(env_id)
+    except (Exception, SystemExit) as error:
+        raise PolicyError(
+            f"policy {policy_name(policy)}: arguments() raised {type(error).__name__}: {error}"
+        ) from error
+    for name in chosen or {}:
+        if name not in ARGUMENTS:
+            raise InvalidValueError("arguments", name, "those that a policy may choose: " + ", ".join(ARGUMENTS))
+    return None if chosen is None else dict(chosen)
+
+
+def policy_digest(policy: Policy) -> str:
+    """SHA-256 of the file that the policy comes from: its module's, or the artifact's."""
+    path = getattr(policy, "path", None)
+    if path is None:
+        try:
+            path = inspect.getsourcefile(type(policy))
+        except TypeError:
+            path = None
+    return "" if path is None else file_digest(Path(path))
+
+
+def policy_doc(policy: Policy) -> str:
+    """What it is, in one line (`InvalidValueError` where no row may hold it)."""
+    doc = inspect.getdoc(policy) or ""
+    return check_line("doc", doc.splitlines()[0] if doc else "", DOC)
+
+
+def defined_on(policy: Policy) -> list[str]:
+    """Environments on which the policy is defined."""
+    return [env_id for env_id in ENVIRONMENTS if policy_arguments(policy, env_id) is not None]

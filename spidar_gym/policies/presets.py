@@ -1,0 +1,33 @@
+"""Policies that are a controller of the environments: the base class of the classical baselines."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+
+class PresetPolicy:
+    """A controller that the environments have: the zero action, which adds nothing to a preset."""
+
+    name: ClassVar[str] = ""
+    """Name of its row; the class's name in small letters if empty."""
+    kind: ClassVar[str] = "classical"
+    """`classical`, `learned`, or `residual` for what learned to add to a controller; `unstated` where it says none."""
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Arguments of `gym.make` by environment id; it is not defined where it has none."""
+    _size = 0
+
+    def arguments(self, env_id: str) -> Mapping[str, Any] | None:
+        """Arguments of `gym.make`, of those in `ARGUMENTS`; None where the policy is not defined."""
+        return self.presets.get(env_id)
+
+    def begin(self, action_size: int) -> None:
+        """Learn how long an action is."""
+        self._size = action_size
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Zero."""
+        return np.zeros(self._size)

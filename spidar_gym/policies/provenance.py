@@ -1,0 +1,45 @@
+"""What a result rests on: versions of packages, the processor, hashes of files."""
+
+import hashlib
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import spidar_gym
+
+PACKAGES = ("mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
+"""Packages whose versions stand in a row, beside Python's and our own."""
+
+
+def versions(*more: str) -> dict[str, str]:
+    """Versions of what the numbers rest on, and of `more` packages."""
+    found = {"python": platform.python_version(), "spidar-gym": spidar_gym.__version__}
+    for package in (*PACKAGES, *more):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = ""
+    return found
+
+
+def processor() -> str:
+    """Family of the processor: what decides which machine code numpy and its libraries choose."""
+    words = {}
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            words.setdefault(key.strip(), value.strip())
+    except OSError:
+        pass
+    family = " ".join(words.get(key, "") for key in ("vendor_id", "cpu family", "model")).strip()
+    wide = [flag for flag in ("avx2", "avx512f") if flag in words.get("flags", "").split()]
+    return " ".join([platform.machine(), family or platform.processor(), *wide]).strip()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file; empty where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""

@@ -1,0 +1,128 @@
+"""Where a policy's name leads: the file that would run, found without running any, and whether it is our own."""
+
+import importlib
+import importlib.util
+import sys
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+from types import ModuleType
+
+from spidar_gym.errors import InvalidValueError, SpidarError
+
+ARTIFACT = ".npz"
+"""A policy whose name ends like this is the artifact of a learned one: numbers and JSON, no code."""
+ROOT = Path(__file__).resolve().parents[2]
+"""Folder that the package lies in: that of a checkout, where there is one."""
+BASELINES = "baselines"
+"""Package of the committed policies, in a checkout."""
+
+
+class PolicyError(SpidarError):
+    """A policy that is not found, raised, took too long, or answered with something that is no action."""
+
+
+def module_of(spec: str) -> tuple[str, str]:
+    """Module and class of a specification `module:Class`."""
+    module, _, name = spec.partition(":")
+    if not all(part.isidentifier() for part in (*module.split("."), name)):
+        raise InvalidValueError("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT}")
+    return module, name
+
+
+def is_own(spec: str) -> bool:
+    """Whether nothing but our own code runs for it: the package's, a committed baseline's, or none, for an artifact."""
+    return spec.endswith(ARTIFACT) or _owned(module_of(spec)[0].split(".")[0])
+
+
+def _owned(package: str) -> bool:
+    committed = (ROOT / "assets").is_dir() and (ROOT / BASELINES / "__init__.py").is_file()
+    return package == "spidar_gym" or (package == BASELINES and committed)
+
+
+def source_file(spec: str) -> Path:
+    """The file that a policy comes from; nothing of it, and of the packages that it lies in, is run.
+
+    Raises:
+        PolicyError: When there is none.
+    """
+    if spec.endswith(ARTIFACT):
+        return Path(spec)
+    origin = find_module(module_of(spec)[0])[-1].origin
+    if origin is None:
+        raise PolicyError(f"policy {spec}: a folder without code; valid: module:Class")
+    return Path(origin)
+
+
+def find_module(name: str) -> list[ModuleSpec]:
+    """A module and the packages that it lies in, the outermost first, found without importing any.
+
+    Our own are taken from where the package lies, whatever folder one works in has the same name; others from the
+    working folder first, then from where Python looks.
+
+    Raises:
+        PolicyError: When there is none.
+    """
+    importlib.invalidate_caches()
+    package = name.split(".")[0]
+    where: list[str] = [str(ROOT)] if _owned(package) else [str(Path.cwd()), *sys.path]
+    chain: list[ModuleSpec] = []
+    for k in range(1, name.count(".") + 2):
+        part = ".".join(name.split(".")[:k])
+        found = PathFinder.find_spec(part, where)
+        if found is None and k == 1 and not _owned(package):
+            found = _hooked(part)
+        if found is None:
+            raise PolicyError(f"policy: No module named {part!r}; valid: module:Class, importable")
+        chain.append(found)
+        where = list(found.submodule_search_locations or [])
+    return chain
+
+
+def _hooked(name: str) -> ModuleSpec | None:
+    """A top-level module that only an import hook finds, as those of some editable installations."""
+    try:
+        return importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        return None
+
+
+def load_module(name: str) -> ModuleType:
+    """Import a module from just the file that `source_file` names.
+
+    Where it lies in the working folder, that folder is looked through from then on, as Python does for a script.
+
+    Raises:
+        PolicyError: When there is none, or another one of that name has been imported before.
+    """
+    chain = find_module(name)
+    origin, package = chain[0].origin, chain[0].submodule_search_locations is not None
+    if origin is not None and not _owned(chain[0].name):
+        folder = str(Path(origin).parents[1 if package else 0])
+        if folder not in sys.path:
+            sys.path.insert(0, folder)
+    module, parent = None, None
+    for spec in chain:
+        module = _load(spec)
+        if parent is not None:
+            setattr(parent, spec.name.rpartition(".")[2], module)
+        parent = module
+    assert module is not None
+    return module
+
+
+def _load(spec: ModuleSpec) -> ModuleType:
+    known = sys.modules.get(spec.name)
+    if known is not None:
+        origin = getattr(known.__spec__, "origin", None)
+        if origin != spec.origin:
+            raise PolicyError(f"policy: {spec.name} is loaded from {origin}, not {spec.origin}; valid: another name")
+        return known
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        if spec.loader is not None:
+            spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(spec.name, None)
+        raise
+    return module
