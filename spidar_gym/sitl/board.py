@@ -16,7 +16,7 @@ TILT_LIMIT = 1.0
 LANDING_RATE = 1.25
 """How fast the mean thrust falls in a forced landing [N/s]."""
 LANDING_THRUST = 7.0
-"""… down to [N]; commands below it are ignored then."""
+"""Least mean thrust of a forced landing [N]; commands below it are ignored then."""
 ATTITUDE_GAINS = (15.0, 5.0)
 """The board's own roll and pitch, on angle [1/s²] and rate [1/s], in a forced landing only. Yaw is left alone: rotors
 that point up have next to no torque about it, and asking for some would take the thrust that holds the attitude."""

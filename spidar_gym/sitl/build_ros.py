@@ -2,17 +2,17 @@
 
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
-from spidar_gym.deploy.export import FLAGS, compiler
-from spidar_gym.errors import MissingDependencyError, SpidarError
-from spidar_gym.files import output_folder
+from spidar_gym.errors import MissingDependencyError
+from spidar_gym.files import output_folder, scratch_folder
+from spidar_gym.native.compiler import FLAGS, compiler, run_tool
 
 GENERATOR = "lib/gencpp/gen_cpp.py"
 TEMPLATES = "share/gencpp"
 INSTALL = "apt-get install libroscpp-dev libsensor-msgs-dev libnav-msgs-dev python3-gencpp pkg-config g++ (Debian 12)"
 WARNINGS = ("-Wall", "-Wextra")
+RUNNER = "the runner for ROS 1"
 
 
 def build_ros_runner(folder: Path, out: Path) -> Path:
@@ -24,27 +24,23 @@ def build_ros_runner(folder: Path, out: Path) -> Path:
 
     Raises:
         MissingDependencyError: Without a compiler or ROS 1.
-        SpidarError: When it does not compile; with the compiler's first words.
+        SpidarError: When it does not compile; with the compiler's words.
     """
     libraries = _pkg_config("--cflags", "--libs", "roscpp")
     folder = folder.resolve()
     out = output_folder(out.resolve().parent) / out.name
     includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated", "runner")]
-    with tempfile.TemporaryDirectory() as scratch:
+    with scratch_folder() as scratch:
         objects = []
         for part in ("core", "osqp", "runner"):  # a folder for each: their files may have the same names
-            place = Path(scratch) / part
+            place = scratch / part
             place.mkdir()
             sources = [str(source) for source in sorted((folder / part).glob("*.c"))]
-            _run([compiler(), *FLAGS, "-DSPIDAR_ROS1", *includes, "-c", *sources], place)
+            run_tool([*compiler(), *FLAGS, "-DSPIDAR_ROS1", *includes, "-c", *sources], RUNNER, place)
             objects += [str(path) for path in sorted(place.glob("*.o"))]
-        headers = message_headers(folder / "msg", Path(scratch) / "spinal")
+        headers = message_headers(folder / "msg", scratch / "spinal")
         link = [f"-isystem{headers}", str(folder / "runner" / "ros1.cpp"), *objects, *libraries, "-lm"]
-        made = Path(scratch) / "runner-ros1"
-        _run([_plus_plus(), "-O2", *WARNINGS, "-DSPIDAR_ROS1", *includes, *link, "-o", str(made)], Path(scratch))
-        partial = out.with_name(f".{out.name}.part")
-        shutil.copy2(made, partial)
-        partial.replace(out)
+        run_tool([_plus_plus(), "-O2", *WARNINGS, "-DSPIDAR_ROS1", *includes, *link, "-o", str(out)], RUNNER)
     return out
 
 
@@ -58,7 +54,7 @@ def message_headers(messages: Path, folder: Path) -> Path:
     for message in sorted(messages.glob("*.msg")):
         # The system's Python: a virtual environment does not know genmsg.
         command = ["/usr/bin/python3", str(generator), str(message), "-p", "spinal", "-o", str(folder / "spinal")]
-        _run([*command, "-e", str(prefix / TEMPLATES), "-I", f"spinal:{messages}"], folder)
+        run_tool([*command, "-e", str(prefix / TEMPLATES), "-I", f"spinal:{messages}"], RUNNER, folder)
     return folder
 
 
@@ -76,11 +72,3 @@ def _pkg_config(*words: str) -> list[str]:
     if done is None or done.returncode != 0:
         raise MissingDependencyError("roscpp", INSTALL)
     return done.stdout.split()
-
-
-def _run(command: list[str], place: Path) -> None:
-    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        words = " ".join(done.stderr.split())
-        at = max(words.find("error"), 0)
-        raise SpidarError(f"the runner does not compile: {words[at:][:300]}; valid: ROS 1 and C99 and C++11 compilers")

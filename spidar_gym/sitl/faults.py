@@ -107,7 +107,7 @@ class Injector:
     done: bool = field(default=False)
     """Whether the processes have had their share."""
 
-    def pass_on(self, messages: list[Message], time: float) -> list[Message]:
+    def apply(self, messages: list[Message], time: float) -> list[Message]:
         """What reaches the runner of what the robot says."""
         if not self.start <= time < self.start + self.fault.seconds:
             return messages

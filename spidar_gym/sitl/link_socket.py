@@ -1,5 +1,7 @@
 """The robot's end of the socket: collects messages into the runner's input, tick by tick, and waits for its answer."""
 
+import contextlib
+import select
 import socket
 import time
 from collections.abc import Callable
@@ -7,19 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.row import model_hash
-from spidar_gym.control.structs import IMU_SAMPLES, POSE_FRAMES, interface_hash
-from spidar_gym.deploy.golden import log_layouts
 from spidar_gym.errors import SpidarError
+from spidar_gym.native.codegen.header import interface_hash
+from spidar_gym.onboard.runner_structs import TOPICS, Action, log_layouts
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
+from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.messages import FEEDBACK, STATE_NAMES, Message
+from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
-TOPIC_ORDER = ("joint_states", "imu", "mocap/pose", "uav/cog/odom", "flight_state")
-"""Topics of the contract in the runner's order."""
 ODOMETRY_FIELDS = {"position_w": "position", "quat_wb": "quat", "velocity_w": "velocity", "omega_b": "omega"}
 """Members of the runner's odometry, and what they are called in a message."""
-SILENT, PUBLISH, FORCE_LANDING = range(3)
-"""What the runner asks the link to do."""
 PATIENCE = 10.0
 """How long the runner may take to come, or to answer [s]."""
 
@@ -45,19 +44,25 @@ class SocketLink:
             row[: len(name)] = list(name.encode())
         self._hello["name_count"] = len(names)
         rates = {topic.name: topic.rate for topic in FEEDBACK}
-        self._hello["rates"] = [rates[name] for name in TOPIC_ORDER]
+        self._hello["rates"] = [rates[name] for name, _ in TOPICS.values()]
         self._input = np.zeros((), log_layouts()["loop_input"])
-        self._input["flight_state"], self._input["flight_state_time"] = -1, -np.inf
         self._poses: list[Message] = []
         self._imu: list[Message] = []
         self.answer = np.zeros((), log_layouts()["loop_output"])
         """The runner's last answer."""
+        self.parting = ""
+        """Why the last runner has gone."""
 
     @property
     def place(self) -> str:
         """HOST:PORT for the runner."""
         host, port = self._server.getsockname()
         return f"{host}:{port}"
+
+    @property
+    def awaited(self) -> bool:
+        """Whether a runner has come that nobody has accepted."""
+        return bool(select.select([self._server], [], [], 0.0)[0])
 
     def accept(self, alive: Callable[[], bool] = lambda: True, *, patience: float = PATIENCE) -> None:
         """Wait for the runner and say who the robot is.
@@ -72,13 +77,28 @@ class SocketLink:
         end = time.monotonic() + patience
         while self._peer is None:
             try:
-                self._peer, _ = self._server.accept()
+                peer, _ = self._server.accept()
             except TimeoutError as error:
                 if time.monotonic() > end or not alive():
                     raise SpidarError(f"no runner came to {self.place}; valid: one that starts") from error
-        self._peer.settimeout(PATIENCE)
-        self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._peer.sendall(self._hello.tobytes())
+            except ConnectionError:
+                pass  # it has left before anybody looked
+            else:
+                self._greet(peer)
+
+    def _greet(self, peer: socket.socket) -> None:
+        """Say who the robot is, and begin anew with this runner; one that has left already is none."""
+        peer.settimeout(PATIENCE)
+        try:
+            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            peer.sendall(self._hello.tobytes())
+        except OSError:
+            peer.close()
+            return
+        self._peer, self._poses, self._imu = peer, [], []
+        self._input[...] = np.zeros((), self._input.dtype)
+        self._input["flight_state"], self._input["flight_state_time"] = -1, -np.inf
+        self.answer = np.zeros((), self.answer.dtype)
 
     def publish(self, message: Message) -> None:
         """Keep a message for the runner's next tick."""
@@ -104,7 +124,9 @@ class SocketLink:
             record["has_thrust"], record["thrust"] = 1, values["thrust"]
 
     def tick(self, now: float) -> list[Message] | None:
-        """Ask the runner; what it publishes, None when it has gone."""
+        """Ask the runner; what it publishes, None when it has gone, or has been sent away (`parting` says why)."""
+        if self._peer is None:
+            return None
         m = self._input["measurement"]
         self._input["time"] = m["time"] = now
         m["pose_count"], m["imu_count"] = len(self._poses[-POSE_FRAMES:]), len(self._imu[-IMU_SAMPLES:])
@@ -117,22 +139,46 @@ class SocketLink:
             m["gyro_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["gyro"]
             m["specific_force_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["acc"]
         self._poses, self._imu = [], []
-        size = self.answer.dtype.itemsize
-        data = b""
         try:
-            assert self._peer is not None
-            self._peer.sendall(self._input.tobytes())
-            while len(data) < size:
-                part = self._peer.recv(size - len(data))
-                if not part:
-                    return None
-                data += part
-        except OSError:
+            self.answer = self._ask(self._peer)
+        except (OSError, SpidarError) as error:
+            self.dismiss(getattr(error, "strerror", None) or str(error))
             return None
         finally:
             self._input["has_odometry"] = self._input["has_thrust"] = 0
-        self.answer = np.frombuffer(data, self.answer.dtype)[0]
         return published(self.answer, now)
+
+    def _ask(self, peer: socket.socket) -> Any:  # noqa: ANN401 - a numpy record
+        """One question, one answer, and nothing else on the line.
+
+        Raises:
+            OSError: When the connection breaks, or the whole answer takes too long.
+            SpidarError: When the runner has closed it, or says what is no answer.
+        """
+        peer.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            if peer.recv(1):
+                raise SpidarError("it spoke without being asked; valid: one answer to each message")
+        end, size, data = time.monotonic() + PATIENCE, self.answer.dtype.itemsize, b""
+        peer.settimeout(PATIENCE)
+        peer.sendall(self._input.tobytes())
+        while len(data) < size:
+            peer.settimeout(max(end - time.monotonic(), 1e-3))
+            part = peer.recv(size - len(data))
+            if not part:
+                raise SpidarError("it closed the connection")
+            data += part
+        answer = np.frombuffer(data, self.answer.dtype)[0]
+        if answer["action"] not in tuple(Action):
+            raise SpidarError("it sent what is no answer; valid: those of the interface's runner")
+        return answer
+
+    def dismiss(self, why: str) -> None:
+        """Let the runner go; another may come."""
+        self.parting = why
+        if self._peer is not None:
+            self._peer.close()
+        self._peer = None
 
     def close(self) -> None:
         """Hang up."""
@@ -143,9 +189,9 @@ class SocketLink:
 
 def published(answer: Any, time: float) -> list[Message]:  # noqa: ANN401 - a numpy record
     """What a link publishes of an answer."""
-    if answer["action"] == SILENT:
+    if answer["action"] == Action.SILENT:
         return []
-    if answer["action"] == FORCE_LANDING:
+    if answer["action"] == Action.FORCE_LANDING:
         return [Message("flight_config_cmd", time, {"cmd": 2})]
     c = answer["command"]
     return [

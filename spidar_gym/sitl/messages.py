@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.onboard.runner_structs import TOPICS
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
 
 STATE_NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
@@ -24,22 +26,28 @@ class Topic:
     """Contents and units."""
 
 
+def _expected(word: str, kind: str, doc: str) -> Topic:
+    """A topic that the runner listens to, at the rate that it expects."""
+    name, rate = TOPICS[word]
+    return Topic(name, kind, rate, doc)
+
+
 FEEDBACK = (
-    Topic("joint_states", "sensor_msgs/JointState", 50.0, "position [rad] of 16 joints, 16 gimbals; effort [Nm]"),
-    Topic("imu", "spinal/Imu", 200.0, "acc [m/s²], gyro [rad/s], angles [rad]; torso axes"),
-    Topic("mocap/pose", "geometry_msgs/PoseStamped", 100.0, "pose of the flight controller in the world"),
-    Topic("uav/cog/odom", "nav_msgs/Odometry", 100.0, "CoG; velocity in the world, angular velocity in torso axes"),
+    _expected("joints", "sensor_msgs/JointState", "position [rad] of 16 joints, 16 gimbals; effort [Nm]"),
+    _expected("imu", "spinal/Imu", "acc [m/s²], gyro [rad/s], angles [rad]; torso axes"),
+    _expected("pose", "geometry_msgs/PoseStamped", "pose of the flight controller in the world"),
+    _expected("odometry", "nav_msgs/Odometry", "CoG; velocity in the world, angular velocity in torso axes"),
     Topic("uav/baselink/odom", "nav_msgs/Odometry", 100.0, "the same of the flight controller"),
-    Topic("flight_state", "std_msgs/UInt8", 40.0, "state of the flight stack"),
+    Topic(TOPICS["state"][0], "std_msgs/UInt8", CONTROL_RATE, "state of the flight stack"),
     Topic("flight_config_ack", "std_msgs/UInt8", 0.0, "echo of a configuration command"),
     Topic("battery_voltage_status", "std_msgs/Float32", 10.0, "[V]"),
 )
 """What the robot says."""
 COMMANDS = (
-    Topic("four_axes/command", "spinal/FourAxisCommand", 40.0, "base_thrust: thrust of the 8 modules [N]"),
-    Topic("gimbals_ctrl", "sensor_msgs/JointState", 40.0, "position [rad] of 16 gimbals"),
-    Topic("joints_ctrl", "sensor_msgs/JointState", 40.0, "position [rad] of the joints named"),
-    Topic("joints_torque_ctrl", "sensor_msgs/JointState", 40.0, "effort: torque limit [Nm] of the joints named"),
+    Topic("four_axes/command", "spinal/FourAxisCommand", CONTROL_RATE, "base_thrust: thrust of the 8 modules [N]"),
+    Topic("gimbals_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "position [rad] of 16 gimbals"),
+    Topic("joints_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "position [rad] of the joints named"),
+    Topic("joints_torque_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "effort: torque limits [Nm] of joints named"),
     Topic("flight_config_cmd", "spinal/FlightConfigCmd", 0.0, "0 ARM_ON, 1 ARM_OFF, 2 FORCE_LANDING"),
     Topic("teleop_command/start", "std_msgs/Empty", 0.0, "arm"),
     Topic("teleop_command/takeoff", "std_msgs/Empty", 0.0, "take off"),

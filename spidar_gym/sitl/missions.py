@@ -5,21 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.footsteps import Move, plan_cycles
-from spidar_gym.control.gait import nominal_time
-from spidar_gym.control.planar import Planar
+from spidar_gym.control.crawl.footsteps import Move, plan_cycles
+from spidar_gym.control.crawl.gait import nominal_time
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import controller_config, crawler_config
-from spidar_gym.crawl_experiment import CRAWL_DISTANCE
-from spidar_gym.envs.hover_task import HoverTask
-from spidar_gym.experiments import FLIGHT_SECONDS, UNRESTRICTED
+from spidar_gym.envs.hover.task import HoverTask
+from spidar_gym.paper.crawl import CRAWL_DISTANCE
+from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
 
 PREPARE = 8.0
 """From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
 
 
-PAPER_WAY = Planar(CRAWL_DISTANCE, 0.0, 0.0)
-"""Of the paper's crawl."""
+PAPER_WAY = Pose2(CRAWL_DISTANCE, 0.0, 0.0)
+"""Where the paper's crawl ends, seen from its start."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Mission:
     """How long it takes from the take-over on, at most [s]."""
     begins: float = 0.0
     """When the experiment begins, since the take-over [s]."""
-    way: Planar | None = None
-    """Of a crawl."""
+    way: Pose2 | None = None
+    """Where a crawl ends, seen from its start; None where nothing crawls."""
 
     @property
     def crawls(self) -> bool:
@@ -69,7 +69,7 @@ def hover_mission(preset: str = "as_flown", seconds: float = 10.0, *, odometry: 
 
 
 def crawl_mission(
-    preset: str = "published", way: Planar = PAPER_WAY, *, odometry: bool = False,
+    preset: str = "published", way: Pose2 = PAPER_WAY, *, odometry: bool = False,
     residual: bool = False,
 ) -> Mission:  # fmt: skip
     """The paper's crawl, or another way (`InvalidValueError` for one out of reach)."""

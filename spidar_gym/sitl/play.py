@@ -1,7 +1,6 @@
 """Missions played against the simulated robot: build the runner, run it, read what it wrote."""
 
 import copy
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +9,17 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.presets import CRAWL_PRESETS
-from spidar_gym.crawl_experiment import CrawlLog, crawl_figures, crawl_robot, crawl_table
-from spidar_gym.deploy.runner import build_runner
 from spidar_gym.errors import SpidarError, require_name
-from spidar_gym.experiments import FlightLog, flight_figures, flight_table, noisy_robot
+from spidar_gym.files import scratch_folder
+from spidar_gym.onboard.build import build_runner
+from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines, crawl_robot
+from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
 from spidar_gym.sitl.faults import FAULTS, Injector, find_fault
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.session import Run, Session, ros_session, socket_session
+from spidar_gym.text import format_table
 
 LINKS = ("ros", "socket")
 """How robot and runner talk: ROS 1 in real time, or a socket in lock-step."""
@@ -80,8 +81,8 @@ def play(
     if fault is not None:
         injector = Injector(find_fault(fault), FAULT_AFTER, np.random.Generator(np.random.PCG64(seed)))
     runner = runner or build_for(link)
-    with tempfile.TemporaryDirectory() as scratch:
-        text, written = Path(scratch) / "mission.txt", log or Path(scratch) / "run.log"
+    with scratch_folder() as scratch:
+        text, written = scratch / "mission.txt", log or scratch / "run.log"
         text.write_text(mission.text, encoding="utf-8")
         if link == "socket":
             session = Session(make_robot(mission, seed), mission, injector, on_tick)
@@ -136,7 +137,7 @@ def figures_of(played: Played, log: FlightLog | CrawlLog) -> dict[str, Any]:
 
 def table_of(played: Played, figures: dict[str, Any]) -> str:
     """The experiment's table, as `spidar paper` prints it."""
-    return crawl_table(figures) if played.mission.crawls else flight_table(figures)
+    return format_table(crawl_lines(figures) if played.mission.crawls else flight_lines(figures))
 
 
 def play_faults(

@@ -7,28 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.core import STATUS
-from spidar_gym.control.footsteps import Move
-from spidar_gym.control.gait import nominal_time
-from spidar_gym.control.phases import PHASES
-from spidar_gym.control.planar import planar_pose
+from spidar_gym.control.crawl.footsteps import Move
+from spidar_gym.control.crawl.gait import nominal_time
+from spidar_gym.control.crawl.phases import PHASES
+from spidar_gym.control.crawl.pose2 import torso_pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
-from spidar_gym.crawl_experiment import CrawlLog, euler_angles
-from spidar_gym.deploy.golden import log_layouts
-from spidar_gym.envs.crawl_task import CrawlProgress
+from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.errors import SpidarError
-from spidar_gym.experiments import FLIGHT_SECONDS, FlightLog
 from spidar_gym.model.dynamics import Model
+from spidar_gym.native.library import STATUS
+from spidar_gym.onboard.runner_structs import MAGIC, FlightState, LogKind, Stage, log_layouts
+from spidar_gym.paper.crawl import CrawlLog, euler_angles
+from spidar_gym.paper.flight import FLIGHT_SECONDS, FlightLog
 from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import find_fault
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.robot import DT
 from spidar_gym.sitl.session import AFTER_FAULT, Row, Run
-from spidar_gym.sitl.stack import State
 from spidar_gym.so3 import log as so3_log
 from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.text import format_table
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,13 @@ class RunnerLog:
     inputs: np.ndarray
     """(n,) records of `sp_loop_input`."""
     outputs: np.ndarray
-    """… of `sp_loop_output`."""
+    """(n,) records of `sp_loop_output`."""
     clock: np.ndarray
-    """… of `sp_log_clock`."""
+    """(n,) records of `sp_log_clock`."""
+
+
+def _of_a_run(head: np.void) -> bool:
+    return bool(head["magic"].tobytes() == MAGIC.encode() and head["kind"] == LogKind.RUN)
 
 
 def read_runner_log(path: Path) -> RunnerLog:
@@ -49,7 +53,7 @@ def read_runner_log(path: Path) -> RunnerLog:
     head, mission = types["log_head"], types["mission"]
     data = path.read_bytes()
     start = head.itemsize + mission.itemsize
-    if len(data) < start or data[:8] != b"SPIDAR01" or np.frombuffer(data, head, 1)["kind"][0] != 2:
+    if len(data) < start or not _of_a_run(np.frombuffer(data, head, 1)[0]):
         raise SpidarError(f"{path} is no log of a run; valid: what `runner sim --log` or `runner ros1 --log` wrote")
     tick = np.dtype([("input", types["loop_input"]), ("output", types["loop_output"]), ("clock", types["log_clock"])])
     ticks = np.frombuffer(data, tick, (len(data) - start) // tick.itemsize, start)
@@ -58,7 +62,7 @@ def read_runner_log(path: Path) -> RunnerLog:
 
 def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
     """Rows of the drive, and for each the runner's tick whose command acted in it."""
-    driving = np.flatnonzero(log.outputs["stage"] > 0)
+    driving = np.flatnonzero(log.outputs["stage"] > Stage.WAITING)
     if not len(driving) or not math.isfinite(run.first_driven):
         raise SpidarError("the runner never drove; valid: a run whose runner says `driving`")
     times = log.inputs["time"][driving]
@@ -102,7 +106,7 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
     config = crawler_config(mission.preset)
     assert mission.way is not None
     first = rows[0].state
-    start = planar_pose(first.position_w, quat_to_matrix(first.quat_wb))
+    start = torso_pose2(first.position_w, quat_to_matrix(first.quat_wb))
     seconds = nominal_time(
         config.gait, [Move(mission.way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE
     )  # fmt: skip
@@ -112,9 +116,9 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         s, answer = row.state, log.outputs[tick]
         R_wb, phase = quat_to_matrix(s.quat_wb), PHASES[answer["phase"]]
         assert isinstance(row.touch, Touch)
-        progress.look(s.position_w, R_wb)
+        progress.update_errors(s.position_w, R_wb)
         if not kept:
-            progress.whole = progress.rest
+            progress.initial_distance = progress.distance
         command = float(answer["command"]["thrust"].sum())
         progress.advance(row.touch, phase, command, s.joint_torque, config.joint_torque_limit, row.tilt)
         progress.timeouts = int(answer["timeouts"])
@@ -130,6 +134,7 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         if answer["finished"]:
             progress.finished = progress.time
             break
+    moved = max(progress.initial_distance - progress.distance, 1e-3)
     info = {
         "time_s": progress.finished or progress.time,
         "thrust_fraction_mean": progress.thrust / progress.counted,
@@ -141,7 +146,7 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         "saturation_share": progress.saturation / progress.counted,
         "timeouts": progress.timeouts,
         "energy_wh": energy,
-        "cost_of_transport": 3600.0 * energy / (ROBOT.total_mass * GRAVITY * max(progress.whole - progress.rest, 1e-3)),
+        "cost_of_transport": 3600.0 * energy / (ROBOT.total_mass * GRAVITY * moved),
         "is_success": not progress.shortfalls(),
         "shortfalls": ", ".join(progress.shortfalls()),
     }
@@ -177,8 +182,8 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     """
     end = run.fault_at + AFTER_FAULT if run.landing_at == math.inf else math.inf
     after = [row for row in run.rows if run.fault_at <= row.time <= end]
-    drive = log.outputs["stage"] > 0
-    held = _longest(log.outputs["stage"] == 2) / CONTROL_RATE
+    drive = log.outputs["stage"] > Stage.WAITING
+    held = _longest(log.outputs["stage"] == Stage.HOLDING) / CONTROL_RATE
     thrust = log.outputs["command"]["thrust"][drive]
     joints = np.abs(log.outputs["command"]["joint_position"][drive])
     bounded = bool(
@@ -193,7 +198,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     elif run.board:
         happened = "board lands"
     else:
-        happened = "flies on" if after and after[-1].flight_state == State.HOVER else "lost"
+        happened = "flies on" if after and after[-1].flight_state == FlightState.HOVER else "lost"
     specified = find_fault(name)
     fall = [row for row in after if row.time >= run.landing_at]
     touch = next((k for k, row in enumerate(fall) if row.in_contact), None)
@@ -234,9 +239,9 @@ def fault_table(rows: list[dict[str, Any]]) -> str:
     def number(value: float | None, digits: int) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
 
-    head = ("fault", "what", "specified", "happened", "held [ms]", "landing after [ms]", "peak tilt [rad]",
-            "touchdown [m/s]", "largest λ [N]", "as specified")  # fmt: skip
-    lines = [
+    lines = [("fault", "what", "specified", "happened", "held [ms]", "landing after [ms]", "peak tilt [rad]",
+            "touchdown [m/s]", "largest λ [N]", "as specified")]  # fmt: skip
+    lines += [
         (
             r["fault"], r["doc"], r["reaction"], r["happened"], number(r["held_ms"], 0),
             number(r["landing_after_ms"], 0), number(r["peak_tilt_rad"], 3), number(r["touchdown_speed_m_s"], 2),
@@ -244,6 +249,4 @@ def fault_table(rows: list[dict[str, Any]]) -> str:
         )
         for r in rows
     ]  # fmt: skip
-    widths = [max(len(line[k]) for line in (head, *lines)) for k in range(len(head))]
-    text = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in (head, *lines)]
-    return "\n".join([text[0], "  ".join("─" * w for w in widths), *text[1:]])
+    return format_table(lines)

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from spidar_gym.control.crawl.footsteps import GaitConfig, lying_pose
 from spidar_gym.control.estimator import Estimator
-from spidar_gym.control.footsteps import GaitConfig, lying_pose
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.energy import voltage
@@ -17,7 +18,7 @@ from spidar_gym.sim.plant import IMU_STEPS, Plant
 from spidar_gym.sim.sensors import IMU_POSITION_B
 from spidar_gym.sitl.board import Board
 from spidar_gym.sitl.messages import STATE_NAMES, Message
-from spidar_gym.sitl.stack import LANDING_FORM, Stack, State
+from spidar_gym.sitl.stack import LANDING_FORM, Stack
 from spidar_gym.so3 import cross, quat_to_matrix
 from spidar_gym.state import Command, Measurement
 
@@ -75,10 +76,10 @@ class Robot:
         self._torques = np.zeros((2, N_ROTORS))
         self._batch: list[Measurement] = []
         self._words: dict[str, Callable[[Message], None]] = {
-            "four_axes/command": self._hear_thrust,
-            "gimbals_ctrl": self._hear_gimbals,
-            "joints_ctrl": self._hear_joints,
-            "joints_torque_ctrl": self._hear_limits,
+            "four_axes/command": self._receive_thrust,
+            "gimbals_ctrl": self._receive_gimbals,
+            "joints_ctrl": self._receive_joints,
+            "joints_torque_ctrl": self._receive_limits,
         }
         self._echo: list[Message] = []
         self._com_b: np.ndarray | None = None
@@ -91,9 +92,9 @@ class Robot:
     @property
     def flight_state(self) -> int:
         """As it is reported."""
-        return int(State.FORCE_LANDING if self.board.landing else self.stack.state)
+        return int(FlightState.FORCE_LANDING if self.board.landing else self.stack.state)
 
-    def hear(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Take a command."""
         if message.topic.startswith("teleop_command/"):
             self.stack.teleop(message.topic.split("/")[1], self.time)
@@ -106,9 +107,10 @@ class Robot:
     @property
     def drivable(self) -> bool:
         """Whether the state is one in which a runner may drive: HOVER in flight, ARM_ON on the ground."""
-        return self.stack.state == (State.ARM_ON if self.stack.crawls else State.HOVER) and not self.board.landing
+        wanted = FlightState.ARM_ON if self.stack.crawls else FlightState.HOVER
+        return self.stack.state == wanted and not self.board.landing
 
-    def _hear_thrust(self, message: Message) -> None:
+    def _receive_thrust(self, message: Message) -> None:
         self.driven_at = self.time
         self.first_driven = min(self.first_driven, self.time)
         self.board.command(np.asarray(message.values["thrust"], float), self.time)
@@ -123,17 +125,17 @@ class Robot:
             if name in names:
                 target[names.index(name)] = value
 
-    def _hear_gimbals(self, message: Message) -> None:
+    def _receive_gimbals(self, message: Message) -> None:
         flat = self.vectoring.reshape(-1).copy()
         self._named(message, GIMBAL_NAMES, "position", flat)
         self.vectoring = flat.reshape(N_ROTORS, 2)
 
-    def _hear_joints(self, message: Message) -> None:
+    def _receive_joints(self, message: Message) -> None:
         joints = self.joints.copy()
         self._named(message, JOINT_NAMES, "position", joints)
         self.joints = np.clip(joints, -ROBOT.joint_limit, ROBOT.joint_limit)
 
-    def _hear_limits(self, message: Message) -> None:
+    def _receive_limits(self, message: Message) -> None:
         limit = self.torque_limit.copy()
         self._named(message, JOINT_NAMES, "effort", limit)
         self.torque_limit = np.clip(limit, 0.0, ROBOT.max_joint_torque)
@@ -163,7 +165,7 @@ class Robot:
         self.steps += 1
         measurement = self.plant.measure()
         messages, self._echo = self._echo, []
-        messages += self._say(measurement)
+        messages += self._publish(measurement)
         self._batch.append(measurement)
         if self.steps % ODOMETRY == 0:
             messages += self._odometry()
@@ -199,7 +201,7 @@ class Robot:
         Q = thrust_map(snapshot.R_bl, snapshot.rotor_c)[3:].reshape(3, N_ROTORS, 3)
         return np.linalg.solve(snapshot.inertia_c, np.einsum("ijk,jk->ij", Q, forces))[:2]
 
-    def _say(self, m: Measurement) -> list[Message]:
+    def _publish(self, m: Measurement) -> list[Message]:
         """What the sensors publish."""
         messages = [
             Message(

@@ -8,7 +8,7 @@ from typing import Any
 import spidar_gym
 from spidar_gym.sitl.messages import COMMANDS, FEEDBACK
 
-MESSAGES = Path(spidar_gym.__file__).parent / "deploy" / "onboard" / "msg"
+MESSAGES = Path(spidar_gym.__file__).parent / "onboard" / "msg"
 """The lab's message types, `spinal`, in our own words."""
 KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS)}
 """Topic → ROS type."""

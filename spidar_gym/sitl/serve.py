@@ -1,14 +1,16 @@
 """The simulated robot alone, in real time, for a runner that somebody else starts."""
 
+import math
 import time as clock
 from collections.abc import Callable
 from typing import Any
 
+from spidar_gym.errors import SpidarError
+from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.messages import Message
 from spidar_gym.sitl.robot import DT, TICK, Robot
 from spidar_gym.sitl.session import START, TAKEOFF, appear
-from spidar_gym.sitl.stack import State
 
 
 class Served:
@@ -31,13 +33,13 @@ class Served:
         if self._operate:
             for word, due in (("start", START), ("takeoff", TAKEOFF)):
                 if abs(robot.time - due) < 0.5 * DT:
-                    robot.hear(Message(f"teleop_command/{word}", robot.time))
+                    robot.receive(Message(f"teleop_command/{word}", robot.time))
         messages = robot.step()
         if robot.flight_state != self._state:
             self._state = robot.flight_state
             why = f", {robot.board.reason}" if robot.board.landing else ""
             height = robot.state.position_w[2]
-            self._tell(f"{robot.time:8.2f} s  {State(self._state).name}{why}, torso at {height:.2f} m")
+            self._tell(f"{robot.time:8.2f} s  {FlightState(self._state).name}{why}, torso at {height:.2f} m")
         clock.sleep(max(0.0, self._start + robot.time - clock.monotonic()))
         return messages
 
@@ -47,20 +49,48 @@ def serve_ros(served: Served, link: Any, seconds: float) -> None:  # noqa: ANN40
     appear(served.robot, link)
     while served.robot.time < seconds:
         for message in link.heard():
-            served.robot.hear(message)
+            served.robot.receive(message)
         for message in served.step():
             link.publish(message)
 
 
-def serve_socket(served: Served, link: SocketLink, seconds: float) -> None:
-    """Run behind a socket for so long [s], and until the robot is disarmed once the runner has gone."""
+def serve_socket(make: Callable[[], Served], link: SocketLink, seconds: float, tell: Callable[[str], object]) -> None:
+    """Run behind a socket: a robot for every runner, one after the other.
+
+    Args:
+        make: Makes a robot.
+        link: Where the runners come.
+        seconds: How long it runs since the first has come [s].
+        tell: Called with a line when a runner has gone.
+    """
+    link.accept(patience=math.inf)
+    while seconds > 0.0:
+        served = make()
+        _serve_runner(served, link, seconds, tell)
+        seconds -= served.robot.time
+        start = clock.monotonic()
+        try:
+            link.accept(patience=seconds)
+        except SpidarError:
+            return  # the time is over, and nobody has come
+        seconds -= clock.monotonic() - start
+
+
+def _serve_runner(served: Served, link: SocketLink, seconds: float, tell: Callable[[str], object]) -> None:
+    """For so long [s]; once its runner has gone, until the robot is disarmed or another runner has come."""
     robot, there, answers = served.robot, True, []
-    while robot.time < seconds and (there or robot.stack.state != State.ARM_OFF):
+    while robot.time < seconds and (there or (robot.stack.state != FlightState.ARM_OFF and not link.awaited)):
         for message in answers:
-            robot.hear(message)
+            robot.receive(message)
         answers = []
         for message in served.step():
             link.publish(message)
+        if robot.plant.diverged:
+            tell(f"{robot.time:8.2f} s  the simulated robot's state is no number; it is taken away")
+            link.dismiss("its robot is no more")
+            return
         if there and robot.steps % TICK == 0:
             heard = link.tick(robot.time)
             there, answers = heard is not None, heard or []
+            if not there:
+                tell(f"{robot.time:8.2f} s  the runner has gone: {link.parting}")

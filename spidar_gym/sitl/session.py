@@ -13,15 +13,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spidar_gym.benchmark.row import model_hash
 from spidar_gym.errors import SpidarError
+from spidar_gym.onboard.runner_structs import FlightState
+from spidar_gym.robot.description import model_hash
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import LONG_STALL, STALL, Injector
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.messages import Message
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.robot import DT, TICK, Robot
-from spidar_gym.sitl.stack import State
 from spidar_gym.state import RobotState
 
 START, TAKEOFF = 0.5, 1.0
@@ -171,13 +171,13 @@ class Session:
         """
         robot, t = self.robot, self.robot.time
         if abs(t - START) < 0.5 * DT:
-            robot.hear(Message("teleop_command/start", t))
+            robot.receive(Message("teleop_command/start", t))
         if abs(t - TAKEOFF) < 0.5 * DT and not self.mission.crawls:
-            robot.hear(Message("teleop_command/takeoff", t))
+            robot.receive(Message("teleop_command/takeoff", t))
         over = finished or t > self.run.first_driven + self.mission.seconds
         if over and self._landing_asked == np.inf and not robot.board.landing:
             self._landing_asked = t
-            robot.hear(Message("teleop_command/land", t))
+            robot.receive(Message("teleop_command/land", t))
 
     def step(self) -> list[Message]:
         """5 ms of the robot; what reaches the runner of what it says."""
@@ -198,7 +198,7 @@ class Session:
     def _spoil(self, messages: list[Message]) -> list[Message]:
         assert self.injector is not None
         started = self.run.first_driven < np.inf
-        return self.injector.pass_on(messages, self.robot.time) if started else messages
+        return self.injector.apply(messages, self.robot.time) if started else messages
 
     def due(self) -> str:
         """What happens to the processes now."""
@@ -224,7 +224,7 @@ class Session:
         robot, run, t = self.robot, self.run, self.robot.time
         if robot.plant.diverged:
             raise SpidarError(f"the simulated robot's state is no number after {t:.2f} s")
-        if robot.stack.state == State.ARM_OFF and t > START + 1.0:
+        if robot.stack.state == FlightState.ARM_OFF and t > START + 1.0:
             return t > robot.stack.since + GIVE_BACK
         if t > min(run.first_driven, PATIENCE) + self.mission.seconds + PATIENCE:
             return True
@@ -255,7 +255,7 @@ def socket_session(
         while not session.over:
             session.operate(finished=bool(link.answer["finished"]))
             for message in answers:
-                robot.hear(message)
+                robot.receive(message)
             answers = []
             for message in session.step():
                 link.publish(message)
@@ -300,7 +300,7 @@ def ros_session(
         while not session.over:
             session.operate(finished=runner.said("the mission is over"))
             for message in link.heard():
-                robot.hear(message)
+                robot.receive(message)
             for message in session.step():
                 link.publish(message)
             what = session.due()

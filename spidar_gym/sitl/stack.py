@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 
 import numpy as np
 
 from spidar_gym.arrays import RotorVector
-from spidar_gym.control.controller import Controller
+from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import controller_config
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, Reference, RobotState
@@ -17,7 +17,7 @@ from spidar_gym.state import Command, Reference, RobotState
 LANDING_FORM = np.tile([0.0, -0.25, 0.0, 0.72], 4)
 """Joint angles to take off and land with [rad] [JSK]."""
 TAKEOFF_HEIGHT = 1.0
-"""Of the torso [m] [JSK]."""
+"""Height of the torso after take-off [m] [JSK]."""
 CLIMB, DESCENT = 0.3, 0.3
 """Speeds of the set-point on the way up (our choice) and down [m/s] [JSK]."""
 FORM_REACHED = 0.085
@@ -28,27 +28,13 @@ LAND_SHOWN = 0.2
 """LAND is reported for so long before the stack goes back to HOVER to level its legs [s]."""
 
 
-class State(IntEnum):
-    """States of the flight stack; the last two are reported over them [JSK]."""
-
-    ARM_OFF = 0
-    START = 1
-    ARM_ON = 2
-    TAKEOFF = 3
-    LAND = 4
-    HOVER = 5
-    STOP = 6
-    LOW_BATTERY = 16
-    FORCE_LANDING = 17
-
-
 @dataclass
 class Stack:
-    """State machine and controller: the lab's part of the robot, with the controller that the paper flew."""
+    """FlightState machine and controller: the lab's part of the robot, with the controller that the paper flew."""
 
     crawls: bool = False
     """Whether it is brought up for the ground, where it never takes off."""
-    state: State = State.ARM_OFF
+    state: FlightState = FlightState.ARM_OFF
     """Present state."""
     wishes: list[int] = field(default_factory=list)
     """Configuration commands for the board."""
@@ -57,7 +43,7 @@ class Stack:
 
     def __post_init__(self) -> None:
         """Build the controller, as gentle with the legs as the real one."""
-        self.controller = Controller(controller_config("as_flown"))
+        self.controller = FlightController(controller_config("as_flown"))
         self._good = self._low = 0.0
         self._levelling = False
         self._reference: Reference | None = None
@@ -67,44 +53,44 @@ class Stack:
     def teleop(self, word: str, time: float) -> None:
         """A word of the operator: start, takeoff, land, force_landing, halt; ignored where not allowed."""
         allowed = {
-            "start": self.state == State.ARM_OFF,
-            "takeoff": self.state == State.ARM_ON and not self.crawls,
-            "land": self.state in (State.ARM_ON, State.TAKEOFF, State.HOVER),
-            "force_landing": self.state != State.ARM_OFF,
-            "halt": self.state != State.ARM_OFF,
+            "start": self.state == FlightState.ARM_OFF,
+            "takeoff": self.state == FlightState.ARM_ON and not self.crawls,
+            "land": self.state in (FlightState.ARM_ON, FlightState.TAKEOFF, FlightState.HOVER),
+            "force_landing": self.state != FlightState.ARM_OFF,
+            "halt": self.state != FlightState.ARM_OFF,
         }
         if not allowed.get(word, False):
             return
         if word == "start":
-            self._become(State.START, time)
+            self._become(FlightState.START, time)
             self.wishes.append(0)
         elif word == "takeoff":
-            self._become(State.TAKEOFF, time)
+            self._become(FlightState.TAKEOFF, time)
             self._reference = None
         elif word == "force_landing":
             self.wishes.append(2)
-        elif word == "land" and self.state != State.ARM_ON:
-            self._become(State.LAND, time)
+        elif word == "land" and self.state != FlightState.ARM_ON:
+            self._become(FlightState.LAND, time)
             self._levelling = True
             self._reference = None
         else:  # landing on the ground is disarming
-            self._become(State.STOP, time)
+            self._become(FlightState.STOP, time)
             self.wishes.append(1)
 
     def acknowledge(self, command: int, time: float) -> None:
         """The board has obeyed a configuration command."""
-        if command == 0 and self.state == State.START:
-            self._become(State.ARM_ON, time)
+        if command == 0 and self.state == FlightState.START:
+            self._become(FlightState.ARM_ON, time)
         elif command == 1:
-            self._become(State.ARM_OFF, time)
+            self._become(FlightState.ARM_OFF, time)
 
-    def _become(self, state: State, time: float) -> None:
+    def _become(self, state: FlightState, time: float) -> None:
         self.state, self.since, self._good = state, time, time
 
     @property
     def flies(self) -> bool:
         """Whether the controller runs."""
-        return self.state in (State.TAKEOFF, State.HOVER, State.LAND)
+        return self.state in (FlightState.TAKEOFF, FlightState.HOVER, FlightState.LAND)
 
     def tick(self, state: RobotState, thrust: RotorVector, *, driven: bool) -> Command | None:
         """One tick at 40 Hz: what the stack itself commands; None where it commands nothing.
@@ -114,9 +100,9 @@ class Stack:
             thrust: What the rotors were last told [N].
             driven: Whether a runner drives: the stack only watches.
         """
-        if self.state in (State.ARM_OFF, State.START, State.STOP):
+        if self.state in (FlightState.ARM_OFF, FlightState.START, FlightState.STOP):
             return None
-        if self.state == State.ARM_ON:
+        if self.state == FlightState.ARM_ON:
             still = np.full(N_JOINTS, ROBOT.max_joint_torque)
             return None if driven else Command(np.zeros(N_ROTORS), state.vectoring, state.joint_position, still)
         if driven:
@@ -156,13 +142,13 @@ class Stack:
         r, dt, velocity = self._reference, self.controller.dt, np.zeros(3)
         target = r.joint_target
         position = r.position_w.copy()
-        if self.state == State.TAKEOFF:
+        if self.state == FlightState.TAKEOFF:
             top = TAKEOFF_HEIGHT + self._height
             velocity[2] = CLIMB if position[2] < top else 0.0
             position[2] = min(top, position[2] + CLIMB * dt)
         elif self._levelling:
             target = LANDING_FORM
-        elif self.state == State.LAND:
+        elif self.state == FlightState.LAND:
             velocity[2] = -DESCENT
             position[2] -= DESCENT * dt
         self._reference = replace(r, position_w=position, velocity_w=velocity, joint_target=target)
@@ -171,22 +157,22 @@ class Stack:
     def _watch(self, state: RobotState, reference: Reference) -> None:
         """From one state to the next."""
         time = state.time
-        if self.state == State.TAKEOFF:
+        if self.state == FlightState.TAKEOFF:
             error = reference.position_w - self._com(state)
             close = abs(error[2]) < 0.05 and math.hypot(error[0], error[1]) < 0.15 and reference.velocity_w[2] == 0.0
             self._good = self._good if close else time
             if time - self._good >= 1.0:
-                self._become(State.HOVER, time)
-        elif self.state == State.LAND and self._levelling and time - self.since >= LAND_SHOWN:
-            self._become(State.HOVER, time)
-        elif self.state == State.HOVER and self._levelling:
+                self._become(FlightState.HOVER, time)
+        elif self.state == FlightState.LAND and self._levelling and time - self.since >= LAND_SHOWN:
+            self._become(FlightState.HOVER, time)
+        elif self.state == FlightState.HOVER and self._levelling:
             if np.abs(state.joint_position - LANDING_FORM).max() < FORM_REACHED:
                 self._levelling = False
-                self._become(State.LAND, time)
+                self._become(FlightState.LAND, time)
                 self._track = []
-        elif self.state == State.LAND and not self._levelling:
+        elif self.state == FlightState.LAND and not self._levelling:
             self._track = [(t, z) for t, z in self._track if t > time - 0.5] + [(time, float(state.position_w[2]))]
             still = self._track[-1][0] - self._track[0][0] > 0.45 and abs(self._track[0][1] - self._track[-1][1]) < 0.02
             if still and state.velocity_w[2] > -0.05:
-                self._become(State.STOP, time)
+                self._become(FlightState.STOP, time)
                 self.wishes.append(1)

@@ -1,0 +1,1 @@
+"""The command `spidar`: a file a command."""

@@ -1,0 +1,137 @@
+"""Command lines that speak plainly: what ends them is one line, and the status 2, 130 of Ctrl-C, or 143 of SIGTERM."""
+
+import contextlib
+import gc
+import io
+import os
+import re
+import select
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+from tqdm import tqdm
+
+from spidar_gym.errors import SpidarError
+from spidar_gym.processes import LostWorkerError
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: whoever takes care of Ctrl-C takes care of it too."""
+
+
+@contextlib.contextmanager
+def kept(words: Callable[[], str]) -> Iterator[None]:
+    """Let an interruption, or the loss of a worker, say what is kept, and how to go on.
+
+    Args:
+        words: Says so, when it comes to it.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, LostWorkerError) as stop:
+        stop.add_note(words())
+        raise
+
+
+def goes_on(bar: tqdm, folder: Path) -> Callable[[], str]:
+    """For `kept`: how much of a bar's work lies in a folder, from which the same command goes on."""
+    return lambda: f"{bar.n} of {bar.total} {bar.unit}s kept in {folder}; the same command goes on"
+
+
+@contextlib.contextmanager
+def _terminated() -> Iterator[None]:
+    """SIGTERM raises `Terminated`, unless it has a meaning already."""
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    main = threading.current_thread() is threading.main_thread()
+    ours = main and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def run_cli(prog: str, call: Callable[[], object]) -> None:
+    """Call a command line and put whatever it refuses on one line.
+
+    Args:
+        prog: Name before the message.
+        call: The parser with what it calls.
+    """
+    # The parser draws boxes; while it may speak, stderr is kept back, and a refusal is put on one line.
+    told = io.StringIO()
+
+    def say(*words: str) -> None:
+        print(f"{prog}: {' '.join('; '.join(words).split())}", file=sys.__stderr__)
+
+    try:
+        with contextlib.redirect_stderr(told), _terminated(), _pipe():
+            call()
+    except SpidarError as error:
+        say(str(error), *getattr(error, "__notes__", ()))
+        sys.exit(2)
+    except KeyboardInterrupt as stop:
+        ended = isinstance(stop, Terminated)
+        say("terminated" if ended else "interrupted", *getattr(stop, "__notes__", ()))
+        # Python would look through all that torch and the like have made before it ends: two seconds.
+        gc.freeze()
+        sys.exit(143 if ended else 130)
+    except SystemExit as stop:
+        if stop.code not in (0, None) and told.getvalue():
+            words = refusal(told.getvalue())
+            told.truncate(0)
+            say(words)
+            sys.exit(2)
+        raise
+    finally:
+        print(told.getvalue(), end="", file=sys.__stderr__)
+
+
+@contextlib.contextmanager
+def _pipe() -> Iterator[None]:
+    """Where whoever read stdout has gone, as `head` goes, end without a word, by the status that shells give it."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        broken = select.poll()
+        broken.register(sys.stdout.fileno(), 0)
+        if not broken.poll(0):  # it was another pipe
+            raise
+        # What is left is written to nobody, or Python would complain of it at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+
+
+KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}
+"""What the parser calls a kind of value → what people call it."""
+
+
+def refusal(box: str) -> str:
+    """What the parser refuses, without its box and its types' names, in one line.
+
+    Args:
+        box: What it printed.
+    """
+    text = " ".join(box.translate(dict.fromkeys(map(ord, "╭╮╰╯│─"), " ")).split())
+    wrong = re.search(
+        r"Error parsing (\S+): (.*) Argument helptext: \1 (\S+) (.*?)(?: \(default: [^)]*\))? For full", text
+    )
+    if wrong:
+        option, reason, kind, doc = wrong.groups()
+        *_, value = re.findall(r"'.*?'", reason) or ["this"]
+        expected = " or ".join(KINDS.get(word, word) for word in kind.split("|") if word != "{None}")
+        return f"{option} = {value} is not valid; expected {expected}: {doc}"
+    # The box's title says once more what its first words say; of a group of options no user has heard.
+    return re.sub(r"^((Unrecognized options|Missing \w+) (?=[A-Z])|Value error Error parsing \S+: )", "", text)

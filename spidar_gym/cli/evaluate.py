@@ -1,0 +1,300 @@
+"""`spidar eval`, `spidar leaderboard`, `spidar scenarios`: the benchmark at the command line."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from spidar_gym import viz
+from spidar_gym.benchmark import answers as answering
+from spidar_gym.benchmark import verify as verifying
+from spidar_gym.benchmark.comparison import compare_rows, comparison_json, comparison_text
+from spidar_gym.benchmark.evaluate import evaluate_runs
+from spidar_gym.benchmark.leaderboard import as_json, summary, tabulate
+from spidar_gym.benchmark.leaderboard_page import markdown
+from spidar_gym.benchmark.leaderboard_text import report, text
+from spidar_gym.benchmark.migrate import migrate as migrate_row
+from spidar_gym.benchmark.row import (
+    ROWS,
+    Row,
+    among_committed,
+    committed_row,
+    committed_rows,
+    eval_command,
+    make_row,
+    read_row,
+    read_rows,
+    require_one_policy,
+    write_row,
+)
+from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
+from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
+from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
+from spidar_gym.cli.arguments import choice
+from spidar_gym.cli.console import goes_on, kept
+from spidar_gym.errors import InvalidValueError, StaleAssetError, require_least, require_name
+from spidar_gym.files import has_text, json_text, write_text
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import defined_on, policy_name
+from spidar_gym.processes import cpu_count
+from spidar_gym.robot.description import assets_dir
+
+BASELINES = (
+    "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_unconstrained:QPUnconstrained",
+    "baselines.pinv:Pinv", "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPOverlapped",
+    "baselines.qp_robust_overlapped:QPRobustOverlapped", "baselines.hold:Hold",
+)  # fmt: skip
+"""The classical baselines of a checkout."""
+
+SplitArg = Annotated[str, choice(SPLITS)]
+
+
+def eval_(
+    policy: tuple[str, ...] = (),
+    tracks: tuple[str, ...] = (),
+    baselines: tyro.conf.FlagCreatePairsOff[bool] = False,
+    split: SplitArg = "test",
+    scenarios: int = SCENARIOS,
+    out: Path = Path("out/scores"),
+    cache: Path = Path("out/eval"),
+    workers: int = cpu_count(),
+    ray: str | None = None,
+    act_limit: float = ACT_LIMIT_S,
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Evaluate a policy on the benchmark's tracks and write its row; goes on where an interrupted evaluation was.
+
+    Args:
+        policy: module:Class, or the path of a learned policy's artifact; several are the runs (training seeds) of one
+            row.
+        tracks: Tracks; every one on which the policy is defined if none is given.
+        baselines: Evaluate every classical baseline of a checkout, each a row of its own.
+        split: test, or validation for choosing among one's own policies.
+        scenarios: How many scenarios of each track, from the first on.
+        out: Folder for the row, NAME.json.
+        cache: Folder in which finished scenarios are kept.
+        workers: Processes, or workers of a local Ray cluster.
+        ray: Address of a Ray cluster to send the scenarios to: local, auto, or host:port.
+        act_limit: How long the policy may think about one action [s].
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
+    rows: list[Row] = []
+    for specs in [(spec,) for spec in BASELINES] if baselines else [policy]:
+        policies = [load_policy(spec) for spec in specs]
+        require_one_policy(policies, specs)
+        defined = defined_on(policies[0])
+        chosen = [t for t in (tracks or TRACKS) if TRACKS[t].env_id in defined]
+        if not chosen:
+            if baselines:
+                continue
+            raise InvalidValueError("tracks", tracks, f"tracks of {', '.join(defined) or 'another policy'}")
+        total = len(chosen) * scenarios * len(specs)
+        bar = tqdm(total=total, unit="scenario", desc=policy_name(policies[0]), file=sys.__stderr__)
+        with bar, kept(goes_on(bar, cache)):
+            scores = evaluate_runs(
+                specs, chosen, scenarios, split=split, workers=workers, folder=cache, ray=ray,
+                act_limit_s=act_limit, on_scenario=bar.update, on_track=bar.set_postfix_str,
+            )  # fmt: skip
+        row = make_row(policies, specs, scores, command=eval_command(specs, tracks, split, scenarios))
+        write_row(row, out)
+        rows.append(row)
+    base = next((row for row in rows if row.name == "qp"), None) or committed_row()
+    if json:
+        print(json_text({"rows": [summary(row, base) for row in rows]}))
+        return
+    for row in rows:
+        print(report(row, base))
+        print(f"written to {out / (row.name + '.json')}\n")
+
+
+def _check_eval(
+    policy: tuple[str, ...], tracks: tuple[str, ...], baselines: bool, split: str, scenarios: int, workers: int,
+    act_limit: float,
+) -> None:  # fmt: skip
+    """Refuse what cannot be evaluated, before anything is."""
+    if bool(policy) == baselines:
+        raise InvalidValueError("policy", policy, "either --policy module:Class … or --baselines")
+    for track in tracks:
+        require_name("track", track, TRACKS)
+    require_name("split", split, SPLITS)
+    require_least(1, workers=workers)
+    if not 1 <= scenarios <= SCENARIOS:
+        raise InvalidValueError("scenarios", scenarios, f"a number within 1 … {SCENARIOS}")
+    if not act_limit > 0.0:
+        raise InvalidValueError("act_limit", act_limit, "a time above 0 [s]")
+
+
+board_app = tyro.extras.SubcommandApp()
+FolderArg = Annotated[Path, tyro.conf.arg(help="Folder of the rows.")]
+
+
+@board_app.command
+def build(rows: FolderArg = Path(ROWS), out: Path = Path("baselines")) -> None:
+    """Write LEADERBOARD.md and its picture from the rows.
+
+    Args:
+        rows: Folder of the rows.
+        out: Folder for LEADERBOARD.md and leaderboard.png.
+    """
+    board = tabulate(read_rows(rows))
+    write_text(out / "LEADERBOARD.md", markdown(board))
+    viz.leaderboard_picture(board, out / "leaderboard.png")
+    print(f"{len(board.names)} rows in {out / 'LEADERBOARD.md'}")
+
+
+@board_app.command
+def show(
+    rows: FolderArg = Path(ROWS),
+    tracks: tuple[str, ...] = (),
+    wide: tyro.conf.FlagCreatePairsOff[bool] = False,
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Print the leaderboard: one's own rows among the committed ones.
+
+    Args:
+        rows: Folder of one's own rows.
+        tracks: Only these tracks.
+        wide: Every metric, in lines of 230 characters.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    for track in tracks:
+        require_name("track", track, TRACKS)
+    every, own = among_committed(_own_rows(rows))
+    board = tabulate(every)
+    if json:
+        print(json_text(as_json(board)))
+        return
+    print(text(board, tracks or board.tracks, wide=wide))
+    if own:
+        print(f"\nfrom {rows}: {', '.join(own)}; the other rows are the committed ones")
+
+
+def _own_rows(folder: Path) -> dict[str, Row]:
+    """The rows of a folder; none where it is the default one and not there, as outside a checkout."""
+    return {} if folder == Path(ROWS) and not folder.is_dir() else read_rows(folder)
+
+
+@board_app.command
+def migrate(rows: FolderArg = Path(ROWS)) -> None:
+    """Bring rows of an older format, or of policies whose imports moved, up to date: hashes checked, metrics kept.
+
+    Args:
+        rows: Folder of the rows.
+    """
+    files = sorted(rows.glob("*.json"))
+    moved = sum(migrate_row(path) for path in files)
+    print(f"{moved} of {len(files)} rows in {rows} brought up to date")
+
+
+@board_app.command
+def compare(
+    row: Path, base: str = "qp", rows: FolderArg = Path(ROWS), json: tyro.conf.FlagCreatePairsOff[bool] = False
+) -> None:
+    """Compare a row with another one: paired differences of position, attitude, time, energy, success.
+
+    Args:
+        row: File of the row.
+        base: Name of the row to compare it with: one of the folder, or else a committed one.
+        rows: Folder of the rows.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    known = {**committed_rows(), **_own_rows(rows)}
+    require_name("row", base, known)
+    own = read_row(row)
+    if json:
+        print(json_text({"comparisons": [comparison_json(c) for c in compare_rows(own, known[base])]}))
+        return
+    print(comparison_text(own, known[base]))
+
+
+@board_app.command
+def verify(
+    rows: FolderArg = Path(ROWS), sample: int = 12, seed: int = 0, workers: int = cpu_count(),
+    trust: tyro.conf.FlagCreatePairsOff[bool] = False, control: Literal["python", "core"] = CONTROL,
+) -> None:  # fmt: skip
+    """Play scenarios of committed rows once more and compare; fails when one gives something else.
+
+    Args:
+        rows: Folder of the rows.
+        sample: How many scenarios, drawn from all rows.
+        seed: Seed of the draw.
+        workers: Processes.
+        trust: Run policies from outside the package and the checkout's baselines too: their code is whoever's the rows
+            are, so read it first.
+        control: python, with which rows are made, or the compiled core, whose rounding is another one.
+    """
+    require_least(1, sample=sample, workers=workers)
+    require_least(0, seed=seed)
+    found = read_rows(rows)
+    rng = np.random.Generator(np.random.PCG64(seed))
+    bar = tqdm(total=sample, unit="scenario", desc="verify", file=sys.__stderr__)
+    with bar, kept(lambda: f"{bar.n} of {sample} scenarios played again; what came out stands above"):
+        checks = verifying.verify(
+            found, sample, rng, workers=workers, trust=trust, control=control, on_scenario=bar.update,
+            on_check=lambda check: bar.write(check.line, file=sys.stdout),
+        )  # fmt: skip
+    verifying.require_verified(checks)
+    for line in verifying.paths(checks):
+        print(line)
+    if moved := verifying.largest(checks):
+        print(f"largest differences, as shares of the tolerance: {moved}")
+    exact = sum(check.equal for check in checks)
+    print(f"{len(checks)} scenarios of {len(found)} rows played again: {exact} equal bit for bit, all within tolerance")
+
+
+@board_app.command
+def answers(
+    rows: FolderArg = Path(ROWS), names: tuple[str, ...] = (), tracks: tuple[str, ...] = (),
+    scenarios: int = SCENARIOS, workers: int = cpu_count(), trust: tyro.conf.FlagCreatePairsOff[bool] = False,
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:  # fmt: skip
+    """Play rows once more, with the compiled core where there is one, and count how the allocation answered.
+
+    Args:
+        rows: Folder of the rows.
+        names: Only these rows.
+        tracks: Only these tracks.
+        scenarios: How many of each track, from the first on.
+        workers: Processes.
+        trust: Run policies from outside the package and the checkout's baselines too.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_least(1, scenarios=scenarios, workers=workers)
+    for track in tracks:
+        require_name("track", track, TRACKS)
+    known = read_rows(rows)
+    for name in names:
+        require_name("row", name, known)
+    chosen = {name: row for name, row in known.items() if name in (names or known)}
+    shards = answering.answer_shards(chosen, tracks or list(TRACKS), scenarios, trust=trust)
+    with tqdm(total=len(shards), unit="scenario", desc="answers", file=sys.__stderr__) as bar:
+        counts = answering.count_answers(shards, workers=workers, on_scenario=bar.update)
+    if json:
+        print(json_text({"answers": answering.answers_json(counts)}))
+        return
+    print(answering.answers_text(counts))
+
+
+def scenarios(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+    """Write the benchmark's scenario files and their hashes.
+
+    Args:
+        check: Write nothing; fail when a committed file is not what is drawn.
+    """
+    root = assets_dir()
+    with tqdm(total=len(SPLITS) * len(TRACKS) * SCENARIOS, unit="scenario", desc="draw", file=sys.__stderr__) as bar:
+        files = scenario_files(on_scenario=bar.update)
+    stale = [name for name, text in files.items() if not has_text(root / name, text)]
+    if check:
+        if stale:
+            raise StaleAssetError(", ".join(str(root / name) for name in stale), WRITER)
+        print(f"{len(files)} scenario files in {root} are what is drawn")
+        return
+    for name in stale:
+        write_text(root / name, files[name])
+    load_scenarios.cache_clear()
+    print(f"{len(stale)} of {len(files)} files written to {root}")

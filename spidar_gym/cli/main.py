@@ -1,0 +1,216 @@
+"""`spidar`: the command line. Degrees and file paths exist here only."""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.cli.arguments import FlightPresetArg, choice
+from spidar_gym.cli.bench import PARTS, bench_table, run_bench
+from spidar_gym.cli.console import goes_on, kept, run_cli
+from spidar_gym.cli.docs import docs
+from spidar_gym.cli.evaluate import board_app, eval_, scenarios
+from spidar_gym.cli.export import export_
+from spidar_gym.cli.paper import paper_app
+from spidar_gym.cli.run import run
+from spidar_gym.cli.sitl import sitl_app
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.envs.docs import page, pages
+from spidar_gym.envs.hover.task import SEQUENCES, hover_height
+from spidar_gym.envs.registry import ENVIRONMENTS, import_id
+from spidar_gym.errors import (
+    InvalidValueError,
+    StaleAssetError,
+    require_name,
+)
+from spidar_gym.files import has_text, json_text, output_folder, write_text
+from spidar_gym.paper import flight_studies as studies
+from spidar_gym.paper import tune as tuning
+from spidar_gym.policies.provenance import versions
+from spidar_gym.processes import cpu_count
+from spidar_gym.robot import FORMS, N_ROTORS
+from spidar_gym.robot.description import CAMERAS, assets_dir, generated_files
+from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.plant import Plant
+from spidar_gym.sim.scene import scene
+from spidar_gym.text import format_table
+
+app = tyro.extras.SubcommandApp()
+app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
+app.command(run)
+app.command(name="eval")(eval_)
+app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
+app.command(scenarios)
+app.command(name="export")(export_)
+app.command(docs)
+app.command(sitl_app, name="sitl", help="The runner drives the simulated robot through ROS 1 or a socket.")
+
+
+@app.command
+def lost(
+    preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: tyro.conf.FlagCreatePairsOff[bool] = False
+) -> None:
+    """Lose each rotor in each form, its thrust or its vectoring: what statics allows and what flight shows.
+
+    Args:
+        preset: Controller.
+        out: Folder for lost.json.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_name("preset", preset, PRESETS)
+    folder = output_folder(out)
+    with tqdm(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost", file=sys.__stderr__) as bar:
+        rows = studies.lost_rotors(preset, on_flight=bar.update)
+    text = json_text({"lost_rotors": rows})
+    write_text(folder / "lost.json", text)
+    print(text if json else format_table(studies.lost_lines(rows)))
+
+
+@app.command
+def tune(
+    out: Path = Path("out/tune"),
+    generations: int = 40,
+    population: int = 12,
+    flights: int = 6,
+    seed: int = 0,
+    workers: int = cpu_count(),
+) -> None:
+    """Search the gains and compensations of preset tuned with CMA-ES; goes on where an earlier search in --out stopped.
+
+    Args:
+        out: Folder of the search's log, written after every generation.
+        generations: Generations in all.
+        population: Candidates a generation.
+        flights: Flights a candidate, of 7 s each, on seeds that nothing else flies.
+        seed: Seed of the search.
+        workers: Processes.
+    """
+    search = dict(generations=generations, population=population, flights=flights, seed=seed, workers=workers)
+    tuning.check_search(**search)
+    folder = output_folder(out)
+    total = generations * (population + 1) * flights
+    with tqdm(total=total, unit="flight", desc="tune", file=sys.__stderr__) as bar, kept(goes_on(bar, folder)):
+        last = tuning.tune(
+            folder, **search, on_flight=bar.update, on_generation=lambda line: bar.set_postfix(cost=line["cost"])
+        )
+    print(json_text(last["parameters"]))
+    print(f"cost {last['cost']:.3f} after {last['generation'] + 1} generations, written to {folder / tuning.LOG}\n")
+    print(format_table(tuning.margin_lines(tuning.configuration(last["parameters"])), left=1))
+
+
+@app.command
+def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
+    """Open MuJoCo's viewer on the robot in a form; needs a display.
+
+    Args:
+        form: Form that the robot starts in.
+    """
+    import mujoco
+    import mujoco.viewer
+
+    from spidar_gym.sim.renderer import require_display
+
+    require_name("form", form, FORMS)
+    require_display()
+    plant = Plant()
+    plant.reset(np.array([0.0, 0.0, hover_height()]), joint_position=FORMS[form])
+    model = scene(visual=True)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
+    mujoco.viewer.launch(model, data)
+
+
+@app.command
+def assets(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+    """Write the generated files: MJCF, URDF, specification table, and in a checkout the environments' pages.
+
+    Args:
+        check: Write nothing; fail when a committed file is stale.
+    """
+    root = assets_dir()
+    files = {root / name: text for name, text in generated_files().items()}
+    guide = root.parent / "docs"
+    if (guide / "conf.py").is_file():  # an installed wheel has no guide
+        files |= {guide / name: text for name, text in pages().items()}
+    stale = [path for path, text in files.items() if not has_text(path, text)]
+    if check:
+        if stale:
+            raise StaleAssetError(", ".join(map(str, stale)))
+        print(f"{len(files)} generated files are up to date in {root}")
+        return
+    for path in stale:
+        write_text(path, files[path])
+    print(f"{len(stale)} of {len(files)} files written in {root.parent}")
+
+
+@app.command
+def bench(
+    seconds: float = 0.5,
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Measure where the time goes: physics, snapshot, QP, control tick, environment steps.
+
+    What a learner costs beside them is measured by `python -m train.speed`, in a clone with the extra train.
+
+    Args:
+        seconds: Time spent on each figure [s].
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    if not seconds > 0.0:
+        raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
+    with tqdm(total=PARTS, unit="part", desc="bench", file=sys.__stderr__, leave=False) as bar:
+
+        def on_step(name: str) -> None:
+            bar.set_postfix_str(name)
+            bar.update()
+
+        result = run_bench(seconds=seconds, on_step=on_step)
+    print(json_text(result) if json else bench_table(result))
+
+
+@app.command(name="list")
+def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
+    """List environments, presets, forms, action modes and cameras, or print one environment's page.
+
+    Args:
+        env_id: Environment whose page to print.
+    """
+    if env_id is not None:
+        print(page(env_id))
+        return
+    for name, entry in ENVIRONMENTS.items():
+        print(f"{name}: {entry.doc}")
+    print(f"in a process that has not imported spidar_gym: {', '.join(map(import_id, ENVIRONMENTS))}")
+    for title, names in (
+        ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES),
+        ("crawl presets", CRAWL_PRESETS), ("schedules", SCHEDULES), ("crawl action modes", CRAWL_MODES),
+        ("cameras", CAMERAS), ("benchmark tracks", TRACKS),
+    ):  # fmt: skip
+        print(f"{title}: {', '.join(names)}")
+
+
+def print_versions() -> None:
+    """The versions to name in a report, a line each; of the extras' packages only those that are installed."""
+    for package, number in versions("torch", "stable-baselines3").items():
+        if number:
+            print(package, number)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: an error is one line on stderr and exit status 2; Ctrl-C is 130."""
+    given = sys.argv[1:] if arguments is None else arguments
+    description = "SPIDAR in simulation; --version prints its version and those of what it rests on."
+    run_cli(
+        "spidar",
+        print_versions
+        if given == ["--version"]
+        else lambda: app.cli(prog="spidar", description=description, args=given),
+    )

@@ -1,0 +1,289 @@
+"""`spidar run`: episodes of a controller alone or of a policy, shown or recorded."""
+
+import math
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from spidar_gym import viz
+from spidar_gym.benchmark.scoring import ACT_LIMIT_S
+from spidar_gym.cli.arguments import AnyPresetArg, CameraArg, choice
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.presets import SCHEDULES
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover.task import SEQUENCES
+from spidar_gym.envs.registry import Entry, environment
+from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.files import output_folder
+from spidar_gym.policies.actor import Actor
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name
+from spidar_gym.policies.presets import PresetPolicy
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.renderer import require_display
+from spidar_gym.sim.stage import FIXED, VIEWS
+
+ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES})]
+FormsArg = Annotated[str | None, choice(SEQUENCES)]
+ScheduleArg = Annotated[str | None, choice(SCHEDULES)]
+FaultArg = Annotated[str, choice(FAULTS)]
+
+
+def run(
+    env_id: tyro.conf.Positional[str] = "spidar_gym/Hover-v0",
+    policy: str | None = None,
+    against: str | None = None,
+    episodes: int = 1,
+    seed: int = 0,
+    preset: AnyPresetArg = None,
+    action_mode: ModeArg = None,
+    joint_speed: float | None = None,
+    forms: FormsArg = None,
+    distance: float | None = None,
+    direction: float | None = None,
+    turn: float | None = None,
+    schedule: ScheduleArg = None,
+    friction: float | None = None,
+    slope: float | None = None,
+    steps: float | None = None,
+    seconds: float | None = None,
+    wake: bool = True,
+    sensors: tyro.conf.FlagCreatePairsOff[bool] = False,
+    randomization: float = 0.0,
+    wind: float = 0.0,
+    push: float = 0.0,
+    lost_rotor: int = 0,
+    fault: FaultArg = "thrust",
+    camera: CameraArg = FIXED,
+    out: Path | None = None,
+    show: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Run episodes with the zero action, which is the controller alone, or with a policy; show them or record them.
+
+    Args:
+        env_id: Environment.
+        policy: module:Class, or the path of a learned policy's artifact; it chooses its own controller.
+        against: A second policy, which plays the same episodes; the video shows both, side by side.
+        episodes: How many episodes.
+        seed: Seed of the first episode; the next ones follow it.
+        preset: Controller; the environment's own if not given.
+        action_mode: What an action means; the environment's own if not given.
+        joint_speed: Joint speed [rad/s].
+        forms: Form sequence (hover).
+        distance: How far the goal is [m] (crawl); drawn if not given, like the next two.
+        direction: Where it is, 0 straight ahead, 90 to the left [degrees; radians in gymnasium.make] (crawl).
+        turn: How far the heading turns [degrees; radians in gymnasium.make] (crawl).
+        schedule: Phases one after the other or overlapped (crawl).
+        friction: Sliding friction of the feet (crawl).
+        slope: Angle of the floor [degrees; radians in gymnasium.make] (crawl).
+        steps: The floor is of tiles with random heights up to this [m] (crawl).
+        seconds: Length of an episode [s]; the environment's own if not given.
+        wake: Air between the rotors.
+        sensors: The controller sees real sensors through the estimator.
+        randomization: Strength of the domain randomisation, 0 … 1.
+        wind: Mean wind [m/s].
+        push: Force of pushes on the torso [N].
+        lost_rotor: Module that fails after 2 s, 1 … 8; 0 for none.
+        fault: What it loses.
+        camera: Camera of the video; fixed stands where it sees everything, the others follow and take longer.
+        out: Video file to write (.mp4).
+        show: Open a window.
+    """
+    entry = _check_run(env_id, episodes, seed, camera, seconds, out, show)
+    horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
+    given: dict[str, Any] = {
+        "preset": preset, "action_mode": action_mode, "joint_speed": joint_speed, "forms": forms, "distance": distance,
+        "schedule": schedule, "friction": friction, "steps": steps,
+        **{name: None if angle is None else math.radians(angle)
+           for name, angle in (("direction", direction), ("turn", turn), ("slope", slope))},
+    }  # fmt: skip
+    given = {name: value for name, value in given.items() if value is not None}
+    shared: dict[str, Any] = {
+        "horizon_s": horizon / CONTROL_RATE, "max_episode_steps": horizon, "wake": wake, "sensors": sensors,
+        "randomization": randomization,
+        "disturbances": {"wind": wind, "push": push, "lost_rotor": lost_rotor, "fault": fault},
+        "render_mode": "human" if show else None,
+    }  # fmt: skip
+    with ExitStack() as stack:
+        players = [
+            _player(stack, env_id, spec, given, shared)
+            for spec in ((policy,) if against is None else (policy, against))
+        ]
+        film = None
+        if out is not None:
+            output_folder(out.parent)
+            film = stack.enter_context(viz.Film(out, camera=camera))
+        counts = np.zeros((len(players), 3), int)
+        for episode in range(episodes):
+            takes = []
+            for k, player in enumerate(players):
+                name = f"{player.name}, " if len(players) > 1 else ""
+                played = _episode(player, seed + episode, f"{name}episode {episode + 1}", horizon, film is not None)
+                last = played.infos[-1]
+                counts[k] += (not last["failure"], bool(last["is_success"]), played.finite)
+                print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(played)}")
+                takes += [played.take] if played.take is not None else []
+            if film is not None and takes:
+                film.shoot(*takes, frames=partial(tqdm, unit="frame", desc="video", file=sys.__stderr__, leave=False))
+        stayed = "stayed in the air" if isinstance(players[0].inner, HoverEnv) else "went on without failure"
+        for player, (survived, succeeded, finite) in zip(players, counts.tolist(), strict=True):
+            if episodes > 1:
+                name = f"{player.name}: " if len(players) > 1 else ""
+                print(f"{name}{survived} of {episodes} {stayed}, {succeeded} with success, {finite} in finite numbers")
+
+
+@dataclass(frozen=True)
+class _Player:
+    """Who acts, and where."""
+
+    name: str
+    env: gymnasium.Env
+    actor: Actor
+
+    @property
+    def inner(self) -> SpidarEnv:
+        """The environment without its wrappers."""
+        inner = self.env.unwrapped
+        assert isinstance(inner, SpidarEnv)
+        return inner
+
+
+@dataclass(frozen=True)
+class _Played:
+    """One episode."""
+
+    infos: list[dict[str, Any]]
+    rewards: list[float]
+    finite: bool
+    """Whether its last observation is."""
+    take: viz.Take | None
+    """For the film, where there is one."""
+
+
+def _player(
+    stack: ExitStack, env_id: str, spec: str | None, given: dict[str, Any], shared: dict[str, Any]
+) -> _Player:  # fmt: skip
+    """A policy, or the controller alone, in an environment of its own, which the stack closes."""
+    policy = None if spec is None else load_policy(spec)
+    env = gymnasium.make(env_id, **given, **_chosen(policy, spec, env_id, given), **shared)
+    stack.callback(env.close)
+    name = f"preset {given['preset']}" if "preset" in given else "controller alone"
+    actor = Actor(policy or PresetPolicy(), env.action_space.shape or (), env_id, limit_s=ACT_LIMIT_S)
+    return _Player(name if policy is None else policy_name(policy), env, actor)
+
+
+def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool) -> _Played:
+    """Play one episode; a crawl ends when it is done."""
+    inner = player.inner
+    steps = rollout(player.env, player.actor, seed=seed)
+    infos: list[dict[str, Any]] = []
+    rewards: list[float] = []
+    seen: list[tuple[np.ndarray, str, np.ndarray | None]] = []
+    finite = True
+    # A crawl ends when it is done; who is slower than planned has always one tick left.
+    planned = horizon
+    if isinstance(inner, CrawlEnv):
+        planned = min(horizon, round(inner.progress.nominal_time * CONTROL_RATE))
+    with tqdm(total=planned, unit="tick", desc=label, file=sys.__stderr__, leave=False) as bar:
+        for step in steps:
+            rewards.append(step.reward)
+            infos.append(step.info)
+            finite = bool(np.isfinite(step.next_observation).all())
+            bar.total = max(planned, bar.n + 1)
+            bar.update()
+            qpos = inner.plant.data.qpos
+            if filmed and np.isfinite(qpos).all():
+                contacts = inner.plant.contact_forces() if inner.plant.in_contact else None
+                seen.append((qpos.copy(), _phase(inner, step.info), contacts))
+    take = _take(player, infos[: len(seen)], seen) if seen else None
+    return _Played(infos, rewards, finite, take)
+
+
+def _phase(inner: SpidarEnv, info: dict[str, Any]) -> str:
+    """What the robot is at: a crawl's phase, or whether a flight's legs are to move."""
+    if not isinstance(inner, HoverEnv):
+        return str(info["phase"])
+    return "hover" if np.array_equal(inner.progress.plan(), inner.progress.goal.joint_target) else "legs move"
+
+
+def _take(
+    player: _Player, infos: list[dict[str, Any]], seen: list[tuple[np.ndarray, str, np.ndarray | None]]
+) -> viz.Take:
+    """What is filmed of an episode."""
+    rows, phases, contacts = zip(*seen, strict=True)
+    qpos = np.array(rows)
+    if isinstance(player.inner, HoverEnv):
+        errors = (np.array([info[f"{name}_error"] for info in infos]) for name in ("position", "attitude"))
+        traces = viz.flight_traces(qpos, *errors)
+    else:
+        traces = viz.crawl_traces(qpos)
+    time = np.arange(1, len(qpos) + 1) / CONTROL_RATE
+    thrust = np.array([info["thrust"] for info in infos])
+    return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, player.inner.plant.config.ground)
+
+
+def _summary(played: _Played) -> str:
+    """What came of an episode, in words."""
+    last = played.infos[-1]
+    return (
+        f"{len(played.rewards) / CONTROL_RATE:.1f} s, mean reward {np.mean(played.rewards):.3f}, "
+        f"{_errors(played.infos)}, "
+        + (f"failure: {last['failure']}" if last["failure"] else f"success: {last['is_success']}")
+        + (f" ({last['shortfalls']})" if last.get("shortfalls") else "")
+    )
+
+
+def _chosen(policy: Policy | None, spec: str | None, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
+    """What a policy asks `gym.make` for; nobody else chooses that."""
+    if policy is None:
+        return {}
+    chosen = policy_arguments(policy, env_id)
+    if chosen is None:
+        found = ", ".join(defined_on(policy)) or "none"
+        raise InvalidValueError("policy", spec, f"one for {env_id}; this one is for {found}")
+    for name in chosen:
+        if name in given:
+            raise InvalidValueError(name, given[name], f"nothing beside this policy, which chooses {chosen[name]}")
+    return chosen
+
+
+def _errors(infos: list[dict[str, Any]]) -> str:
+    """What an episode's errors come to, in words."""
+    last = infos[-1]
+    if "goal_error" in last:
+        x, y, yaw = (1e3 * last["goal_error"]).tolist()
+        slip = 1e3 * last["foot_slip_m"]
+        return f"goal off by {x:.1f}, {y:.1f} mm, {yaw:.1f} mrad, worst foot slid {slip:.0f} mm"
+    errors = np.array([np.concatenate([info["position_error"], info["attitude_error"]]) for info in infos])
+    rms = np.sqrt((errors**2).sum(axis=0) / len(errors))
+    position, attitude = 1e3 * np.linalg.norm(rms[:3]), 1e3 * np.linalg.norm(rms[3:])
+    return f"RMS position {position:.1f} mm, attitude {attitude:.1f} mrad"
+
+
+def _check_run(
+    env_id: str, episodes: int, seed: int, camera: str, seconds: float | None, out: Path | None, show: bool
+) -> Entry:
+    """The environment's entry, where the arguments of `run` make sense."""
+    entry = environment(env_id)
+    require_least(1, episodes=episodes)
+    require_least(0, seed=seed)
+    require_name("camera", camera, VIEWS)
+    if seconds is not None and not 1.0 / CONTROL_RATE <= seconds < math.inf:
+        raise InvalidValueError("seconds", seconds, f"at least one tick, {1 / CONTROL_RATE:g} s, and finite")
+    if out is not None and (out.suffix != ".mp4" or out.is_dir()):
+        raise InvalidValueError("out", str(out), "a path of a file that ends in .mp4")
+    if show:
+        require_display()
+    return entry

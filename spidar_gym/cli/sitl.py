@@ -1,0 +1,218 @@
+"""`spidar sitl`: the very runner that would drive SPIDAR drives the simulation, through ROS 1 or a socket."""
+
+import contextlib
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tqdm import tqdm
+
+from spidar_gym import viz
+from spidar_gym.cli.arguments import CrawlPresetArg, FlightPresetArg, choice
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.envs.crawl.task import CrawlTask
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
+from spidar_gym.files import json_text, output_folder, write_text
+from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
+from spidar_gym.sitl import report
+from spidar_gym.sitl.link_socket import SocketLink
+from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.play import (
+    LINKS,
+    build_for,
+    experiment_of,
+    faults_of,
+    figures_of,
+    make_robot,
+    play,
+    play_faults,
+    table_of,
+)
+from spidar_gym.sitl.robot import Robot
+from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
+
+sitl_app = tyro.extras.SubcommandApp()
+LinkArg = Annotated[str, choice(LINKS)]
+
+
+def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residual: Path | None) -> None:
+    require_least(0, seed=seed)
+    require_name("link", link, LINKS)
+    folder = output_folder(out)
+    runner = build_for(link, residual)
+    with tqdm(unit="tick", desc=f"{mission.name} over {link}", file=sys.__stderr__) as bar:
+        played = play(mission, link, seed=seed, runner=runner, log=folder / "run.log", on_tick=bar.update)
+    write_text(folder / "mission.txt", mission.text)
+    for line in played.run.words:
+        print(line, file=sys.__stderr__)
+    if played.run.board:
+        raise SpidarError(f"the landing was forced after {played.run.landing_at:.2f} s: {played.run.board}")
+    log = experiment_of(played)
+    figures = figures_of(played, log)
+    text = json_text({mission.name: figures})
+    write_text(folder / f"{mission.name}.json", text)
+    print(text if json else table_of(played, figures))
+    if not json:
+        t = figures["timing"]
+        print(
+            f"\nrunner: {t['ticks']} ticks, computing {t['compute_median_us']:.0f} µs (worst {t['compute_max_us']:.0f})"
+        )
+        if "wait_median_us" in t:
+            print(f"ticks begin {t['wait_median_us']:.0f} µs after they are due (p99 {t['wait_p99_us']:.0f}, worst "
+                  f"{t['wait_max_us']:.0f}); longest period {t['period_max_ms']:.1f} ms")  # fmt: skip
+    try:
+        if isinstance(log, CrawlLog):
+            viz.crawl_figure(log, folder / "crawl.png")
+        else:
+            viz.flight_figure(log, folder / "flight.png")
+    except MissingDependencyError as error:
+        print(f"no figure: {error}", file=sys.__stderr__)
+    if not json:
+        print(f"written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+
+
+@sitl_app.command(is_default=True)
+def flight(
+    link: LinkArg = "ros",
+    preset: FlightPresetArg = "as_flown",
+    odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    residual: Path | None = None,
+    seed: int = 0,
+    out: Path = Path("out/sitl-flight"),
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Arm, take off, hand over to the runner, fly the paper's flight, hand back, land; print its figures.
+
+    Args:
+        link: ros: through ROS 1 on the loopback in real time (70 s); socket: in lock-step, faster and without ROS.
+        preset: Controller of the runner.
+        odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        residual: Artifact of a learned policy that adds to the controller, compiled into the runner and switched on.
+        seed: Seed of the robot's noise and asymmetry.
+        out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_name("preset", preset, PRESETS)
+    mission = flight_mission(preset, odometry=odometry, residual=residual is not None)
+    _play(mission, link, seed, out, json, residual)
+
+
+@sitl_app.command
+def crawl(
+    link: LinkArg = "ros",
+    preset: CrawlPresetArg = "published",
+    odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
+    residual: Path | None = None,
+    distance: float = CRAWL_DISTANCE,
+    seed: int = 0,
+    out: Path = Path("out/sitl-crawl"),
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Arm, let the runner crawl the paper's 0.6 m or another way, disarm; print its figures.
+
+    Args:
+        link: ros: through ROS 1 on the loopback in real time (40 s); socket: in lock-step, faster and without ROS.
+        preset: Crawler of the runner.
+        odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
+        residual: Artifact of a learned policy that adds to the controller, compiled into the runner and switched on.
+        distance: How far, straight ahead [m].
+        seed: Seed of the robot's noise and asymmetry.
+        out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_name("preset", preset, CRAWL_PRESETS)
+    CrawlTask(distance=distance)  # refuses what cannot be crawled
+    mission = crawl_mission(preset, Pose2(distance), odometry=odometry, residual=residual is not None)
+    _play(mission, link, seed, out, json, residual)
+
+
+@sitl_app.command
+def robot(
+    link: LinkArg = "ros",
+    ground: tyro.conf.FlagCreatePairsOff[bool] = False,
+    preset: CrawlPresetArg = "published",
+    operate: tyro.conf.FlagCreatePairsOff[bool] = False,
+    master: str | None = None,
+    seconds: float = math.inf,
+    seed: int = 0,
+) -> None:
+    """Run the simulated robot alone, in real time, for a runner that you start yourself; Ctrl-C ends it.
+
+    Args:
+        link: ros: the robot's topics; socket: it waits for `runner sim HOST:PORT MISSION`, for each with a new robot.
+        ground: Bring it up for the crawl: it never takes off.
+        preset: Crawler in whose first pose it lies with --ground.
+        operate: Arm and take off without an operator; otherwise publish /spidar/teleop_command/start and so on.
+        master: URI of a running ROS master; one of its own on the loopback if not given.
+        seconds: How long it runs [s].
+        seed: Seed of its noise and asymmetry.
+    """
+    require_least(0, seed=seed)
+    require_name("link", link, LINKS)
+    require_name("preset", preset, CRAWL_PRESETS)
+    if not seconds > 0.0:
+        raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
+    mission = crawl_mission(preset) if ground else hover_mission()
+    with contextlib.suppress(KeyboardInterrupt):
+        if link == "socket":
+            _serve_socket(lambda: make_robot(mission, seed), operate, seconds)
+        else:
+            _serve_ros(make_robot(mission, seed), operate, seconds, master)
+
+
+def _serve_socket(make: Callable[[], Robot], operate: bool, seconds: float) -> None:
+    end = SocketLink()
+    try:
+        print(f"runner sim {end.place} MISSION --log run.log", flush=True)
+        serve_socket(lambda: Served(make(), operate=operate, tell=_say), end, seconds, _say)
+    finally:
+        end.close()
+
+
+def _serve_ros(robot: Robot, operate: bool, seconds: float, master: str | None) -> None:
+    from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
+
+    with RosLink(master=master) as end:
+        words = " ".join(
+            f"{name}={value}" for name, value in end.environment().items() if name in ("ROS_MASTER_URI", "ROS_IP")
+        )
+        print(f"{words} runner ros1 MISSION --log run.log", flush=True)
+        serve_ros(Served(robot, operate=operate, tell=_say), end, seconds)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+@sitl_app.command
+def faults(
+    link: LinkArg = "ros",
+    only: tuple[str, ...] = (),
+    seed: int = 0,
+    out: Path = Path("out/sitl-faults"),
+    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+) -> None:
+    """Put every fault into a hover: what the runner and the flight controller make of it; a table of reactions.
+
+    Args:
+        link: ros: in real time (20 s a fault); socket: in lock-step, without the fault of ROS itself.
+        only: Names of the faults; all that the link allows if none is given.
+        seed: Seed of the robot's noise and of what is drawn.
+        out: Folder for faults.json.
+        json: Print one JSON object on stdout and nothing else there.
+    """
+    require_least(0, seed=seed)
+    require_name("link", link, LINKS)
+    folder = output_folder(out)
+    names = only or faults_of(link)
+    for name in names:
+        require_name(f"fault over {link}", name, faults_of(link))
+    with tqdm(total=len(names), unit="fault", desc=f"faults over {link}", file=sys.__stderr__) as bar:
+        rows = play_faults(link, names, seed=seed, on_fault=bar.update)
+    text = json_text({"faults": rows})
+    write_text(folder / "faults.json", text)
+    print(text if json else report.fault_table(rows))

@@ -1,0 +1,162 @@
+"""Tables of figures in the guide and README: written from committed JSON between two markers, never by hand."""
+
+import importlib
+import json
+import re
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
+from spidar_gym.benchmark.leaderboard import tabulate
+from spidar_gym.benchmark.leaderboard_text import overall_lines, track_lines
+from spidar_gym.benchmark.row import read_row, read_rows
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.control.presets import controller_config
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.paper.crawl import crawl_lines
+from spidar_gym.paper.crawl_study import study_lines
+from spidar_gym.paper.flight import flight_lines
+from spidar_gym.paper.flight_studies import lost_lines, speed_lines
+from spidar_gym.paper.tune import margin_lines
+from spidar_gym.text import format_table
+
+RESULTS = Path("docs") / "results"
+"""Folder of the committed results in a checkout."""
+BEGIN, END = "<!-- table: {} -->", "<!-- /table -->"
+"""Markers around a table; what follows `table:` is a name of `COMPUTED` with its arguments, or of a result."""
+MARKED = re.compile(r"^<!-- table: ([^\n]*?) -->\n(?:(?!<!-- table:).)*?^<!-- /table -->$", re.DOTALL | re.MULTILINE)
+KEYS = {"command", "version", "date"}
+"""What every result names: the command that measures it again, the version that did, and when."""
+
+Lines = list[list[str]]
+
+
+def _compared(root: Path, name: str, base: str) -> Lines:
+    row, other = (read_row(root / "baselines" / "scores" / f"{n}.json") for n in (name, base))
+    tables = comparison_tables(compare_rows(row, other))
+    if len(tables) != 1:
+        raise InvalidValueError("compare", f"{name} {base}", "rows that share tracks of one kind, flight or ground")
+    return tables[0]
+
+
+def _overall(root: Path, count: str = "") -> Lines:
+    lines = overall_lines(tabulate(read_rows(root / "baselines" / "scores")))
+    return lines[: int(count) + 1] if count else lines
+
+
+def _track(root: Path, track: str) -> Lines:
+    return track_lines(tabulate(read_rows(root / "baselines" / "scores")), track)
+
+
+def _costs(root: Path) -> Lines:
+    """What the learned rows cost, by `train`, which no line of the library imports."""
+    curves = importlib.import_module("train.curves")
+    return curves.cost_lines([curves.read_curve(path) for path in sorted((root / "train/curves").glob("*.json"))])
+
+
+def _margins(root: Path, preset: str) -> Lines:
+    return margin_lines(controller_config(preset))
+
+
+SUMMARY = {
+    "flight_noise": (
+        "RMSE position x y z, 0–27 s [m]", "RMSE attitude x y z, 0–27 s [rad]", "θ of rotors 1 3 5 7, form ③ [rad]",
+        "allocated τ₂, form ③ [Nm]", "endurance in form ① (calibrated) [min]",
+    ),
+    "crawl_noise": (
+        "final position error x y z [mm]", "duration [s]", "Σλ / mg, mean", "endurance (predicted) [min]",
+    ),
+}  # fmt: skip
+"""Result → its lines that README shows."""
+
+
+def _summary(root: Path) -> Lines:
+    """The paper's experiments in some eight lines."""
+    lines = [["experiment", "", "simulated", "paper"]]
+    for name, chosen in SUMMARY.items():
+        result = read_result(root / RESULTS / f"{name}.json")
+        rows = {first: rest for first, *rest in DRAWN[result["table"]](result["result"])}
+        lines += [[name.removesuffix("_noise"), label, *rows[label]] for label in chosen]
+    return lines
+
+
+COMPUTED: dict[str, Callable[..., Lines]] = {
+    "compare": _compared,
+    "leaderboard": _overall,
+    "leaderboard-track": _track,
+    "costs": _costs,
+    "margins": _margins,
+    "summary": _summary,
+    "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
+}
+"""Tables made from the rows of the leaderboard and from the code: name → cells, from the checkout and arguments."""
+DRAWN: dict[str, Callable[[Any], Lines]] = {
+    "flight": lambda result: flight_lines(result["flight"]),
+    "crawl": lambda result: crawl_lines(result["crawl"]),
+    "speeds": lambda result: speed_lines(result["speeds"]),
+    "study": lambda result: study_lines(result["study"]),
+    "draws": lambda result: study_lines(result["draws"]),
+    "lost": lambda result: lost_lines(result["lost_rotors"]),
+}
+"""What a command prints with `--json` → the table that it prints without: the key `table` of a result."""
+
+
+def read_result(path: Path) -> dict[str, Any]:
+    """A committed result (`SpidarError` where it does not say what made it, or has no table)."""
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        missing = KEYS - result.keys()
+        date.fromisoformat(result["date"])
+        whole = not missing and ("lines" in result or (result["table"] in DRAWN and "result" in result))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SpidarError(
+            f"{path} is no result: {error}; valid: docs/development/results.md says what it holds"
+        ) from error
+    if not whole:
+        raise SpidarError(
+            f"{path} is no result; valid: JSON with {', '.join(sorted(KEYS))}, and either lines or table "
+            f"({', '.join(DRAWN)}) with result"
+        )
+    return result
+
+
+def markdown_table(root: Path, name: str) -> str:
+    """A table as Markdown, with the command that made it below.
+
+    Args:
+        root: The checkout.
+        name: What a marker says: a name of `COMPUTED` with its arguments, or of a file in `RESULTS`.
+
+    Raises:
+        SpidarError: For a name that nothing has, or a result that is damaged.
+    """
+    first, *arguments = name.split()
+    if first in COMPUTED:
+        return format_table(COMPUTED[first](root, *arguments), markdown=True)
+    path = root / RESULTS / f"{first}.json"
+    if arguments or not path.is_file():
+        known = sorted(p.stem for p in (root / RESULTS).glob("*.json"))
+        raise UnknownNameError("table", name, [*COMPUTED, *known])
+    result = read_result(path)
+    lines = result["lines"] if "lines" in result else DRAWN[result["table"]](result["result"])
+    notes = "".join(f"\n\n{note}" for note in result.get("notes", ()))
+    source = f"`{result['command']}`, spidar_gym {result['version']}, {result['date']}."
+    return format_table(lines, markdown=True) + f"{notes}\n\n{source}"
+
+
+def with_tables(root: Path, text: str) -> str:
+    """A page with every marked table written anew."""
+
+    def written(found: re.Match[str]) -> str:
+        return f"{BEGIN.format(found[1])}\n{markdown_table(root, found[1])}\n{END}"
+
+    if len(MARKED.findall(text)) != len(re.findall("^<!-- table:", text, re.MULTILINE)):
+        raise SpidarError(f"a table has no end; valid: {BEGIN.format('NAME')} … {END}, each on a line of its own")
+    return MARKED.sub(written, text)
+
+
+def pages(root: Path) -> list[Path]:
+    """Every page that may hold tables: README and the guide."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]

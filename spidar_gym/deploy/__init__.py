@@ -1,1 +1,0 @@
-"""From the simulator to the robot: export of the onboard core, its runner, software in the loop."""

@@ -1,0 +1,140 @@
+"""`spidar export`: the onboard core as a folder that compiles with nothing installed, the same bytes every time."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from types import MappingProxyType
+
+import spidar_gym
+from spidar_gym.errors import SpidarError
+from spidar_gym.files import WholeFile, cannot_write, scratch_folder
+from spidar_gym.native.codegen.header import (
+    CORE,
+    constants_header,
+    interface_hash,
+    model_header,
+    presets_header,
+    structs_header,
+)
+from spidar_gym.native.codegen.solvers import generate_solvers
+from spidar_gym.native.compiler import FLAGS, compiler, run_tool
+from spidar_gym.native.library import core_path, seal
+from spidar_gym.onboard.golden import golden_files
+from spidar_gym.onboard.policy import RATE, policy_header
+from spidar_gym.onboard.runner_structs import runner_header
+from spidar_gym.policies.artifact import read_artifact
+
+ONBOARD = Path(__file__).resolve().parent
+"""Sources of everything that runs on the robot around the core."""
+PARTS = {"core": (CORE, "*.[ch]"), "runner": (ONBOARD / "runner", "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg")}
+"""Exported folder → folder of hand-written sources, and which of their files."""
+NOTHING: Mapping[str, bytes] = MappingProxyType({})
+"""No further files."""
+PAGES = ("CMakeLists.txt", "package.xml", "README.md")
+"""Files beside them."""
+
+
+def export_files(
+    *, golden: bool = True, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] = NOTHING
+) -> dict[str, bytes]:
+    """Path → content of the exported folder, the same at every call.
+
+    Args:
+        golden: With recorded inputs and the reference's outputs.
+        residual: Artifact of a learned policy that adds to the controller.
+        rate: Largest change of every entry of its action in a second [1/s].
+        extra: Further files that are to lie in the folder.
+
+    Raises:
+        SpidarError: For an artifact that cannot be read, or that adds to no controller.
+    """
+    files: dict[str, bytes] = dict(extra)
+    artifact, origin = None, None
+    if residual is not None:
+        artifact = read_artifact(residual)
+        origin = {
+            "name": artifact.name,
+            "sha256": hashlib.sha256(residual.read_bytes()).hexdigest(),
+            "env_id": artifact.env_id,
+            "arguments": dict(artifact.arguments),
+            "rate": rate,
+        }
+    for part, (sources, pattern) in PARTS.items():
+        for source in sorted(sources.glob(pattern)):
+            files[f"{part}/{source.name}"] = source.read_bytes()
+    for name in PAGES:
+        files[name] = (ONBOARD / name).read_bytes()
+    generated = {
+        "constants": constants_header(), "structs": structs_header(), "model": model_header(),
+        "presets": presets_header(), "policy": policy_header(artifact, rate), "runner": runner_header(),
+    }  # fmt: skip
+    files |= {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}
+    files |= {f"osqp/{name}": text.encode() for name, text in generate_solvers().items()}
+    if golden:
+        files |= golden_files()
+    manifest = {
+        "interface": interface_hash(),
+        "versions": {
+            "spidar-gym": spidar_gym.__version__,
+            **{name: version(name) for name in ("osqp", "pin", "numpy")},
+        },
+        "residual": origin,
+        "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
+    }
+    files["MANIFEST.json"] = (json.dumps(manifest, indent=1) + "\n").encode()
+    return files
+
+
+def export(
+    folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] = NOTHING
+) -> list[str]:
+    """Write the folder, whole or not at all; the names of its files.
+
+    `residual`, `rate` and `extra` are as for `export_files`.
+
+    Raises:
+        SpidarError: Where something else is there, or nothing can be written.
+    """
+    folder = Path(os.path.realpath(folder))  # a link to a folder stays; its folder is written
+    try:
+        free = not folder.exists() or not any(folder.iterdir()) or (folder / "MANIFEST.json").is_file()
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    if not free:
+        raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
+    with WholeFile(folder) as made:
+        files = export_files(residual=residual, rate=rate, extra=extra)
+        write_files(files, made)
+    return sorted(files)
+
+
+def write_files(files: dict[str, bytes], folder: Path) -> None:
+    """Write path → content under a folder."""
+    for name, data in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+
+
+def build(path: Path | None = None, *, residual: Path | None = None, rate: float = RATE) -> Path:
+    """Compile the core as a shared library for `control="core"`; where it lies.
+
+    `residual` and `rate` are as for `export_files`.
+
+    Raises:
+        MissingDependencyError: Without a C compiler.
+        SpidarError: When it does not compile, with the compiler's words, or cannot be written.
+    """
+    path, command = path or core_path(), compiler()
+    with WholeFile(path) as made:
+        with scratch_folder() as folder:
+            write_files(export_files(golden=False, residual=residual, rate=rate), folder)
+            sources = [str(p) for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c"))]
+            includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated")]
+            shared = ("-DSPIDAR_SHARED", "-fPIC", "-shared")
+            run_tool([*command, *FLAGS, *shared, *includes, *sources, "-lm", "-o", str(made)], "the core")
+        seal(made)
+    return path

@@ -1,0 +1,177 @@
+/* `bench IN`: the ticks of a log and of the hardest demands: time, and instructions where the kernel counts them. */
+#define _GNU_SOURCE
+#include "bench.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#ifdef __linux__
+#include <linux/perf_event.h>
+#include <sys/ioctl.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+#endif
+
+#include "log.h"
+#include "run.h"
+
+#define TICKS 20000
+#define HARD 200
+
+/* What one kind of tick costs. */
+typedef struct {
+    double times[TICKS], counts[TICKS]; /* [us], instructions */
+    int n;
+} cost;
+
+static int counter = -1; /* of the kernel's instruction counter, where it lends one */
+
+static void open_counter(void)
+{
+#ifdef __linux__
+    struct perf_event_attr what;
+    memset(&what, 0, sizeof what);
+    what.type = PERF_TYPE_HARDWARE;
+    what.size = sizeof what;
+    what.config = PERF_COUNT_HW_INSTRUCTIONS;
+    what.exclude_kernel = 1;
+    counter = (int)syscall(SYS_perf_event_open, &what, 0, -1, -1, 0);
+#endif
+}
+
+static double instructions(void)
+{
+    long long count = 0;
+#ifdef __linux__
+    if (counter >= 0 && read(counter, &count, sizeof count) != (ssize_t)sizeof count) count = 0;
+#endif
+    return (double)count;
+}
+
+static double began, counted;
+
+static void start_clock(void)
+{
+    counted = instructions();
+    began = sp_microseconds();
+}
+
+static void stop_clock(cost *c)
+{
+    double time = sp_microseconds() - began;
+    if (c->n == TICKS) return;
+    c->counts[c->n] = instructions() - counted;
+    c->times[c->n++] = time;
+}
+
+static int order(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void report(const char *name, cost *c)
+{
+    if (c->n == 0) return;
+    qsort(c->times, (size_t)c->n, sizeof c->times[0], order);
+    qsort(c->counts, (size_t)c->n, sizeof c->counts[0], order);
+    printf("%-34s %6d ticks   median %8.1f   p99 %8.1f   worst %8.1f us", name, c->n, c->times[c->n / 2],
+           c->times[c->n * 99 / 100], c->times[c->n - 1]);
+    if (counter >= 0) printf("   %9.0f / %9.0f instructions", c->counts[c->n / 2], c->counts[c->n - 1]);
+    printf("\n");
+}
+
+/* Demands that no force meets: closed form, attempts up to the cap, then the softened program, which goes to its own. */
+static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const double *previous_l,
+                 const sp_allocator_config *config, sp_workspace *work, cost *c)
+{
+    static sp_allocation answer;
+    int most = 0;
+    for (int k = 0; k < HARD; k++) {
+        sp_demand asked = *demand;
+        for (int r = 0; r < 6; r++) asked.wrench[r] *= 1.0 + 0.02 * k * (r % 2 ? -1.0 : 1.0);
+        asked.wrench[3] += 0.3 * k;
+        for (int j = 0; j < SP_JOINTS; j++) asked.gravity_torque[j] *= 1.0 + 0.05 * k;
+        start_clock();
+        sp_allocate(mode, &asked, previous_l, NULL, 0, 0, config, work, &answer);
+        stop_clock(c);
+        if (answer.iterations > most) most = answer.iterations;
+    }
+    report("hardest demands, allocation alone", c);
+    printf("%-34s %6d, cap %d an attempt\n", "most iterations of a tick", most, (int)config->max_iter);
+}
+
+static int bench_flight(FILE *in, int ticks, cost *c, cost *worst)
+{
+    static sp_flight flight;
+    sp_controller_config config;
+    sp_log_start start;
+    sp_log_input input;
+    sp_command command;
+    if (fread(&config, sizeof config, 1, in) != 1 || fread(&start, sizeof start, 1, in) != 1) return 0;
+    sp_flight_init(&flight, &config);
+    sp_flight_reset(&flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
+    for (int k = 0; k < ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
+        start_clock();
+        sp_flight_step(&flight, &input.state, &input.reference, NULL, NULL, &command);
+        stop_clock(c);
+    }
+    if (c->n == 0) return 0;
+    report("flight, whole ticks", c);
+    bench_hardest(&flight.mode, &flight.demand, flight.memory.forces_l, &config.allocator, &flight.workspace, worst);
+    return 1;
+}
+
+static int bench_crawl(FILE *in, int ticks, cost *c, cost *worst)
+{
+    static sp_crawl crawl;
+    static sp_demand demand;
+    sp_crawler_config config;
+    sp_robot_state state;
+    sp_log_input input;
+    sp_command command;
+    sp_move move;
+    if (fread(&config, sizeof config, 1, in) != 1 || fread(&state, sizeof state, 1, in) != 1) return 0;
+    sp_crawl_init(&crawl, &config);
+    sp_crawl_reset(&crawl, &state);
+    do {
+        if (fread(&move, sizeof move, 1, in) != 1) return 0;
+        if (move.cycles >= 0 && !sp_gait_move(&crawl, move.way, move.cycles)) return 0;
+    } while (move.cycles >= 0);
+    int32_t most = -1, mode = crawl.memory.mode;
+    for (int k = 0; k < ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
+        start_clock();
+        sp_crawl_step(&crawl, &input.state, NULL, &command);
+        stop_clock(c);
+        if (crawl.allocation.iterations > most) { /* the hardest of them is where the hard ones start from */
+            most = crawl.allocation.iterations;
+            mode = crawl.memory.mode;
+            demand = crawl.demand;
+        }
+    }
+    if (c->n == 0) return 0;
+    report("crawl, whole ticks", c);
+    bench_hardest(&crawl.modes[mode], &demand, crawl.memory.forces_l, &config.allocator, &crawl.workspace, worst);
+    return 1;
+}
+
+int sp_bench(const char *path)
+{
+    static cost whole, worst;
+    sp_log_head head;
+    FILE *in = fopen(path, "rb");
+    open_counter();
+    int fits = in != NULL && fread(&head, sizeof head, 1, in) == 1 && memcmp(head.magic, SP_LOG_MAGIC, 8) == 0 &&
+               (head.kind == SP_LOG_FLIGHT ? bench_flight(in, head.ticks, &whole, &worst)
+                : head.kind == SP_LOG_CRAWL && bench_crawl(in, head.ticks, &whole, &worst));
+    if (in != NULL) fclose(in);
+    if (!fits) {
+        fprintf(stderr, "runner: bench needs a log of a flight or a crawl; valid: golden/flight.in, golden/crawl.in\n");
+        return 2;
+    }
+    double slowest = whole.times[whole.n - 1] + worst.times[worst.n - 1];
+    printf("%-34s %8.1f us of the paper's 5000 us\n", "worst of both together", slowest);
+    if (counter < 0) printf("instructions: not counted here; valgrind --tool=callgrind --toggle-collect=sp_allocate does\n");
+    printf("not tested: a Jetson TX2, a flight controller, a servo; on the robot's computer, run this there\n");
+    return 0;
+}

@@ -1,0 +1,50 @@
+/* Refuse a robot that is not the one of this export. */
+#include "contract.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "spidar_model.h"
+
+static const struct {
+    const char *name;
+    double rate; /* [Hz] */
+} TOPICS[SP_TOPICS] = SP_TOPIC_ROWS;
+#define LOW 0.7
+#define HIGH 1.3
+
+static const char *expected(int k)
+{
+    return k < SP_JOINTS ? SP_JOINT_NAMES[k] : SP_GIMBAL_NAMES[k - SP_JOINTS];
+}
+
+int sp_agree(const sp_robot *robot, int32_t odometry, char *reason, size_t size)
+{
+    for (int t = 0; t < SP_TOPICS; t++) {
+        if (odometry ? t == SP_TOPIC_IMU || t == SP_TOPIC_POSE : t == SP_TOPIC_ODOMETRY) continue;
+        double rate = robot->rates[t], due = TOPICS[t].rate;
+        if (!(rate > 0.0)) {
+            snprintf(reason, size, "nothing comes on %s; valid: a robot that publishes it", TOPICS[t].name);
+            return 0;
+        }
+        if (due > 0.0 && (rate < LOW * due || rate > HIGH * due)) {
+            snprintf(reason, size, "%s comes at %.0f Hz; valid: %.0f … %.0f", TOPICS[t].name, rate, LOW * due, HIGH * due);
+            return 0;
+        }
+    }
+    if (robot->name_count != SP_NAMES) {
+        snprintf(reason, size, "joint_states names %d angles; valid: 16 joints, then 16 gimbals", (int)robot->name_count);
+        return 0;
+    }
+    for (int k = 0; k < SP_NAMES; k++)
+        if (strcmp(robot->names[k], expected(k)) != 0) {
+            snprintf(reason, size, "joint_states has %s in place %d; valid: %s", robot->names[k], k + 1, expected(k));
+            return 0;
+        }
+    if (robot->model == NULL || strcmp(robot->model, SP_MODEL_SHA256) != 0) {
+        snprintf(reason, size, "the robot's model is %.12s; valid: %.12s, that of this export (`runner about`)",
+                 robot->model == NULL || !*robot->model ? "not told" : robot->model, SP_MODEL_SHA256);
+        return 0;
+    }
+    return 1;
+}

@@ -1,0 +1,261 @@
+/* The stages: wait, drive, hold for at most 100 ms, force the landing, silence. */
+#include "loop.h"
+#include "ground.h"
+
+#define PERIOD (1.0 / SP_CONTROL_RATE) /* of the ticks [s] */
+#define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
+#define TRIM_SECONDS 0.5
+
+static const char *const FAULTS[SP_FAULTS] = {
+    "none", "the tick came late", "the flight state is stale", "the pose is stale", "the inertial unit is stale",
+    "the joint states are stale", "a sample is not finite", "a sample is out of range", "a sample is out of order", "the pose jumps",
+    "the torso tilts too far", "the robot is outside its fence", "another node commands the rotors",
+    "no allocation for too long", "a command is out of bounds",
+};
+static const char *const STAGES[] = {"waiting", "driving", "holding", "forcing the landing", "released"};
+
+const char *sp_fault_words(int32_t fault)
+{
+    return FAULTS[fault >= 0 && fault < SP_FAULTS ? fault : 0];
+}
+
+const char *sp_stage_words(int32_t stage)
+{
+    return STAGES[stage >= 0 && stage <= SP_RELEASED ? stage : 0];
+}
+
+const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
+{
+    memset(l, 0, sizeof *l);
+    l->mission = *mission;
+    sp_sense_init(&l->sense, mission);
+    sp_flight_init(&l->flight, &mission->controller);
+    sp_crawl_init(&l->crawl, &mission->crawler);
+    if (mission->residual && sp_policy_kind() != (mission->crawls ? SP_POLICY_CRAWL : SP_POLICY_FLIGHT))
+        return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
+    if (!mission->crawls) return NULL;
+    sp_robot_state nominal;
+    memset(&nominal, 0, sizeof nominal);
+    nominal.quat_wb[0] = 1.0;
+    sp_lying_pose(&mission->crawler.gait, nominal.joint_position);
+    sp_crawl_reset(&l->crawl, &nominal);
+    for (int k = 0; k < mission->move_count; k++)
+        if (!sp_gait_move(&l->crawl, mission->moves[k].way, mission->moves[k].cycles))
+            return "a move of the mission is out of reach; valid: shorter ones";
+    return NULL;
+}
+
+/* Where the robot is: whether that is still within the limits. */
+static sp_fault check_limits(const sp_loop *l, double now)
+{
+    const sp_limits *limits = &l->mission.limits;
+    const sp_robot_state *x = &l->sense.state;
+    double R[9];
+    sp_from_quat(x->quat_wb, R);
+    if (acos(sp_clip(R[8], -1.0, 1.0)) > limits->tilt) return SP_TILTED;
+    for (int i = 0; i < 3; i++)
+        if (!(x->position_w[i] >= limits->fence_low[i] && x->position_w[i] <= limits->fence_high[i])) return SP_OUTSIDE;
+    return l->has_last && now - l->last > limits->gap ? SP_LATE : SP_FINE;
+}
+
+/* Whether rotors can do that. */
+static int thrust_within_limits(const double *thrust)
+{
+    for (int i = 0; i < SP_ROTORS; i++)
+        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_MAX_THRUST + 1e-6)) return 0;
+    return 1;
+}
+
+/* What hovering takes besides the weight, from what the robot's own stack tells the rotors: our integrals' start. */
+static void learn_trim(sp_loop *l, const sp_loop_input *input)
+{
+    if (!thrust_within_limits(input->thrust)) return;
+    sp_snapshot snapshot;
+    double R[9], Q[6 * SP_FORCES], forces[SP_FORCES], rate = (input->time - l->last) / TRIM_SECONDS;
+    const sp_robot_state *x = &l->sense.state;
+    sp_from_quat(x->quat_wb, R);
+    sp_snapshot_at(x->joint_position, R, x->vectoring, &snapshot);
+    sp_thrust_map(&snapshot, Q, SP_FORCES);
+    sp_vectoring_to_force(input->thrust, x->vectoring, forces);
+    if (!l->has_trim || rate > 1.0) rate = 1.0;
+    for (int r = 0; r < 6; r++) {
+        double w = r < 3 ? -snapshot.mass * SP_GRAVITY * R[6 + r] : 0.0;
+        for (int k = 0; k < SP_FORCES; k++) w += Q[r * SP_FORCES + k] * forces[k];
+        l->trim[r] += rate * (w - l->trim[r]);
+    }
+    l->has_trim = 1;
+}
+
+/* Become the one who drives; 0 where the mission cannot begin here. */
+static int take_over(sp_loop *l, const sp_loop_input *input)
+{
+    const sp_robot_state *x = &l->sense.state;
+    l->stage = SP_DRIVING;
+    l->taken_over = input->time;
+    memset(&l->command, 0, sizeof l->command);
+    if (thrust_within_limits(input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
+    sp_make_command(l->command.thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
+    sp_policy_reset(&l->policy);
+    sp_snapshot snapshot;
+    double R[9], lever[3];
+    sp_from_quat(x->quat_wb, R);
+    double yaw = atan2(R[3], R[0]);
+    if (l->mission.crawls) {
+        sp_crawl_reset(&l->crawl, x);
+        sp_pose2 goal = planar_pose(x->position_w, R);
+        for (int k = 0; k < l->mission.move_count; k++) {
+            if (!sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
+            goal = then(goal, l->mission.moves[k].way);
+        }
+        l->goal[0] = goal.x, l->goal[1] = goal.y, l->goal[2] = goal.yaw;
+        return 1;
+    }
+    sp_reference *r = &l->reference;
+    sp_snapshot_at(x->joint_position, R, x->vectoring, &snapshot);
+    sp_apply(R, snapshot.com_b, lever);
+    memset(r, 0, sizeof *r);
+    r->quat_wb[0] = cos(0.5 * yaw);
+    r->quat_wb[3] = sin(0.5 * yaw);
+    for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
+    sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
+    sp_flight_reset(&l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
+    return 1;
+}
+
+/* What the mission asks at a time. */
+static void update_reference(sp_loop *l, double t)
+{
+    const sp_mission *m = &l->mission;
+    for (int k = 0; k < m->form_count; k++)
+        if (t >= m->forms[k].start - 1e-9) sp_copy(l->reference.joint_target, m->forms[k].joint_target, SP_JOINTS);
+    l->reference.mode = SP_REFERENCE_MODE_FLIGHT;
+    for (int k = 0; k < m->window_count; k++)
+        if (t >= m->windows[k].start - 1e-9 && t < m->windows[k].end - 1e-9)
+            l->reference.mode = SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED;
+    l->finished = l->finished || (m->end > 0.0 && t >= m->end);
+}
+
+/* Whether a command may leave. */
+static int command_within_limits(const sp_command *c)
+{
+    if (!thrust_within_limits(c->thrust)) return 0;
+    for (int j = 0; j < SP_JOINTS; j++)
+        if (!(fabs(c->joint_position[j]) <= SP_JOINT_LIMIT + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
+    return 1;
+}
+
+/* What the learned residual adds to a flight. */
+static void apply_policy(sp_loop *l, double t, sp_control_state *control, sp_residual *residual)
+{
+    const sp_mission *m = &l->mission;
+    sp_preview preview;
+    sp_copy(preview.joint_target, l->reference.joint_target, SP_JOINTS);
+    sp_copy(preview.next_form, l->reference.joint_target, SP_JOINTS);
+    preview.time_to_next = SP_NO_NEXT_FORM;
+    for (int k = m->form_count - 1; k >= 0 && m->forms[k].start > t + 1e-9; k--) {
+        sp_copy(preview.next_form, m->forms[k].joint_target, SP_JOINTS);
+        preview.time_to_next = m->forms[k].start - t;
+    }
+    sp_compute_state(&l->sense.state, &l->reference, control);
+    sp_policy_flight(&l->policy, &l->flight, &l->sense.state, control, &preview, residual);
+}
+
+/* One tick of the controller; what is wrong with it. */
+static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
+{
+    const sp_robot_state *x = &l->sense.state;
+    const sp_allocation *a;
+    sp_command command;
+    sp_residual residual;
+    sp_control_state control;
+    int with_policy = l->mission.residual;
+    if (l->mission.crawls) {
+        if (with_policy) sp_policy_crawl(&l->policy, &l->crawl, x, l->goal, &residual);
+        sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, &command);
+        l->finished = l->finished || (sp_gait_done(&l->crawl) && l->crawl.memory.gap == 0.0);
+        a = &l->crawl.allocation;
+        l->answer.phase = l->crawl.gait.phase;
+        l->answer.timeouts = l->crawl.gait.timeouts;
+    } else {
+        update_reference(l, input->time - l->taken_over);
+        if (with_policy) apply_policy(l, input->time - l->taken_over, &control, &residual);
+        sp_flight_step(&l->flight, x, &l->reference, with_policy ? &residual : NULL, with_policy ? &control : NULL,
+                       &command);
+        a = &l->flight.allocation;
+    }
+    l->answer.status = a->status;
+    l->answer.iterations = a->iterations;
+    sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
+    sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
+    sp_copy(l->answer.policy_action, l->policy.action, SP_MAX_ACTION);
+    if (!command_within_limits(&command)) return SP_BAD_COMMAND;
+    l->command = command;
+    return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
+}
+
+/* Old commands may be in force for 100 ms; good ticks give back as much as they last, so that a fault which comes and goes
+ * ends in the landing too. */
+static void hold_or_land(sp_loop *l, double time, sp_fault fault)
+{
+    double since = l->has_last ? sp_clip(time - l->last, 0.0, 1.0) : PERIOD;
+    if (fault == SP_FINE) l->held = sp_max(0.0, l->held - sp_min(since, PERIOD));
+    else l->held += l->stage == SP_HOLDING ? sp_max(since, PERIOD) : PERIOD;
+    l->stage = fault == SP_FINE ? SP_DRIVING : SP_HOLDING;
+    l->fault = fault;
+    if (fault != SP_FINE && l->held > l->mission.limits.hold_ticks * PERIOD + 0.5 * PERIOD) l->stage = SP_LANDING;
+}
+
+/* From one stage to the next. */
+static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
+{
+    const sp_limits *limits = &l->mission.limits;
+    int wanted = input->flight_state == (l->mission.crawls ? SP_STATE_ARM_ON : SP_STATE_HOVER);
+    double age = input->time - input->flight_state_time;
+    if (fault == SP_FINE && !(age <= limits->state_age && age >= -SP_AHEAD)) fault = SP_NO_STATE;
+    if (l->stage == SP_WAITING) {
+        l->fault = fault;
+        if (fault != SP_FINE || !wanted || !l->sense.started || !l->has_last) {
+            l->good_since = input->time;
+            return;
+        }
+        if (!l->mission.crawls && input->has_thrust) learn_trim(l, input);
+        if (!(input->time - l->good_since >= limits->settle - 1e-9)) return;
+        if (!take_over(l, input)) {
+            l->fault = SP_BAD_COMMAND;
+            l->stage = SP_RELEASED;
+        }
+    }
+    if (l->stage == SP_DRIVING || l->stage == SP_HOLDING) {
+        if (!wanted) { /* the robot's own stack, or the operator, has taken it back */
+            l->stage = SP_RELEASED;
+            return;
+        }
+        if (fault == SP_FINE && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
+        if (fault == SP_FINE) fault = control_tick(l, input);
+        hold_or_land(l, input->time, fault);
+    }
+    if (l->stage == SP_LANDING && ++l->landing > limits->landing_ticks) l->stage = SP_RELEASED;
+}
+
+void sp_loop_tick(sp_loop *l, const sp_loop_input *input, sp_loop_output *output)
+{
+    sp_fault fault = sp_sense_update(&l->sense, &l->mission, input,
+                                     l->stage == SP_WAITING ? input->thrust : l->command.thrust);
+    if (fault == SP_FINE && l->sense.started) fault = check_limits(l, input->time);
+    if (!sp_finite(&input->time, 1)) fault = SP_NOT_FINITE;
+    next_stage(l, input, fault);
+    l->last = input->time;
+    l->has_last = 1;
+    sp_loop_output *a = &l->answer;
+    a->stage = l->stage;
+    a->fault = l->fault;
+    a->action = l->stage == SP_DRIVING || l->stage == SP_HOLDING ? SP_PUBLISH
+                : l->stage == SP_LANDING                         ? SP_FORCE_LANDING
+                                                                 : SP_SILENT;
+    a->finished = l->finished;
+    a->mission_time = l->stage == SP_WAITING ? 0.0 : input->time - l->taken_over;
+    a->command = l->command;
+    a->state = l->sense.state;
+    a->reference = l->reference;
+    *output = *a;
+}

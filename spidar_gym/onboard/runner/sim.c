@@ -1,0 +1,102 @@
+/* `sim HOST:PORT MISSION`: a simulated robot over a socket, one answer to each input; no clock but the robot's. */
+#define _POSIX_C_SOURCE 200112L
+#include "sim.h"
+
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/types.h>
+#include <unistd.h>
+
+#include "contract.h"
+#include "run.h"
+#include "spidar_model.h"
+
+/* All of a struct, 1; 0 where the other end has closed. */
+static int receive_all(int link, void *to, size_t size)
+{
+    char *at = to;
+    while (size > 0) {
+        ssize_t got = recv(link, at, size, 0);
+        if (got <= 0) return 0;
+        at += got;
+        size -= (size_t)got;
+    }
+    return 1;
+}
+
+static int send_all(int link, const void *from, size_t size)
+{
+    const char *at = from;
+    while (size > 0) {
+        ssize_t sent = send(link, at, size, MSG_NOSIGNAL);
+        if (sent <= 0) return 0;
+        at += sent;
+        size -= (size_t)sent;
+    }
+    return 1;
+}
+
+static int connect_to(const char *place)
+{
+    char host[128];
+    const char *colon = strrchr(place, ':');
+    struct addrinfo want, *found = NULL;
+    int link = -1, one = 1;
+    if (colon == NULL || (size_t)(colon - place) >= sizeof host) return -1;
+    memcpy(host, place, (size_t)(colon - place));
+    host[colon - place] = 0;
+    memset(&want, 0, sizeof want);
+    want.ai_family = AF_INET;
+    want.ai_socktype = SOCK_STREAM;
+    if (getaddrinfo(host, colon + 1, &want, &found) != 0) return -1;
+    link = socket(found->ai_family, found->ai_socktype, found->ai_protocol);
+    if (link >= 0 && connect(link, found->ai_addr, found->ai_addrlen) != 0) {
+        close(link);
+        link = -1;
+    }
+    if (link >= 0) setsockopt(link, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+    freeaddrinfo(found);
+    return link;
+}
+
+int sp_sim(const char *place, const char *mission, const char *log, int residual)
+{
+    static sp_run run;
+    static sp_sim_hello hello;
+    sp_loop_input input;
+    sp_loop_output output;
+    char reason[256];
+    const char *names[SP_NAMES];
+    if (sp_run_open(&run, mission, log, residual) != 0) return 2;
+    int link = connect_to(place);
+    if (link < 0)
+        return sp_reject("", "nobody answers there; valid: the HOST:PORT that `spidar sitl --link socket` says");
+    if (!receive_all(link, &hello, sizeof hello) ||
+        memcmp(hello.interface, SP_INTERFACE, sizeof hello.interface) != 0) {
+        close(link);
+        return sp_reject("", "the simulator speaks another interface; valid: one of this export");
+    }
+    sp_robot robot = {.model = hello.model, .name_count = hello.name_count};
+    hello.model[sizeof hello.model - 1] = 0;
+    for (int k = 0; k < SP_NAMES; k++) {
+        hello.names[k][sizeof hello.names[k] - 1] = 0;
+        names[k] = hello.names[k];
+    }
+    robot.names = names;
+    memcpy(robot.rates, hello.rates, sizeof robot.rates);
+    if (!sp_agree(&robot, run.loop.mission.odometry, reason, sizeof reason)) {
+        close(link);
+        return sp_reject("", reason);
+    }
+    while (receive_all(link, &input, sizeof input)) {
+        sp_run_tick(&run, &input, &output, -1.0);
+        if (!send_all(link, &output, sizeof output)) break;
+    }
+    close(link);
+    return sp_run_close(&run);
+}

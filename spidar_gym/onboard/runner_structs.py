@@ -1,0 +1,247 @@
+"""What the runner shares with Python: its words, its topics, and the structs of missions, logs and links."""
+
+from collections.abc import Sequence
+from enum import IntEnum
+from functools import cache
+
+import numpy as np
+
+from spidar_gym.control.allocation.problem import N_FORCES
+from spidar_gym.native.codegen.header import define, enumeration, header, struct
+from spidar_gym.native.constants import MAX_ACTION, Enumeration, snake
+from spidar_gym.native.core_structs import core_layouts
+from spidar_gym.native.structs import CStruct, dtypes
+from spidar_gym.robot import N_JOINTS, N_ROTORS
+from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
+
+MAGIC = "SPIDAR01"
+"""First characters of a log."""
+MAX_FORMS, MAX_WINDOWS, MAX_MOVES = 64, 8, 16
+"""Forms, windows and moves that a mission has room for."""
+N_NAMES = N_JOINTS + 2 * N_ROTORS
+"""Names of `joint_states`: joints, then gimbals."""
+TOPICS = {
+    "joints": ("joint_states", 1.0 / ENCODER_PERIOD), "imu": ("imu", 1.0 / IMU_PERIOD),
+    "pose": ("mocap/pose", 1.0 / POSE_PERIOD), "odometry": ("uav/cog/odom", 100.0), "state": ("flight_state", 0.0),
+}  # fmt: skip
+"""Topics that the runner listens to, in its order: name, and the rate that it expects [Hz], 0 for any."""
+
+
+class FlightState(IntEnum):
+    """States of the robot's own flight stack; the last two are reported over them [JSK]."""
+
+    ARM_OFF = 0
+    START = 1
+    ARM_ON = 2
+    TAKEOFF = 3
+    LAND = 4
+    HOVER = 5
+    STOP = 6
+    LOW_BATTERY = 16
+    FORCE_LANDING = 17
+
+
+class LogKind(IntEnum):
+    """What a log is of."""
+
+    FLIGHT = 0
+    CRAWL = 1
+    RUN = 2
+
+
+class Stage(IntEnum):
+    """Where the runner is: it drives once in its life, and gives back for good."""
+
+    WAITING = 0
+    DRIVING = 1
+    HOLDING = 2
+    LANDING = 3
+    RELEASED = 4
+
+
+class Action(IntEnum):
+    """What the links do with an answer of the runner."""
+
+    SILENT = 0
+    PUBLISH = 1
+    FORCE_LANDING = 2
+
+
+class Fault(IntEnum):
+    """What is wrong."""
+
+    FINE = 0
+    LATE = 1
+    NO_STATE = 2
+    NO_POSE = 3
+    NO_IMU = 4
+    NO_JOINTS = 5
+    NOT_FINITE = 6
+    OUT_OF_RANGE = 7
+    OUT_OF_ORDER = 8
+    JUMPED = 9
+    TILTED = 10
+    OUTSIDE = 11
+    CONTENDED = 12
+    NO_ALLOCATION = 13
+    BAD_COMMAND = 14
+
+
+def _of(kind: type[IntEnum], prefix: str = "", count: str = "") -> Enumeration:
+    return Enumeration(
+        snake(kind.__name__), (kind.__doc__ or "").splitlines()[0], tuple(each.name for each in kind), prefix,
+        tuple(each.value for each in kind), count,
+    )  # fmt: skip
+
+
+ENUMERATIONS = (
+    _of(FlightState, "STATE_"), _of(LogKind, "LOG_"), _of(Stage), _of(Action), _of(Fault, count="FAULTS"),
+    Enumeration("topic", "Topics that the runner listens to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
+)  # fmt: skip
+RUNNER_STRUCTS: Sequence[CStruct] = (
+    CStruct("form", "A form to fly to.", (
+        ("start", "f8", (), "since the take-over [s]"),
+        ("joint_target", "f8", (N_JOINTS,), "[rad]"),
+    )),
+    CStruct("window", "When the interference rows are dropped.", (
+        ("start end", "f8", (), "since the take-over [s]"),
+    )),
+    CStruct("move", "A move on the ground.", (
+        ("way", "pose2", (), "seen from where it begins"),
+        ("cycles unused", "i4", (), "0 cycles: as many as it takes"),
+    )),
+    CStruct("limits", "When it is enough.", (
+        ("settle", "f8", (), "with good samples before the take-over [s]"),
+        ("pose_age imu_age joint_age state_age", "f8", (), "oldest sample that still counts [s]"),
+        ("gap", "f8", (), "longest time between two ticks [s]"),
+        ("tilt", "f8", (), "[rad]"),
+        ("fence_low fence_high", "f8", (3,), "of the torso, world [m]"),
+        ("hold_ticks", "i4", (), "a fault is held for so long before the landing is forced"),
+        ("landing_ticks", "i4", (), "the landing is commanded for so long before silence"),
+    )),
+    CStruct("mission", "What the runner does once it drives, and the limits within which it goes on.", (
+        ("crawls", "i4", (), "0 flies in HOVER, 1 crawls in ARM_ON"),
+        ("odometry", "i4", (), "1 takes the lab's estimate `uav/cog/odom`, 0 estimates from mocap and inertial unit"),
+        ("residual", "i4", (), "1 lets the exported residual add"),
+        ("form_count window_count move_count", "i4", (), ""),
+        ("limits", "limits", (), ""),
+        ("controller", "controller_config", (), ""),
+        ("crawler", "crawler_config", (), ""),
+        ("estimator", "estimator_config", (), ""),
+        ("forms", "form", (MAX_FORMS,), ""),
+        ("windows", "window", (MAX_WINDOWS,), ""),
+        ("moves", "move", (MAX_MOVES,), ""),
+        ("end", "f8", (), "of the flight, since the take-over; it goes on hovering [s]"),
+    )),
+    CStruct("log_head", "Head of a log; see log.h for what follows it.", (
+        ("magic", "u1", (len(MAGIC),), "SP_LOG_MAGIC"),
+        ("interface", "u1", (32,), "SP_INTERFACE"),
+        ("kind ticks", "i4", (), "sp_log_kind; of a run 0 ticks: to the end of the file"),
+    )),
+    CStruct("log_start", "Flight: what follows the configuration.", (
+        ("state", "robot_state", (), ""),
+        ("joint_position", "f8", (N_JOINTS,), "q^d to start from [rad]"),
+        ("has_trim unused", "i4", (), ""),
+        ("trim", "f8", (6,), "wrench that a hover is known to take [N, Nm]"),
+    )),
+    CStruct("log_input", "One tick of input.", (
+        ("state", "robot_state", (), ""),
+        ("reference", "reference", (), "not read on the ground"),
+        ("has_residual unused", "i4", (), ""),
+        ("residual", "residual", (), ""),
+    )),
+    CStruct("log_output", "One tick of output.", (
+        ("command", "command", (), ""),
+        ("forces_l", "f8", (N_FORCES,), "allocated [N]"),
+        ("status iterations", "i4", (), "sp_status; of the solvers"),
+    )),
+    CStruct("log_clock", "How late a tick of a run began, negative without a clock, and how long it took.", (
+        ("wait_us compute_us", "f8", (), "[us]"),
+    )),
+    CStruct("odometry", "The lab's own estimate, `uav/cog/odom`.", (
+        ("time", "f8", (), "[s]"),
+        ("position_w", "f8", (3,), "of the CoG [m]"),
+        ("quat_wb", "f8", (4,), "attitude of the torso (w, x, y, z)"),
+        ("velocity_w omega_b", "f8", (3,), "of the CoG in the world; torso axes"),
+    )),
+    CStruct("loop_input", "What a link has heard since the last tick. Samples as they came: nothing is checked yet.", (
+        ("time", "f8", (), "now, of the clock that stamps the samples [s]"),
+        ("flight_state_time", "f8", (), "when the flight state was heard last [s]"),
+        ("flight_state", "i4", (), "sp_flight_state; −1 before the first"),
+        ("has_odometry", "i4", (), "whether a new one came"),
+        ("has_thrust", "i4", (), "whether somebody else told the rotors something"),
+        ("unused", "i4", (), ""),
+        ("thrust", "f8", (N_ROTORS,), "what somebody else told the rotors last [N]"),
+        ("odometry", "odometry", (), ""),
+        ("measurement", "measurement", (), ""),
+    )),
+    CStruct("loop_output", "What the runner answers.", (
+        ("action", "i4", (), "sp_action"),
+        ("stage", "i4", (), "sp_stage"),
+        ("fault", "i4", (), "sp_fault"),
+        ("status", "i4", (), "sp_status of the allocation"),
+        ("iterations finished", "i4", (), "of the solver; whether the mission is over"),
+        ("phase timeouts", "i4", (), "of the gait: sp_phase, and how many ended by time-out"),
+        ("mission_time", "f8", (), "since the take-over [s]"),
+        ("command", "command", (), ""),
+        ("state", "robot_state", (), ""),
+        ("reference", "reference", (), ""),
+        ("joint_torques", "f8", (N_JOINTS,), "allocated [Nm]"),
+        ("forces_l", "f8", (N_FORCES,), "allocated [N]"),
+        ("policy_action", "f8", (MAX_ACTION,), "of the learned residual, 0 where it is off"),
+    )),
+    CStruct("sense", "What the runner makes of the samples.", (
+        ("started has_pose", "i4", (), ""),
+        ("pose_time imu_time joint_time", "f8", (), "of the newest good samples [s]"),
+        ("pose_position_w", "f8", (3,), ""),
+        ("pose_quat_wb", "f8", (4,), ""),
+        ("odometry", "odometry", (), ""),
+        ("estimator", "estimator", (), ""),
+        ("state", "robot_state", (), ""),
+    )),
+    CStruct("loop", "All that the runner remembers.", (
+        ("mission", "mission", (), ""),
+        ("sense", "sense", (), ""),
+        ("flight", "flight", (), ""),
+        ("crawl", "crawl", (), ""),
+        ("policy", "policy", (), ""),
+        ("goal", "f8", (3,), "of a crawl: x, y [m], yaw [rad], world"),
+        ("reference", "reference", (), ""),
+        ("command", "command", (), ""),
+        ("answer", "loop_output", (), "the last one"),
+        ("last good_since taken_over", "f8", (), "[s]"),
+        ("held", "f8", (), "how long old commands have been in force [s]"),
+        ("trim", "f8", (6,), "what the robot's own stack adds to the weight to hover [N, Nm]"),
+        ("has_last stage fault landing has_trim finished", "i4", (), ""),
+    )),
+    CStruct("sim_hello", "The first thing that the simulator says.", (
+        ("interface", "u1", (32,), "SP_INTERFACE"),
+        ("model", "u1", (72,), "SHA-256 of the robot's model"),
+        ("names", "u1", (N_NAMES, 24), "of `joint_states`"),
+        ("name_count unused", "i4", (), ""),
+        ("rates", "f8", (len(TOPICS),), "by sp_topic [Hz]"),
+    )),
+)  # fmt: skip
+"""Structs of missions, logs and links, those inside others first."""
+
+
+@cache
+def log_layouts() -> dict[str, np.dtype]:
+    """Structs of the runner and its logs as numpy types, with the core's, by name."""
+    return dtypes(RUNNER_STRUCTS, core_layouts())
+
+
+def runner_header() -> str:
+    """spidar_runner.h."""
+    sizes = {"MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES}
+    lines = [define(name, value) for name, value in sizes.items()]
+    lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
+    lines += [line for each in ENUMERATIONS for line in enumeration(each)]
+    rows = ", ".join(f'{{"{name}", {rate!r}}}' for name, rate in TOPICS.values())
+    lines += [
+        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
+        f"#define SP_TOPIC_ROWS {{{rows}}}",
+        "",
+    ]
+    lines += [line for each in RUNNER_STRUCTS for line in struct(each)]
+    return header("SPIDAR_RUNNER", "words, topics and structs of the runner.", lines[:-1], ('"spidar_structs.h"',))

@@ -1,0 +1,1 @@
+"""The paper's experiments, studies around them, and the search for `tuned`."""

@@ -1,0 +1,291 @@
+"""The paper's crawl experiment in the simulator, and its figures beside the paper's."""
+
+import math
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import spidar_gym.envs.registry
+from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.control.crawl.footsteps import Move
+from spidar_gym.control.crawl.gait import nominal_time
+from spidar_gym.control.crawl.pose2 import torso_pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.presets import crawler_config
+from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl.task import CrawlTask
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.policies.rollout import columns, rollout
+from spidar_gym.robot import N_JOINTS, N_ROTORS
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.energy import endurance_min
+from spidar_gym.so3 import quat_to_matrix
+
+CRAWL_DISTANCE = 0.6
+"""Way of the crawl experiment, in 3 cycles of 0.2 m [m] [Zhao2025, Sec. Crawling Motion]."""
+LIMIT = 300.0
+"""A crawl that would take longer is not begun, one that does take longer is given up [s]."""
+LEGS_UP = ("raise", "swing", "lower")
+"""Phases in which the legs are lifted."""
+TORSO_PHASES = ("up", "forward", "down")
+"""Phases in which the torso is."""
+PAPER_CRAWL: dict[str, Any] = {
+    "final_position_error_m": [0.010, 0.010, 0.005],
+    "duration_s": 20.0,
+    "duration_torso_s": 6.0,
+    "thrust_fraction_below": 0.5,
+    "endurance_min": 25.0,
+    "qp": {"max_us": 5000.0},
+}
+"""[Zhao2025, Sec. Crawling Motion] [Zhao2025, Tab. 1]: the real robot's figures."""
+
+
+@dataclass(frozen=True)
+class CrawlLog:
+    """What happened, one row a tick."""
+
+    preset: str
+    """Crawler."""
+    joint_speed: float
+    """[rad/s]."""
+    noise: bool
+    """Whether it crawled with sensors, delay and unequal rotors."""
+    time: np.ndarray
+    """(n,) [s]."""
+    phase: np.ndarray
+    """(n,) words."""
+    position_w: np.ndarray
+    """Position of the torso's origin, world, (n, 3) [m]."""
+    euler: np.ndarray
+    """Roll, pitch, yaw of the torso, (n, 3) [rad]."""
+    joint_position: np.ndarray
+    """(n, 16) [rad]."""
+    joint_torque: np.ndarray
+    """Torque of the servos, (n, 16) [Nm]."""
+    vectoring: np.ndarray
+    """Measured, (n, 8, 2) [rad]."""
+    thrust: np.ndarray
+    """Measured, (n, 8) [N]."""
+    thrust_command: np.ndarray
+    """(n, 8) [N]."""
+    power: np.ndarray
+    """Electrical, (n,) [W]."""
+    solve_time: np.ndarray
+    """(n,) [s]."""
+    status: np.ndarray
+    """(n,) words."""
+    qpos: np.ndarray
+    """Configuration of the simulated robot, (n, 39), for pictures."""
+    contacts: list[np.ndarray]
+    """Contact points and forces of each tick, world: (k, 6) [m, N], for pictures."""
+    goal_error: np.ndarray
+    """Goal − torso at the end: x, y [m], yaw [rad]."""
+    info: dict[str, Any]
+    """The environment's last `info`."""
+
+
+def crawl_robot(rng: np.random.Generator) -> PlantConfig:
+    """A robot with real sensors, 25 ms of delay, thrusts 5 % and joint zeros 10 mrad off (one sigma, cut at two)."""
+    spread = np.clip(rng.standard_normal(N_ROTORS), -2.0, 2.0)
+    offset = np.clip(rng.standard_normal(N_JOINTS), -2.0, 2.0)
+    return PlantConfig(
+        sense=True,
+        actuators=ActuatorConfig(delay=0.025, module_gain=1.0 + 0.05 * spread, joint_offset=0.010 * offset),
+    )
+
+
+def check_way(preset: str, *, distance: float, direction: float, turn: float, joint_speed: float | None) -> None:
+    """Refuse a way that cannot be crawled, or not within `LIMIT`; the arguments are those of `crawl_paper`.
+
+    Raises:
+        UnknownNameError: For a preset that does not exist.
+        InvalidValueError: For a number out of range, or a way that takes too long by plan.
+    """
+    config = crawler_config(preset)
+    task = CrawlTask(distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
+    way = task.way(np.random.Generator(np.random.PCG64(0)))
+    seconds = nominal_time(
+        config.gait, [Move(way)], joint_speed=task.joint_speed or config.joint_speed, dt=1.0 / CONTROL_RATE
+    )
+    if seconds > LIMIT:
+        shorter = f"a way of at most {LIMIT:g} s; this one takes {seconds:.0f} s by plan, or longer"
+        raise InvalidValueError("distance, turn", (distance, turn), shorter)
+
+
+def crawl_paper(
+    preset: str = "published",
+    *,
+    distance: float = CRAWL_DISTANCE,
+    direction: float = 0.0,
+    turn: float = 0.0,
+    joint_speed: float | None = None,
+    power: bool = False,
+    noise: bool = False,
+    seed: int = 0,
+    plant: PlantConfig | None = None,
+    on_tick: Callable[[int], object] = lambda _: None,
+) -> CrawlLog:
+    """Crawl the paper's way, or another one.
+
+    Args:
+        preset: Crawler (`UnknownNameError` lists the valid ones).
+        distance: How far [m].
+        direction: Where to, 0 straight ahead [rad].
+        turn: How far the heading turns on the way [rad].
+        joint_speed: The preset's own if None [rad/s].
+        power: Minimise electrical power instead of Σ ‖f‖².
+        noise: Use `crawl_robot` rather than the description with true states.
+        seed: Seed of that robot and its noise.
+        plant: A simulated robot of one's own, instead of `noise`.
+        on_tick: Called after every tick with how many the plan has, for progress.
+
+    Raises:
+        InvalidValueError: For a way that cannot be crawled, or not within `LIMIT`.
+        SpidarError: When the crawl fails or does not end within `LIMIT`.
+    """
+    check_way(preset, distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
+    config = replace(crawler_config(preset), power=power)
+    spidar_gym.envs.registry.register()
+    robot = plant
+    if noise and plant is None:
+        robot = crawl_robot(np.random.Generator(np.random.PCG64(seed)))
+    wrapped = gymnasium.make(
+        "spidar_gym/Crawl-v0", distance=distance, direction=direction, turn=turn, joint_speed=joint_speed,
+        controller=config, plant=robot, horizon_s=LIMIT,
+        disable_env_checker=True,
+    )  # fmt: skip
+    env = wrapped.unwrapped
+    assert isinstance(env, CrawlEnv)
+    rows: list[dict[str, Any]] = []
+    contacts: list[np.ndarray] = []
+    info: dict[str, Any] = {}
+    with closing(wrapped):
+        for step in rollout(wrapped, seed=seed):
+            info = step.info
+            if step.terminated or step.truncated:
+                raise SpidarError(f"the crawl ended after {info['time_s']:.2f} s: {info['failure'] or 'out of time'}")
+            tick, state = env.controller.last_step, env.state
+            assert tick is not None
+            rows.append(
+                {
+                    "time": len(rows) / CONTROL_RATE + 1.0 / CONTROL_RATE,
+                    "phase": tick.phase,
+                    "position_w": state.position_w,
+                    "euler": euler_angles(quat_to_matrix(state.quat_wb)),
+                    "joint_position": state.joint_position,
+                    "joint_torque": state.joint_torque,
+                    "vectoring": state.vectoring,
+                    "thrust": state.thrust,
+                    "thrust_command": info["thrust_command"],
+                    "power": info["power_w"],
+                    "solve_time": tick.allocation.solve_time,
+                    "status": info["qp_status"],
+                    "qpos": env.plant.data.qpos.copy(),
+                }
+            )
+            contacts.append(env.plant.contact_forces())
+            on_tick(round(env.progress.nominal_time * CONTROL_RATE))
+        goal, reached = env.progress.goal, torso_pose2(env.state.position_w, quat_to_matrix(env.state.quat_wb))
+    error = np.array([goal.x - reached.x, goal.y - reached.y, math.remainder(goal.yaw - reached.yaw, 2.0 * math.pi)])
+    speed = env.controller.config.joint_speed
+    return CrawlLog(preset, speed, noise, **columns(rows), contacts=contacts, goal_error=error, info=info)
+
+
+def euler_angles(R: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw (z-y-x) of an attitude [rad]."""
+    return np.array(
+        [math.atan2(R[2, 1], R[2, 2]), math.asin(max(-1.0, min(1.0, -R[2, 0]))), math.atan2(R[1, 0], R[0, 0])]
+    )
+
+
+def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str, Any]:
+    """The experiment's figures, ready for JSON; keys carry their units.
+
+    Args:
+        log: The crawl.
+        overlapped: The same way with the preset `overlapped`, for its duration.
+    """
+    legs, torso = np.isin(log.phase, LEGS_UP), np.isin(log.phase, TORSO_PHASES)
+    roll_pitch = np.abs(log.euler[:, :2]).max(axis=1)
+    height = float(log.position_w[-1, 2] - log.position_w[0, 2])
+    info, solve_us = log.info, 1e6 * log.solve_time
+    answered = np.isin(log.status, ANSWERED)
+    command = log.thrust_command.sum(axis=1)
+    return {
+        "preset": log.preset,
+        "joint_speed_rad_s": log.joint_speed,
+        "noise": log.noise,
+        "final_position_error_m": [float(log.goal_error[0]), float(log.goal_error[1]), height],
+        "yaw_final_rad": float(log.goal_error[2]),
+        "yaw_peak_to_peak_rad": float(np.ptp(log.euler[legs, 2])),
+        "roll_pitch_legs_up_rad": float(roll_pitch[legs].max()),
+        "roll_pitch_torso_rad": float(roll_pitch[torso].max()),
+        "duration_s": float(info["time_s"]),
+        "duration_torso_s": float(torso.sum() / CONTROL_RATE),
+        "duration_overlapped_s": None if overlapped is None else float(overlapped.info["time_s"]),
+        "thrust_fraction_mean": float(info["thrust_fraction_mean"]),
+        "thrust_fraction_peak": float(info["thrust_fraction_peak"]),
+        "thrust_step_n": float(np.abs(np.diff(command)).max()),
+        "foot_slip_m": float(info["foot_slip_m"]),
+        "peg_slip_m": float(info["peg_slip_m"]),
+        "airborne_share": float(info["airborne_share"]),
+        "duct_clearance_m": float(info["duct_clearance_m"]),
+        "saturation_share": float(info["saturation_share"]),
+        "timeouts": int(info["timeouts"]),
+        "power_w": float(log.power.mean()),
+        "energy_wh": float(info["energy_wh"]),
+        "cost_of_transport": float(info["cost_of_transport"]),
+        "endurance_min": endurance_min(float(log.power.mean())),
+        "joint_rate_swing_rad_s": _ripple(log),
+        "is_success": bool(info["is_success"]),
+        "qp": {
+            "median_us": float(np.median(solve_us)),
+            "p99_us": float(np.percentile(solve_us, 99)),
+            "max_us": float(solve_us.max()),
+            "unsolved": int((~answered).sum()),
+        },
+    }
+
+
+def _ripple(log: CrawlLog) -> float:
+    """RMS rate of the four inner pitches while the legs swing, where nobody moves them [rad/s]."""
+    rate = np.diff(log.joint_position[:, 1::4], axis=0) * CONTROL_RATE
+    swing = log.phase[1:] == "swing"
+    return float(np.sqrt((rate[swing] ** 2).mean())) if swing.any() else 0.0
+
+
+def crawl_lines(figures: dict[str, Any]) -> list[list[str]]:
+    """Our figures beside the paper's: the cells of a table."""
+    f, qp = figures, figures["qp"]
+    x, y, z = (1000.0 * v for v in f["final_position_error_m"])
+    overlapped = f["duration_overlapped_s"]
+    title = f"crawl, {f['preset']}, {f['joint_speed_rad_s']:g} rad/s" + (", with noise" if f["noise"] else "")
+    return [
+        [title, "simulated", "paper"],
+        ["final position error x y z [mm]", f"{x:.1f}  {y:.1f}  {z:.1f}", "10  10  5"],
+        ["final yaw [mrad]", f"{1000 * f['yaw_final_rad']:.1f}", "–"],
+        ["yaw, peak to peak, legs up [mrad]", f"{1000 * f['yaw_peak_to_peak_rad']:.1f}", "“relatively large drift”"],
+        ["roll and pitch, legs up [mrad]", f"{1000 * f['roll_pitch_legs_up_rad']:.1f}", "“unstable”"],
+        ["roll and pitch, torso moves [mrad]", f"{1000 * f['roll_pitch_torso_rad']:.1f}", "–"],
+        ["duration [s]", f"{f['duration_s']:.1f}", "about 20"],
+        ["… of which the torso moves [s]", f"{f['duration_torso_s']:.1f}", "6"],
+        ["duration, preset overlapped [s]", "–" if overlapped is None else f"{overlapped:.1f}", "–"],
+        ["Σλ / mg, mean", f"{f['thrust_fraction_mean']:.3f}", "below 0.5"],
+        ["Σλ / mg, peak", f"{f['thrust_fraction_peak']:.3f}", "–"],
+        ["largest step of Σλ in a tick [N]", f"{f['thrust_step_n']:.1f}", "–"],
+        ["legs in the air during the swing", f"{f['airborne_share']:.1%}", "–"],
+        ["way that the worst foot slides [mm]", f"{1000 * f['foot_slip_m']:.1f}", "–"],
+        ["lowest duct over the floor [mm]", f"{1000 * f['duct_clearance_m']:.0f}", "–"],
+        ["saturated joint-time", f"{f['saturation_share']:.2%}", "–"],
+        ["power, mean [W]", f"{f['power_w']:.0f}", "–"],
+        ["endurance (predicted) [min]", f"{f['endurance_min']:.1f}", "25"],
+        ["cost of transport", f"{f['cost_of_transport']:.0f}", "–"],
+        ["ticks without an optimum", f"{qp['unsolved']}", "–"],
+        ["QP time here, median / p99 / max [µs]",
+         f"{qp['median_us']:.0f} / {qp['p99_us']:.0f} / {qp['max_us']:.0f}", "–"],
+    ]  # fmt: skip

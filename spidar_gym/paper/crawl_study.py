@@ -1,0 +1,212 @@
+"""Crawls beyond the paper's: directions, speeds, floors, weak actuators, random robots; over several seeds."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import spidar_gym.envs.registry
+from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.presets import crawler_config
+from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.paper.crawl import crawl_robot
+from spidar_gym.paper.unfinished import finish
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.text import format_table
+
+AHEAD = {"distance": 0.6, "direction": 0.0, "turn": 0.0}
+"""The paper's way."""
+LIMIT = 300.0
+"""A crawl that takes longer has failed [s]."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One kind of crawl."""
+
+    name: str
+    """What is special about it."""
+    preset: str = "published"
+    """Crawler."""
+    options: dict[str, Any] = field(default_factory=lambda: AHEAD)
+    """Arguments of the environment."""
+    crawler: dict[str, Any] = field(default_factory=dict)
+    """Changes of the crawler's configuration."""
+    gait: dict[str, Any] = field(default_factory=dict)
+    """Changes of its gait."""
+    actuators: dict[str, Any] = field(default_factory=dict)
+    """Changes of the robot's actuators."""
+    body: dict[str, Any] = field(default_factory=dict)
+    """Changes of the robot's body."""
+    randomised: bool = False
+    """Whether robots are drawn at strength 1 instead of being `crawl_robot`."""
+
+
+def _way(distance: float, direction: float = 0.0, turn: float = 0.0) -> dict[str, Any]:
+    return {"distance": distance, "direction": math.radians(direction), "turn": turn}
+
+
+_HARD: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("slope 10°", {"options": AHEAD | {"slope": math.radians(10.0)}}),
+    ("steps of 20 mm", {"options": AHEAD | {"steps": 0.02}}),
+    ("foot friction 0.4", {"body": {"foot_friction": 0.4}}),
+    ("thrust gain 0.85", {"actuators": {"thrust_gain": 0.85}}),
+    ("servos of 5.5 Nm", {"actuators": {"max_joint_torque": 5.5}}),
+)
+_LOOSE = {"joint_kd": 1.0, "joint_damping": 0.1}
+CASES: tuple[Case, ...] = (
+    Case("the paper's way"),
+    Case("… overlapped, 0.2 rad/s", "overlapped"),
+    Case("… overlapped, 0.4 rad/s", "overlapped", AHEAD | {"joint_speed": 0.4}),
+    Case("… robust", "robust"),
+    Case("… power cost", crawler={"power": True}),
+    Case("… power cost, 6 Nm", crawler={"power": True, "torque_limit": 6.0}),
+    Case("… the lab's strides, home + S", gait={"stride": "home", "inner": -0.45, "outer": 1.18}),
+    Case("2 m", options=_way(2.0)),
+    Case("backwards", options=_way(0.6, 180.0)),
+    Case("to the left", options=_way(0.6, 90.0)),
+    Case("to the right", options=_way(0.6, -90.0)),
+    Case("diagonal", options=_way(0.6, 45.0)),
+    Case("arc of 0.45 m and 0.6 rad", options=_way(0.45, 0.0, 0.6)),
+    Case("turn of 3 × 0.5 rad", options=_way(0.0, 0.0, 1.5)),
+    *(Case(f"{name}, {preset}", preset, **change) for name, change in _HARD for preset in ("published", "robust")),
+    Case("servos kd 1", actuators=_LOOSE),
+    Case("servos kd 1, no feed-forward", actuators=_LOOSE, crawler={"feed_forward": 0.0}),
+    Case("servos kd 1, damping by thrust", actuators=_LOOSE, crawler={"leg_damping": 2.0}),
+    Case("servos kd 1, setpoints filtered", actuators=_LOOSE, crawler={"setpoint_filter": 0.2}),
+)
+"""Every case by default."""
+RANDOM_CASES = tuple(Case(f"randomised, {p}", p, {}, randomised=True) for p in ("published", "robust"))
+"""Robots and goals drawn from the seed."""
+
+
+def run_case(case: Case, seed: int) -> dict[str, Any]:
+    """Crawl one case once; the figures of `crawl_experiment`, and what failed."""
+    spidar_gym.envs.registry.register()
+    config = crawler_config(case.preset)
+    config = replace(config, **case.crawler, gait=replace(config.gait, **case.gait))
+    robot: dict[str, Any] = {"sensors": True, "randomization": 1.0}
+    if not case.randomised:
+        plant = crawl_robot(np.random.Generator(np.random.PCG64(seed)))
+        plant = replace(plant, body=replace(plant.body, **case.body))
+        robot = {"plant": replace(plant, actuators=replace(plant.actuators, **case.actuators))}
+    env = gymnasium.make(
+        "spidar_gym/Crawl-v0", **case.options, **robot, controller=config, horizon_s=LIMIT,
+        max_episode_steps=round(LIMIT * CONTROL_RATE), disable_env_checker=True,
+    )  # fmt: skip
+    inner = env.unwrapped
+    assert isinstance(inner, CrawlEnv)
+    power, rates, unsolved, largest, last, named = [], [], 0, 0.0, 0.0, True
+    info: dict[str, Any] = {}
+    for step in rollout(env, seed=seed):
+        info = step.info
+        power.append(info["power_w"])
+        unsolved += info["qp_status"] not in ANSWERED
+        named = named and info["qp_status"] != "none"
+        thrust = float(info["thrust_command"].sum())
+        largest, last = max(largest, abs(thrust - last)), thrust
+        if info["phase"] == "swing":
+            rates.append(inner.state.joint_velocity[1::4])
+    env.close()
+    x, y, yaw = info["goal_error"].tolist()
+    progress = inner.progress
+    return {
+        "case": case.name,
+        "preset": case.preset,
+        "seed": seed,
+        "success": bool(info["is_success"]),
+        "shortfalls": info["failure"] or info["shortfalls"],
+        "duration_s": float(info["time_s"]),
+        "error_x_m": x,
+        "error_y_m": y,
+        "error_m": math.hypot(x, y),
+        "yaw_rad": abs(yaw),
+        "roll_pitch_legs_rad": progress.tilt_legs,
+        "roll_pitch_torso_rad": progress.tilt_torso,
+        "slip_m": info["foot_slip_m"],
+        "peg_slip_m": info["peg_slip_m"],
+        "saturation": info["saturation_share"],
+        "thrust_mean": info["thrust_fraction_mean"],
+        "thrust_peak": info["thrust_fraction_peak"],
+        "thrust_step_n": largest,
+        "airborne": info["airborne_share"],
+        "duct_m": info["duct_clearance_m"],
+        "timeouts": info["timeouts"],
+        "power_w": float(np.mean(power)),
+        "energy_wh": info["energy_wh"],
+        "ripple_rad_s": float(np.sqrt(np.mean(np.square(rates)))) if rates else 0.0,
+        "unsolved": unsolved,
+        "named": named,
+    }
+
+
+def _run(job: tuple[Case, int]) -> dict[str, Any]:
+    return run_case(*job)
+
+
+def run_cases(
+    cases: Sequence[Case],
+    seeds: Sequence[int],
+    *,
+    workers: int = 1,
+    folder: Path | None = None,
+    on_run: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:
+    """Crawl every case with every seed in `workers` processes; the rows come in order.
+
+    Those of an interrupted call are in `folder`, and are not crawled again.
+    """
+    jobs = [(case, seed) for case in cases for seed in seeds]
+    return finish(_run, jobs, workers=workers, folder=folder, on_done=on_run)
+
+
+def study_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """One line a case: the worst of its seeds, but for durations, mean thrust, power and ripple, which are medians."""
+    names = list(dict.fromkeys(row["case"] for row in rows))
+    lines: list[list[str]] = [[
+        "case", "success", "T [s]", "|x|,|y| mm", "yaw", "tilt legs/torso", "slip mm", "sat.", "Σλ/mg", "peak", "air",
+        "duct mm", "W", "ripple", "ΔΣλ N",
+    ]]  # fmt: skip
+    for name in names:
+        own = [row for row in rows if row["case"] == name]
+
+        def worst(key: str, own: list[dict[str, Any]] = own) -> float:
+            return max(abs(row[key]) for row in own)
+
+        def median(key: str, own: list[dict[str, Any]] = own) -> float:
+            return float(np.median([row[key] for row in own]))
+
+        lines.append(
+            [
+                name,
+                f"{sum(row['success'] for row in own)}/{len(own)}",
+                f"{median('duration_s'):.1f}",
+                f"{1e3 * worst('error_x_m'):.1f}, {1e3 * worst('error_y_m'):.1f}",
+                f"{worst('yaw_rad'):.4f}",
+                f"{worst('roll_pitch_legs_rad'):.3f}/{worst('roll_pitch_torso_rad'):.3f}",
+                f"{1e3 * worst('slip_m'):.0f}",
+                f"{worst('saturation'):.1%}",
+                f"{median('thrust_mean'):.3f}",
+                f"{worst('thrust_peak'):.3f}",
+                f"{min(row['airborne'] for row in own):.0%}",
+                f"{1e3 * min(row['duct_m'] for row in own):.0f}",
+                f"{median('power_w'):.0f}",
+                f"{1e3 * median('ripple_rad_s'):.0f}",
+                f"{worst('thrust_step_n'):.1f}",
+            ]
+        )
+    return lines
+
+
+def study_table(rows: list[dict[str, Any]]) -> str:
+    """The cases, and below them what was no success."""
+    misses = [f"{row['case']}, seed {row['seed']}: {row['shortfalls']}" for row in rows if not row["success"]]
+    unsolved = sum(row["unsolved"] for row in rows)
+    remarks = [f"ticks without an optimum, all runs: {unsolved}"]
+    remarks += [f"no success: {'; '.join(misses)}"] if misses else []
+    return "\n".join([format_table(study_lines(rows), left=1), "", *remarks])

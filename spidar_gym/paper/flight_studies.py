@@ -1,0 +1,217 @@
+"""Beyond the paper, measured: error against joint speed, what each compensation brings, and losing a rotor."""
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import spidar_gym.envs.registry
+from spidar_gym.benchmark.statistics import compare
+from spidar_gym.control.flight.compensation import CompensationConfig
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
+from spidar_gym.control.presets import controller_config
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.paper.trial import CONDITIONS, Outcome, Trial, fly_all
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
+from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.state import Reference
+
+SPEEDS = (0.2, 0.6, 1.0)
+"""Joint speeds of the comparison [rad/s]."""
+MANY_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Joint speeds of the figure [rad/s]."""
+FIRST_SEED = 10_000
+"""Comparisons fly seeds from here on."""
+OFF: dict[str, Any] = {
+    "no feed-forward": {"momentum_gain": 0.0},
+    "no lead": {"vectoring_lead": 0.0},
+    "no observer": {"observer_gain": 0.0},
+    "no ramp of the joints": {"joint_ramp": 0.0},
+}
+"""Options of `tuned`, each switched off."""
+
+
+def controllers(ablation: bool) -> dict[str, ControllerConfig]:
+    """What is compared with `paper`: `tuned`, and without each of its options."""
+    tuned = controller_config("tuned")
+    paper = controller_config("paper")
+    if not ablation:
+        return {"paper": paper, "tuned": tuned}
+    return {
+        "paper": paper,
+        "tuned": tuned,
+        **{name: replace(tuned, compensation=replace(tuned.compensation, **change)) for name, change in OFF.items()},
+        "gains alone": replace(tuned, compensation=CompensationConfig()),
+        "options on the paper's gains": replace(tuned, centroidal=paper.centroidal),
+        "ramp on the paper's controller": replace(
+            paper, compensation=CompensationConfig(joint_ramp=tuned.compensation.joint_ramp)
+        ),
+    }
+
+
+def speed_study(
+    *,
+    speeds: tuple[float, ...] = SPEEDS,
+    count: int = 24,
+    ablation: bool = False,
+    workers: int = 1,
+    folder: Path | None = None,
+    on_flight: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:
+    """Fly every controller through the same scenarios at every speed, nominal and randomised.
+
+    Flights of an interrupted call are in `folder`, and are not flown again.
+
+    Returns:
+        One row a controller and cell: errors, changes against `paper`, softened ticks, torque, late forms, losses.
+    """
+    configs = controllers(ablation)
+    cells = list(product(CONDITIONS, speeds))
+    jobs = [
+        (config, Trial(condition, speed, FIRST_SEED + k))
+        for condition, speed in cells
+        for config in configs.values()
+        for k in range(count)
+    ]
+    outcomes = fly_all(jobs, workers=workers, folder=folder, on_done=on_flight)
+    rng = np.random.Generator(np.random.PCG64(0))
+    rows: list[dict[str, Any]] = []
+    for i, (condition, speed) in enumerate(cells):
+        block = outcomes[i * len(configs) * count : (i + 1) * len(configs) * count]
+        flown = {name: block[j * count : (j + 1) * count] for j, name in enumerate(configs)}
+        for name in configs:
+            rows.append({"condition": condition, "joint_speed": speed, "controller": name, **_row(flown, name, rng)})
+    return rows
+
+
+def _row(flown: dict[str, list[Outcome]], name: str, rng: np.random.Generator) -> dict[str, Any]:
+    own, base = flown[name], flown["paper"]
+    position = compare(np.array([o.position for o in base]), np.array([o.position for o in own]), rng)
+    attitude = compare(np.array([o.attitude for o in base]), np.array([o.attitude for o in own]), rng)
+    return {
+        "position_mm": 1e3 * position.after,
+        "attitude_mrad": 1e3 * attitude.after,
+        "position": asdict(position),
+        "attitude": asdict(attitude),
+        "softened_ticks": sum(o.softened for o in own),
+        "max_joint_torque_nm": max(o.joint_torque for o in own),
+        "late_forms": sum(o.late for o in own),
+        "lost": sum(o.failure != "" for o in own),
+        "flights": len(own),
+    }
+
+
+def speed_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """The rows as a table; all but three columns are numbers."""
+
+    def change(values: dict[str, float]) -> str:
+        return f"{values['relative']:+.0%} [{values['low']:+.0%}, {values['high']:+.0%}]"
+
+    heads = "condition", "rad/s", "controller", "position", "change", "attitude", "change", "soft", "τ max", "late"
+    lines = [[*heads, "lost"]]
+    for row in rows:
+        same = row["controller"] == "paper"
+        lines.append(
+            [
+                row["condition"],
+                f"{row['joint_speed']:.1f}",
+                row["controller"],
+                f"{row['position_mm']:.1f} mm",
+                "" if same else change(row["position"]),
+                f"{row['attitude_mrad']:.1f} mrad",
+                "" if same else change(row["attitude"]),
+                f"{row['softened_ticks']}",
+                f"{row['max_joint_torque_nm']:.2f} Nm",
+                f"{row['late_forms']}",
+                f"{row['lost']}/{row['flights']}",
+            ]
+        )
+    return lines
+
+
+FAULT_SECONDS = 12.0
+"""Length of a flight with a lost rotor; it fails after 2 s."""
+
+
+def lost_rotors(preset: str = "paper", *, on_flight: Callable[[], object] = lambda: None) -> list[dict[str, Any]]:
+    """Lose each rotor in each form, its thrust or its vectoring: what statics allows, and what flight shows.
+
+    The allocation is told which one. Statics: the allocation of a level hover in that form, all constraints at once.
+    """
+    spidar_gym.envs.registry.register()
+    rows = []
+    controller = FlightController(controller_config(preset))
+    for fault, form, rotor in product(FAULTS, FORMS, range(1, N_ROTORS + 1)):
+        q, mask = FORMS[form], np.arange(1, N_ROTORS + 1) == rotor
+        vectoring = controller.rest_vectoring(q)
+        reference = Reference(
+            np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), q, **{f"lost_{fault}": mask}
+        )
+        weight = np.array([0.0, 0.0, ROBOT.weight, 0.0, 0.0, 0.0])
+        demand = controller.demand_at(q, np.eye(3), vectoring, weight, reference)
+        static = controller.allocator.allocate(demand, "flight", np.zeros((N_ROTORS, 3)))
+        row = {
+            "fault": fault,
+            "form": form,
+            "rotor": rotor,
+            "feasible": bool(static.slack < 1e-6),
+            "static_torque_nm": float(np.abs(static.joint_torques).max()),
+            "static_thrust_n": float(static.thrust.max()),
+            **_fly_lost(preset, form, {"lost_rotor": rotor, "fault": fault}),
+        }
+        rows.append(row)
+        on_flight()
+    return rows
+
+
+def _fly_lost(preset: str, form: str, disturbances: dict[str, Any]) -> dict[str, Any]:
+    ticks = round(FAULT_SECONDS * CONTROL_RATE)
+    env = gymnasium.make(
+        "spidar_gym/Hover-v0", forms=form, preset=preset, perturbation=0.0, disturbances=disturbances,
+        horizon_s=FAULT_SECONDS, max_episode_steps=ticks,
+    )  # fmt: skip
+    assert isinstance(env.unwrapped, HoverEnv)
+    position, attitude, bounded, flown = 0.0, 0.0, True, 0
+    info: dict[str, Any] = {}
+    for step in rollout(env, seed=0):
+        info, flown = step.info, flown + 1
+        position = max(position, float(np.linalg.norm(info["position_error"])))
+        attitude = max(attitude, float(np.linalg.norm(info["attitude_error"])))
+        thrust = info["thrust_command"]
+        bounded &= bool(np.isfinite(thrust).all() and thrust.min() >= 0.0 and thrust.max() <= ROBOT.max_thrust + 1e-9)
+    env.close()
+    return {
+        "position_m": position,
+        "attitude_rad": attitude,
+        "commands_in_bounds": bounded,
+        "failure": info["failure"],
+        "seconds": flown / CONTROL_RATE,
+    }
+
+
+def lost_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """The rows as a table."""
+    lines = [["fault", "form", "rotor", "statics", "τ static", "λ static", "position", "attitude", "flight"]]
+    for row in rows:
+        flight = f"{row['failure']} after {row['seconds']:.1f} s" if row["failure"] else "in the air"
+        if not row["commands_in_bounds"]:
+            flight += ", a command out of bounds"
+        lines.append(
+            [
+                row["fault"],
+                row["form"],
+                f"{row['rotor']}",
+                "feasible" if row["feasible"] else "infeasible",
+                f"{row['static_torque_nm']:.2f} Nm",
+                f"{row['static_thrust_n']:.1f} N",
+                f"{row['position_m']:.3f} m",
+                f"{row['attitude_rad']:.3f} rad",
+                flight,
+            ]
+        )
+    return lines

@@ -1,0 +1,131 @@
+"""The guide's pictures: each environment, track and preset at work, and the paper's experiments."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from spidar_gym.benchmark.scenario import load_scenarios, make_env, reset_options
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.paper.crawl import crawl_paper
+from spidar_gym.paper.flight import fly_paper
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.robot.description import CAMERAS
+from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.stage import Stage, extent, standing
+from spidar_gym.viz.figures import crawl_figure, flight_figure, speed_figure
+from spidar_gym.viz.stills import WINDOW, crawl_strip, forms_picture, write_strip
+
+SIZE = 480, 340
+"""Size of one shot of a strip [px]."""
+COLORS, LARGEST = (96, 64, 48, 32, 24), 100_000
+"""Colours of a picture, as many as keep it below so many bytes."""
+FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
+"""Moments of the paper's flight [s]."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One moment of an episode."""
+
+    words: str
+    """What is written on it."""
+    qpos: np.ndarray
+    """Configuration of the simulated robot, (39,)."""
+    thrust: np.ndarray
+    """(8,) [N]."""
+
+
+def gallery() -> dict[str, Callable[[Path], object]]:
+    """Every picture of the guide that a command can draw: name → what draws it at a path."""
+    drawings: dict[str, Callable[[Path], object]] = {
+        "forms": forms_picture,
+        "flight": lambda path: flight_figure(fly_paper("as_flown"), path),
+        "crawl": lambda path: crawl_figure(crawl_paper(noise=True), path),
+        "speeds": lambda path: speed_figure(_speeds(path.parent.parent / "results" / "speeds.json"), path),
+    }
+    drawings |= {
+        f"environment-{name.split('/')[1]}": lambda path, name=name: cameras(name, path) for name in ENVIRONMENTS
+    }
+    drawings |= {f"track-{name}": lambda path, name=name: track_strip(name, path) for name in TRACKS}
+    drawings |= {f"preset-{name}": lambda path, name=name: flight_strip(name, path) for name in PRESETS}
+    drawings |= {
+        f"preset-{name}": lambda path, name=name: crawl_strip(crawl_paper(name, noise=True), path, size=SIZE)
+        for name in CRAWL_PRESETS
+    }
+    return drawings
+
+
+def _speeds(path: Path) -> list[dict[str, Any]]:
+    """The rows of the committed study of joint speeds."""
+    return json.loads(path.read_text(encoding="utf-8"))["result"]["speeds"]
+
+
+def draw(name: str, folder: Path) -> Path:
+    """Draw one picture of the gallery, small enough for a page (`MissingDependencyError` without OpenGL)."""
+    from PIL import Image
+
+    path = folder / f"{name}.png"
+    gallery()[name](path)
+    with Image.open(path) as image:
+        whole = image.convert("RGB")
+    for colors in COLORS:
+        whole.quantize(colors, dither=Image.Dither.NONE).save(path, optimize=True)
+        if path.stat().st_size <= LARGEST:
+            break
+    path.with_suffix(".pdf").unlink(missing_ok=True)
+    return path
+
+
+def cameras(env_id: str, path: Path) -> None:
+    """What `render` of an environment gives two seconds after its reset, from each camera."""
+    pictures = []
+    for camera in CAMERAS:
+        env = gymnasium.make(env_id, render_mode="rgb_array", camera=camera, width=SIZE[0], height=SIZE[1])
+        for _ in rollout(env, seed=0, ticks=round(2.0 * CONTROL_RATE)):
+            pass
+        pictures.append(np.asarray(env.render()))
+        env.close()
+    write_strip(path, pictures, list(CAMERAS), columns=2)
+
+
+def track_strip(track: str, path: Path) -> None:
+    """The paper's controller in the first test scenario of a track: beginning, middle and end."""
+    scenario = load_scenarios(track)[0][0]
+    env = make_env(TRACKS[track], scenario, {})
+    steps = rollout(
+        env, seed=scenario.seed, options=reset_options(scenario), ticks=round(TRACKS[track].seconds * CONTROL_RATE)
+    )
+    rows = [(env.plant.data.qpos.copy(), step.info["thrust"]) for step in steps]
+    # A crawl begins and ends on the floor, where there is less to see than in the middle of a swing.
+    shares = (0.0, 0.3, 0.75) if isinstance(env, CrawlEnv) else (0.0, 0.5, 1.0)
+    ticks = [round(share * (len(rows) - 1)) for share in shares]
+    shots = [Shot(f"{tick / CONTROL_RATE:.0f} s", *rows[tick]) for tick in ticks]
+    strip(shots, path, env.plant.config.ground)
+    env.close()
+
+
+def flight_strip(preset: str, path: Path) -> None:
+    """A preset in the paper's flight."""
+    log = fly_paper(preset)
+    ticks = {words: int(np.argmin(np.abs(log.time - time))) for words, time in FLIGHT_SHOTS.items()}
+    strip([Shot(f"{words}, {log.time[t]:.0f} s", log.qpos[t], log.thrust[t]) for words, t in ticks.items()], path)
+
+
+def strip(shots: Sequence[Shot], path: Path, ground: GroundConfig | None = None) -> None:
+    """Moments side by side, from one camera that sees all of them, thrusts as arrows."""
+    camera = standing(extent(np.array([shot.qpos for shot in shots])), SIZE[0] / SIZE[1], WINDOW)
+    stage = Stage(camera, *SIZE, ground)
+    try:
+        pictures = [stage.render(shot.qpos, thrust=shot.thrust) for shot in shots]
+    finally:
+        stage.close()
+    write_strip(path, pictures, [shot.words for shot in shots])

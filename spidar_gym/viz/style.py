@@ -1,0 +1,86 @@
+"""What all figures share: the style file, colours that everybody tells apart, names at the lines, PNG and PDF."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+
+from spidar_gym.errors import MissingDependencyError
+from spidar_gym.files import WholeFile
+
+Figure = Axes = Line = Any
+"""Matplotlib's, which only those import who draw."""
+INSTALL_VIZ = "pip install 'spidar-gym[viz]'"
+STYLE = "spidar_gym.viz.spidar"
+"""Name of the style file for Matplotlib: `spidar.mplstyle` beside this module."""
+BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+BLACK, GREY = "#222222", "#8A8A8A"
+LABEL_GAP = 1.15
+"""Names at lines stand at least so many of their heights apart."""
+
+
+def pyplot() -> Any:  # noqa: ANN401 - a module
+    """Matplotlib without a screen, in the project's style (`MissingDependencyError` says what to install)."""
+    try:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot as plt
+    except ImportError as error:
+        raise MissingDependencyError("matplotlib", INSTALL_VIZ) from error
+    plt.style.use(["default", STYLE])
+    return plt
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG and, beside it, as PDF, each whole or not at all, and close it."""
+    plt = pyplot()
+    try:
+        for target, stamp in ((path, {}), (path.with_suffix(".pdf"), {"CreationDate": None})):
+            with WholeFile(target) as draft:
+                # Without the hour, the same data give the same file.
+                figure.savefig(draft, metadata=stamp)
+    finally:
+        plt.close(figure)
+
+
+def spread(wanted: np.ndarray, gap: float) -> np.ndarray:
+    """Places in the order of the wanted ones, at least `gap` apart and else as near to them as can be."""
+    order = np.argsort(wanted, kind="stable")
+    steps = gap * np.arange(len(wanted))
+    places = np.empty(len(wanted))
+    places[order] = isotonic_regression(np.asarray(wanted, float)[order] - steps).x + steps
+    return places
+
+
+def label_lines(axis: Axes, lines: Sequence[Line], names: Iterable[str]) -> None:
+    """Write each line's name right of the axes, in its colour and as high as the line ends, without overlaps.
+
+    To be called when the axes have their limits and their place: a name is kept from its neighbours in points. A thin
+    leader joins a name to its line where the two are apart.
+    """
+    names = list(names)
+    size = pyplot().rcParams["xtick.labelsize"]
+    pixels = axis.figure.dpi / 72.0
+    box = axis.get_window_extent()
+    # A line across the axes has its end in shares of them, not in data.
+    ends = np.array([line.get_transform().transform(line.get_xydata()[-1]) for line in lines])
+    heights = ends[:, 1]
+    gap = LABEL_GAP * size * pixels
+    places = spread(np.clip(heights, box.y0, box.y1), gap)
+    # As a group, they stay beside the axes.
+    places -= max(0.0, places.max() - box.y1)
+    places += max(0.0, box.y0 - places.min())
+    for line, name, (end, height), place in zip(lines, names, ends, places, strict=True):
+        color = line.get_color()
+        axis.annotate(
+            name, xy=(1.0, (place - box.y0) / box.height), xycoords="axes fraction", xytext=(9, 0),
+            textcoords="offset points", color=color, fontsize=size, va="center", annotation_clip=False,
+        )  # fmt: skip
+        axis.plot(
+            [(end - box.x0) / box.width, 1.0, 1.0 + 7.0 * pixels / box.width],
+            [(height - box.y0) / box.height] * 2 + [(place - box.y0) / box.height],
+            transform=axis.transAxes, color=color, linewidth=0.6, linestyle=":", clip_on=False, zorder=1,
+        )  # fmt: skip
