@@ -5,7 +5,6 @@ python -m train.curves --runs out/train --out train/curves
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,15 @@ from typing import Any
 import tyro
 from tqdm import tqdm
 
-from spidar_gym.benchmark.row import cores
-from spidar_gym.benchmark.tables import aligned
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.control.core import core_path
+from spidar_gym.cli.console import run_cli
 from spidar_gym.errors import SpidarError, require_least
 from spidar_gym.files import json_text, write_text
-from spidar_gym.terminal import speak_plainly
+from spidar_gym.processes import Pool, cpu_count
+from spidar_gym.text import format_table
 from spidar_gym.viz import learning_curves
-from train.referee import Base, Referee
+from train.lib.config import CONTROL
+from train.lib.evaluate import Base, PairedEvaluator
 
 LINES = {
     True: {"qp": "paper", "qp_tuned": "tuned"},
@@ -42,10 +41,10 @@ class Args:
     runs: Path = Path("out/train")
     """Folder with runs: NAME/seedK/curve.json; where it is missing only pictures are drawn anew."""
     out: Path = Path("train/curves")
-    """Folder for NAME.json and TRACK.png."""
-    control: str = "core" if core_path().is_file() else "python"
-    """Who flies the lines: python, or core."""
-    workers: int = cores()
+    """Folder for NAME.json, TRACK.png and TRACK.pdf."""
+    control: str = CONTROL
+    """Controller that flies the lines: python, or core."""
+    workers: int = cpu_count()
     """Processes that fly."""
 
     def __post_init__(self) -> None:
@@ -91,7 +90,7 @@ def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, 
     return found
 
 
-def costs(curves: Sequence[dict[str, Any]]) -> str:
+def cost_lines(curves: Sequence[dict[str, Any]]) -> list[list[str]]:
     """What each row cost: its runs, ticks and wall time of each, and when the chosen agent had been found."""
     lines = [["row", "runs", "ticks a run", "minutes a run", "chosen at", "score on validation"]]
     for curve in curves:
@@ -104,11 +103,11 @@ def costs(curves: Sequence[dict[str, Any]]) -> str:
             _range([run["chosen"]["steps"] / 1e3 for run in runs], ".0f", " k"),
             _range([100.0 * run["chosen"]["score"] for run in runs], "+.1f", " %"),
         ])  # fmt: skip
-    return aligned(lines)
+    return lines
 
 
 def _range(values: Sequence[float], form: str, unit: str) -> str:
-    """The least and the largest of some numbers, or one where they look the same."""
+    """The least and the largest of some numbers, or one where they are written alike."""
     return " … ".join(dict.fromkeys(f"{value:{form}}" for value in (min(values), max(values)))) + unit
 
 
@@ -127,11 +126,11 @@ def main() -> None:
         for track in drawn
     }
     total = sum(scenarios * len(LINES[TRACKS[track].flies]) for track, scenarios in played.items())
-    with ProcessPoolExecutor(args.workers) as pool, tqdm(total=total, unit="scenario", desc="lines") as bar:
+    with Pool(args.workers) as pool, tqdm(total=total, unit="scenario", desc="lines") as bar:
         for track, scenarios in played.items():
             bar.set_postfix_str(track)
             lines = {
-                row: Referee(
+                row: PairedEvaluator(
                     [track], Base({"preset": preset}), scenarios, control=args.control, on_scenario=bar.update,
                     each=pool.map,
                 ).means[track]
@@ -140,8 +139,8 @@ def main() -> None:
             picture = args.out / f"{track}.png"
             learning_curves(drawn[track], lines, f"{track}: validation scenarios", picture)
             bar.write(str(picture))
-    print(costs(curves))
+    print(format_table(cost_lines(curves)))
 
 
 if __name__ == "__main__":
-    speak_plainly("train.curves", main)
+    run_cli("train.curves", main)

@@ -9,60 +9,50 @@ direction on the very same robot, floor and way, and moved along the directions 
 (augmented random search, Mania 2018).
 """
 
-import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-import tyro
-from tqdm import tqdm
 
-from spidar_gym.benchmark.artifact import Artifact
-from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.track import CRAWL, find_track
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.core import core_path
-from spidar_gym.control.crawl_observation import crawl_layout
-from spidar_gym.control.phases import PHASES
+from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.crawl.phases import PHASES
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.actions import CRAWL_MODES, GAIT, find_action_mode
-from spidar_gym.envs.crawl_task import SUCCESS_POSITION
+from spidar_gym.envs.crawl.task import SUCCESS_POSITION
 from spidar_gym.errors import InvalidValueError, require_least
-from spidar_gym.terminal import speak_plainly
-from train import presets
-from train.kinds import Goal, Scaling, make_training_env, training_seed
-from train.learner import Layers
-from train.referee import Base, Referee
-from train.report import evaluate_row
-from train.run import Run, State, curve_line, make_artifact
+from spidar_gym.policies.artifact import Artifact, LearnedPolicy
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.processes import cpu_count
+from train.lib.config import CONTROL, OutputConfig, flatten, parse
+from train.lib.envs import Scaling, make_track_env, training_seed
+from train.lib.evaluate import Base, PairedEvaluator, Verdict
+from train.lib.learner import Layers
+from train.lib.report import report
+from train.lib.run import Run, State, curve_line, make_artifact
+from train.lib.stages import Stages
 
-MODE = find_action_mode("residual_gait_force", CRAWL_MODES)
-"""What the numbers do."""
+ACTION_MODE = "residual_gait_force"
+"""Action mode that the numbers are given to."""
+MODE = find_action_mode(ACTION_MODE, CRAWL_MODES)
+"""Its channels."""
 MOVING = tuple(PHASES.index(name) for name in ("raise", "swing", "lower", "up", "forward", "down"))
 """Phases that have a force of their own; the others are over at once."""
 CYCLES = 2
-"""The last cycle, and those before it."""
+"""Kinds of cycles with numbers of their own: the last one, and those before it."""
 SIZE = CYCLES * (len(MOVING) + 2)
 """How many numbers: forces, raise angle and lift height of the last cycle, then of the others."""
 
 
 @dataclass(frozen=True)
-class Args:
-    """Learn the gait's parameters by phase."""
+class SearchConfig:
+    """How the numbers are searched for."""
 
-    name: str
-    """Of the row: letters, digits, _ and -."""
-    doc: str
-    """What it is, in one line."""
-    tracks: tuple[str, ...]
-    """Tracks in whose kinds of crawls it learns, and on whose validation scenarios it is judged."""
-    base: str
-    """Preset of the crawler that it adds to."""
-    seed: int = 0
-    """Of everything that is drawn."""
     steps: int = 500_000
     """Control ticks to learn from."""
     directions: int = 4
@@ -70,32 +60,66 @@ class Args:
     spread: float = 0.3
     """Standard deviation of a number's change along a direction."""
     rate: float = 0.04
-    """How far an update moves a number, root mean square, at the beginning; it falls to 0 evenly."""
+    """Root mean square of an update's changes of the numbers at the beginning; it falls to 0 evenly."""
     momentum: float = 0.7
-    """Share of the last update's direction that the next one keeps."""
+    """Fraction of the last update's direction that the next one keeps."""
+
+    def __post_init__(self) -> None:
+        """Refuse a search without an update."""
+        require_least(1, steps=self.steps, directions=self.directions)
+
+
+@dataclass(frozen=True)
+class CostConfig:
+    """What a crawl costs."""
+
     energy: float = 0.025
     """Cost of 1 Wh/m; the benchmark's error has the same."""
     hurry: float = 0.5
     """Cost of a crawl that takes the nominal time."""
     goal: float = 0.5
-    """Cost of an error at the goal at the most; 10 mm are half of it, a radian counts 0.5 m."""
+    """Largest cost of an error at the goal; 10 mm cost half of it, a radian counts 0.5 m."""
     failure: float = 0.6
     """Cost of what is no success, for whatever reason."""
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """How often, and on what, the numbers are compared with the gait as it is."""
+
     scenarios: int = 16
     """Validation scenarios of each track."""
     validations: int = 8
-    """How often it is judged."""
-    control: str = "core" if core_path().is_file() else "python"
+    """How often it is evaluated."""
+
+    def __post_init__(self) -> None:
+        """Refuse a comparison of nothing."""
+        require_least(1, scenarios=self.scenarios, validations=self.validations)
+
+
+@dataclass(frozen=True)
+class Args:
+    """Learn the gait's parameters by phase."""
+
+    name: str
+    """Name of the row: letters, digits, _ and -."""
+    doc: str
+    """What is learned, in one line."""
+    tracks: tuple[str, ...]
+    """Tracks in whose kinds of crawls it learns, and on whose validation scenarios it is evaluated."""
+    base: str
+    """Preset of the crawler that it adds to."""
+    seed: int = 0
+    """Seed of everything that is drawn."""
+    control: str = CONTROL
     """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
-    out: Path = Path("out/train")
-    """Folder for runs: NAME/seedK."""
-    row: bool = True
-    """Evaluate on the test scenarios in the end and write a row of this seed."""
+    search: SearchConfig = field(default_factory=SearchConfig)
+    cost: CostConfig = field(default_factory=CostConfig)
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be learned."""
-        least = ("steps", "directions", "scenarios", "validations")
-        require_least(1, **{name: getattr(self, name) for name in least})
         require_least(0, seed=self.seed)
         for track in self.tracks:
             if find_track(track).flies:
@@ -103,8 +127,19 @@ class Args:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Of `gym.make`."""
-        return {"action_mode": "residual_gait_force", "preset": self.base}
+        """Arguments of `gym.make`."""
+        return {"action_mode": ACTION_MODE, "preset": self.base}
+
+
+PRESETS: dict[str, Args] = {
+    "crawl": Args(
+        "learned_gait",
+        "Random search: gait parameters and foot forces by phase on the crawler `robust_overlapped`.",
+        ("ground-randomised",),
+        "robust_overlapped",
+    ),
+}
+"""Settings by name."""
 
 
 def scaling() -> Scaling:
@@ -115,14 +150,19 @@ def scaling() -> Scaling:
     return Scaling(mean, variance, 1.0)
 
 
-def table(numbers: np.ndarray) -> np.ndarray:
+def zeros() -> np.ndarray:
+    """The numbers of the gait as it is."""
+    return np.zeros(SIZE)
+
+
+def phase_table(numbers: np.ndarray) -> np.ndarray:
     """Raise, lift and force in every phase of the last cycle, then of the others, shape (2 phases, 3)."""
-    whole = np.zeros((CYCLES, len(PHASES), 3))
-    for rows, own in zip(whole, numbers.reshape(CYCLES, -1), strict=True):
+    table = np.zeros((CYCLES, len(PHASES), 3))
+    for rows, own in zip(table, numbers.reshape(CYCLES, -1), strict=True):
         rows[MOVING, 2] = own[: len(MOVING)]
         # What counts is the tick in which a leg begins to rise, or the torso.
         rows[:, :2] = own[len(MOVING) :]
-    return whole.reshape(-1, 3)
+    return table.reshape(-1, 3)
 
 
 def layers(numbers: np.ndarray) -> Layers:
@@ -135,7 +175,7 @@ def layers(numbers: np.ndarray) -> Layers:
     for k in range(n):
         hidden[[k, n + k], places["phase"] + k] = 1.0
     hidden[:n, places["steps_left"]], hidden[n:, places["steps_left"]] = -0.5, 0.5
-    columns = table(numbers).T
+    columns = phase_table(numbers).T
     last = np.zeros((MODE.size, CYCLES * n), np.float32)
     last[[1, 3]] = columns[:2]
     last[GAIT.size + 2 :: 3] = columns[2]
@@ -157,28 +197,22 @@ class Course:
     def __init__(self, args: Args) -> None:
         """Make the environments."""
         self._args = args
-        self._envs = [
-            make_training_env(track, args.arguments, Goal(), washout=np.zeros(0), control=args.control).env
-            for track in args.tracks
-        ]
+        self._envs = [make_track_env(track, args.arguments, args.control) for track in args.tracks]
 
-    def cost(self, numbers: np.ndarray, number: int, seed: int) -> tuple[float, int]:
-        """Cost of a crawl, and its ticks; the kinds take turns."""
-        args, env = self._args, self._envs[number % len(self._envs)]
+    def cost(self, numbers: np.ndarray, index: int, seed: int) -> tuple[float, int]:
+        """Cost of a crawl, and its ticks; the tracks take turns."""
+        config, env = self._args.cost, self._envs[index % len(self._envs)]
         inner: Any = env.unwrapped
-        agent = artifact(args, numbers, State())
-        observation, info = env.reset(seed=seed)
-        ticks, terminated, truncated = 0, False, False
-        while not (terminated or truncated or info["finished"]):
-            observation, _, terminated, truncated, info = env.step(agent.act(observation))
-            ticks += 1
+        info, ticks = {}, 0
+        for step in rollout(env, LearnedPolicy(artifact(self._args, numbers, State())), seed=seed):
+            info, ticks = step.info, ticks + 1
         progress = inner.progress
         # Bounded: the few large errors at the goal would decide everything.
-        miss = (progress.rest / SUCCESS_POSITION) ** 2
-        cost = (
-            args.energy * info["energy_wh"] / progress.whole + args.hurry * ticks / CONTROL_RATE / progress.nominal_time
-        )
-        return cost + args.goal * miss / (1.0 + miss) + args.failure * (not info["is_success"]), ticks
+        miss = (progress.distance / SUCCESS_POSITION) ** 2
+        energy = config.energy * info["energy_wh"] / progress.initial_distance
+        duration = config.hurry * ticks / CONTROL_RATE / progress.nominal_time
+        failure = config.failure * (not info["is_success"])
+        return energy + duration + config.goal * miss / (1.0 + miss) + failure, ticks
 
     def close(self) -> None:
         """Close the environments."""
@@ -187,110 +221,109 @@ class Course:
 
 
 def update(
-    args: Args, course: Course, numbers: np.ndarray, way: np.ndarray, number: int, done: float,
+    args: Args, course: Course, numbers: np.ndarray, direction: np.ndarray, index: int, progress: float,
     on_ticks: Callable[[int], object],
 ) -> tuple[np.ndarray, np.ndarray, int]:  # fmt: skip
     """The numbers after one update, its direction, and the ticks it took.
 
     Args:
         args: Settings.
-        course: Where it crawls.
-        numbers: Before.
-        way: Direction of the last update.
-        number: Of the update; everything drawn in it depends on it and on the run's seed.
-        done: Share of the run that is done.
+        course: Environments that it crawls in.
+        numbers: Numbers before the update.
+        direction: Direction of the last update.
+        index: Index of the update; everything drawn in it depends on it and on the run's seed.
+        progress: Fraction of the run that is done.
         on_ticks: Called with the ticks of each crawl.
     """
-    rng = np.random.Generator(np.random.PCG64(training_seed(args.seed, 5, number)))
-    directions, whole = rng.standard_normal((args.directions, SIZE)), 0
-    way = args.momentum * way
-    for k, direction in enumerate(directions):
-        seed, costs = training_seed(args.seed, 6, number, k), []
+    search, total = args.search, 0
+    rng = np.random.Generator(np.random.PCG64(training_seed(args.seed, 5, index)))
+    direction = search.momentum * direction
+    for k, tried in enumerate(rng.standard_normal((search.directions, SIZE))):
+        seed, costs = training_seed(args.seed, 6, index, k), []
         for sign in (1.0, -1.0):
-            tried = np.clip(numbers + sign * args.spread * direction, -1.0, 1.0)
-            cost, ticks = course.cost(tried, number * args.directions + k, seed)
+            cost, ticks = course.cost(
+                np.clip(numbers + sign * search.spread * tried, -1.0, 1.0), index * search.directions + k, seed
+            )
             costs.append(cost)
-            whole += ticks
+            total += ticks
             on_ticks(ticks)
-        way = way - (costs[0] - costs[1]) * direction
-    size = float(np.sqrt(np.mean(way**2)))
-    moved = numbers + args.rate * (1.0 - done) * way / size if size > 0.0 else numbers
-    return np.clip(moved, -1.0, 1.0), way, whole
+        direction = direction - (costs[0] - costs[1]) * tried
+    size = float(np.sqrt(np.mean(direction**2)))
+    if size > 0.0:
+        numbers = numbers + search.rate * (1.0 - progress) * direction / size
+    return np.clip(numbers, -1.0, 1.0), direction, total
 
 
 def learn(args: Args) -> Path:
     """One run, from its beginning or from where it was interrupted; the path of its artifact."""
     torch.set_num_threads(1)
-    settings = {k: v for k, v in asdict(args).items() if k not in ("out", "row")}
-    run = Run(args.out / args.name / f"seed{args.seed}", settings, CRAWL, args.arguments)
+    run = Run(args.output.out / args.name / f"seed{args.seed}", flatten(args), CRAWL, args.arguments)
     state = run.load() or State()
-    bar = tqdm(total=args.steps, unit="tick", unit_scale=True, file=sys.__stderr__)
-    bar.set_description(f"{args.name} seed {args.seed}")
-    bar.set_postfix_str("playing the base")
-    referee = Referee(args.tracks, Base(args.arguments), args.scenarios, control=args.control)
-    state.base, state.scaling = referee.means, vars(scaling())
-    learner = dict(state.learner) or {"numbers": zeros(), "way": zeros(), "best": zeros(), "ticks": 0, "updates": 0}
+    with (
+        kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command goes on"),
+        Stages(f"{args.name} seed {args.seed}") as stages,
+    ):
+        return _learn(args, run, state, stages)
+
+
+def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
+    """Learn from a state on; the path of the artifact."""
+    steps, evaluation = args.search.steps, args.evaluation
+    stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario")
+    evaluator = PairedEvaluator(
+        args.tracks, Base(args.arguments), evaluation.scenarios, control=args.control, on_scenario=stages.count
+    )
+    state.base, state.scaling = evaluator.means, vars(scaling())
+    # `way` is the direction of the last update.
+    fresh = {"numbers": zeros(), "way": zeros(), "best": zeros(), "ticks": 0, "updates": 0}
+    learner = dict(state.learner) or fresh
+    run.require_alike(learner, fresh)
     if not state.learner:
-        referee.require_equal(artifact(args, learner["numbers"], state))
-    bar.update(learner["ticks"])
+        evaluator.require_same_as_base(artifact(args, learner["numbers"], state))
+
+    def choose(verdict: Verdict, numbers: np.ndarray) -> None:
+        learner["best"], state.best_score, state.best_steps = numbers, verdict.score, learner["ticks"]
+
+    stages.begin("learning", steps, "tick", learner["ticks"])
     course = Course(args)
-    while learner["ticks"] < args.steps:
+    while learner["ticks"] < steps:
         began = time.perf_counter()
+        stages.say("learning")
         learner["numbers"], learner["way"], ticks = update(
-            args,
-            course,
-            learner["numbers"],
-            learner["way"],
-            learner["updates"],
-            learner["ticks"] / args.steps,
-            bar.update,
+            args, course, learner["numbers"], learner["way"], learner["updates"], learner["ticks"] / steps, stages.count
         )
         learner["ticks"], learner["updates"] = learner["ticks"] + ticks, learner["updates"] + 1
         state.learner = dict(learner)
         verdict = None
-        if learner["ticks"] >= args.steps * (state.segment + 1) / args.validations:
-            verdict = referee.judge(artifact(args, learner["numbers"], state))
+        if learner["ticks"] >= steps * (state.segment + 1) / evaluation.validations:
+            stages.say("playing against the base")
+            verdict = evaluator.evaluate(artifact(args, learner["numbers"], state))
+            stages.evaluated(verdict)
             if verdict.admissible and verdict.score < state.best_score:
-                learner["best"], state.best_score, state.best_steps = (
-                    learner["numbers"],
-                    verdict.score,
-                    learner["ticks"],
-                )
+                choose(verdict, learner["numbers"])
             state.learner, state.segment = dict(learner), state.segment + 1
-            bar.set_postfix_str(f"against the base {verdict.score:+.1%}, worst {verdict.worst:+.1%}")
         state.seconds += time.perf_counter() - began
         if verdict is not None:
             state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
         run.save(state)
     if not state.best_steps:
         # All of it made something worse at every validation; perhaps less of it does not.
-        verdict, share = referee.strongest(lambda share: artifact(args, share * learner["numbers"], state))
+        stages.say("playing less of it against the base")
+        verdict, fraction = evaluator.largest_fraction(
+            lambda fraction: artifact(args, fraction * learner["numbers"], state)
+        )
         if verdict.admissible and verdict.score < 0.0:
-            learner["best"], state.best_score, state.best_steps = (
-                share * learner["numbers"],
-                verdict.score,
-                learner["ticks"],
-            )
-    bar.close()
+            choose(verdict, fraction * learner["numbers"])
     course.close()
     run.write_curve(state)
     return run.publish(artifact(args, learner["best"], state))
 
 
-def zeros() -> np.ndarray:
-    """The gait as it is."""
-    return np.zeros(SIZE)
-
-
 def main() -> None:
     """Entry point."""
-    options = {name: (str(values["doc"]), Args(**values)) for name, values in presets.GAIT.items()}
-    args = tyro.extras.overridable_config_cli(options, description=__doc__, prog="python -m train.gait")
-    path = learn(args)
-    print(f"{path}: {args.name}, seed {args.seed}")
-    if args.row:
-        print(evaluate_row(path, args.tracks, args.out / "scores", args.base, workers=cores()))
+    args = parse(PRESETS, "python -m train.gait", __doc__)
+    report(learn(args), args.name, args.seed, CRAWL, args.tracks, args.base, args.output, workers=cpu_count())
 
 
 if __name__ == "__main__":
-    speak_plainly("train.gait", main)
+    run_cli("train.gait", main)

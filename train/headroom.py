@@ -1,11 +1,10 @@
-"""What each door of the action is worth before anybody learns: simple rules through it, against the base in pairs.
+"""What each channel of the action is worth before anybody learns: simple rules in it, against the base in pairs.
 
 python -m train.headroom tuned
 """
 
 import sys
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,18 +13,18 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from spidar_gym.benchmark.policy import PresetPolicy
-from spidar_gym.benchmark.row import cores
-from spidar_gym.benchmark.tables import aligned
-from spidar_gym.control.core import core_path
-from spidar_gym.control.crawl_observation import crawl_layout
-from spidar_gym.control.observation import layout
+from spidar_gym.cli.console import run_cli
+from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.flight.observation import layout
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs import actions
 from spidar_gym.errors import require_least, require_name
-from spidar_gym.terminal import speak_plainly
-from train import presets
-from train.referee import Base, Referee, Verdict
+from spidar_gym.policies.presets import PresetPolicy
+from spidar_gym.processes import Pool, cpu_count
+from spidar_gym.text import format_table
+from train.lib import envs
+from train.lib.config import CONTROL
+from train.lib.evaluate import Base, PairedEvaluator, Verdict
 
 Seen = Mapping[str, np.ndarray]
 """Pieces of an observation by name."""
@@ -35,15 +34,15 @@ Rules = Mapping[str, tuple[str, Callable[[Seen], np.ndarray]]]
 
 @dataclass(frozen=True)
 class Args:
-    """What each door of the action is worth before anybody learns."""
+    """Measure what each channel of the action is worth before anybody learns."""
 
     base: tyro.conf.Positional[str]
     """Controller: paper, as_flown, tuned; published, overlapped, robust, robust_overlapped."""
     scenarios: int = 6
     """Validation scenarios of each track."""
-    control: str = "core" if core_path().is_file() else "python"
+    control: str = CONTROL
     """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
-    workers: int = cores()
+    workers: int = cpu_count()
     """Processes that fly."""
 
     def __post_init__(self) -> None:
@@ -52,7 +51,7 @@ class Args:
         require_least(1, scenarios=self.scenarios, workers=self.workers)
 
 
-def one(entry: int, value: float, size: int, seen: Seen) -> np.ndarray:
+def constant(entry: int, value: float, size: int, seen: Seen) -> np.ndarray:
     """The same number in one entry, always."""
     action = np.zeros(size)
     action[entry] = value
@@ -64,59 +63,62 @@ def ahead(seconds: float, seen: Seen) -> np.ndarray:
     return np.append(seconds * seen["joint_command_velocity"] / actions.JOINT_AUTHORITY, 0.0)
 
 
-def early(seconds: float, seen: Seen) -> np.ndarray:
+def form_early(seconds: float, seen: Seen) -> np.ndarray:
     """Joint targets that begin to move towards the next form before it is the target."""
     if seen["time_to_next_form"][0] >= seconds:
         return np.zeros(actions.JOINTS.size + 1)
     return np.append((seen["next_form"] - seen["joint_position"]) / actions.JOINT_AUTHORITY, 0.0)
 
 
-def fed_forward(share: float, seen: Seen) -> np.ndarray:
-    """A share of the torque that changes the legs' angular momentum."""
-    return np.concatenate((np.zeros(3), share * seen["leg_momentum_rate"] / actions.WRENCH_AUTHORITY[3:]))
+def leg_torque(fraction: float, seen: Seen) -> np.ndarray:
+    """A fraction of the torque that changes the legs' angular momentum."""
+    return np.concatenate((np.zeros(3), fraction * seen["leg_momentum_rate"] / actions.WRENCH_AUTHORITY[3:]))
 
 
-def pulled(force: float, seen: Seen) -> np.ndarray:
+def legs_pulled(force: float, seen: Seen) -> np.ndarray:
     """Every leg pulled along the torso's vertical."""
     action = np.zeros(actions.CRAWL_MODES["residual_gait_force"].size)
     action[actions.GAIT.size + 2 :: 3] = force / actions.LEG_AUTHORITY
     return action
 
 
-def timed(scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]:
+def joint_speed(scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]:
     """The whole plan faster or slower."""
     size = actions.JOINTS.size
-    return "residual_joint", partial(one, size, (scale - 1.0) / actions.SPEED_AUTHORITY, size + 1)
+    return "residual_joint", partial(constant, size, (scale - 1.0) / actions.SPEED_AUTHORITY, size + 1)
 
 
-def shaped(entry: int, scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]:
+def gait_parameter(entry: int, scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]:
     """One number of the gait, scaled."""
     authority = actions.SPEED_AUTHORITY if entry == 0 else actions.GAIT_AUTHORITY
-    return "residual_gait", partial(one, entry, (scale - 1.0) / authority, actions.GAIT.size)
+    return "residual_gait", partial(constant, entry, (scale - 1.0) / authority, actions.GAIT.size)
 
 
 IN_FLIGHT: Rules = {
-    **{f"joint speed × {scale:g}": timed(scale) for scale in (1.1, 0.9, 0.8)},
+    **{f"joint speed × {scale:g}": joint_speed(scale) for scale in (1.1, 0.9, 0.8)},
     **{
-        f"joint targets {abs(s) * 1e3:.0f} ms {'ahead' if s > 0 else 'behind'}": ("residual_joint", partial(ahead, s))
+        f"joint targets {abs(s) * 1e3:.0f} ms {'ahead' if s > 0 else 'behind'}": (
+            "residual_joint",
+            partial(ahead, s),
+        )
         for s in (0.02, -0.02, -0.05)
     },
-    "next form 0.2 s early": ("residual_joint", partial(early, 0.2)),
+    "next form 0.2 s early": ("residual_joint", partial(form_early, 0.2)),
     **{
-        f"torque of {share:g} ḣ of the legs": ("residual_wrench", partial(fed_forward, share))
-        for share in (-0.25, 0.25, 0.5)
+        f"torque of {fraction:g} ḣ of the legs": ("residual_wrench", partial(leg_torque, fraction))
+        for fraction in (-0.25, 0.25, 0.5)
     },
 }
 """What is tried in flight."""
 ON_THE_GROUND: Rules = {
     **{
-        f"{name} × {scale:g}": shaped(entry, scale)
+        f"{name} × {scale:g}": gait_parameter(entry, scale)
         for entry, name in enumerate(("phase rate", "raise", "stride", "lift height"))
         for scale in (1.1, 0.9)
     },
-    **{f"legs pulled by {force:+g} N": ("residual_gait_force", partial(pulled, force)) for force in (2.0, -2.0)},
+    **{f"legs pulled by {force:+g} N": ("residual_gait_force", partial(legs_pulled, force)) for force in (2.0, -2.0)},
 }
-"""… and on the ground."""
+"""What is tried on the ground."""
 
 
 class Rule(PresetPolicy):
@@ -142,18 +144,18 @@ class Rule(PresetPolicy):
 
 def measured_on(base: str) -> tuple[tuple[str, ...], Rules]:
     """Tracks and rules for a controller."""
-    return (presets.FLIGHTS, IN_FLIGHT) if base in PRESETS else (("ground-randomised",), ON_THE_GROUND)
+    return (envs.FLIGHTS, IN_FLIGHT) if base in PRESETS else (("ground-randomised",), ON_THE_GROUND)
 
 
 def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dict[str, Verdict]:
-    """Rule → how it does against the base alone, on the validation scenarios of the base's tracks."""
+    """Rule → its comparison with the base alone, on the validation scenarios of the base's tracks."""
     tracks, rules = measured_on(args.base)
-    with ProcessPoolExecutor(args.workers) as pool:
+    with Pool(args.workers) as pool:
         alone = Base({"preset": args.base})
-        referee = Referee(
+        evaluator = PairedEvaluator(
             tracks, alone, args.scenarios, control=args.control, on_scenario=on_scenario, each=pool.map
         )  # fmt: skip
-        return {name: referee.judge(Rule(args.base, *rule), on_scenario) for name, rule in rules.items()}
+        return {name: evaluator.evaluate(Rule(args.base, *rule), on_scenario) for name, rule in rules.items()}
 
 
 def headroom_table(base: str, verdicts: Mapping[str, Verdict]) -> str:
@@ -164,7 +166,7 @@ def headroom_table(base: str, verdicts: Mapping[str, Verdict]) -> str:
         cells = [" / ".join(f"{100.0 * value:+.1f}" for value in cell.values()) for cell in verdict.cells.values()]
         lines.append([name, *cells, f"{verdict.success:+.0%}" if verdict.success else ""])
     metrics = ", ".join(next(iter(first.values())))
-    return f"change of {metrics} on the validation scenarios [%]:\n\n{aligned(lines)}"
+    return f"change of {metrics} on the validation scenarios [%]:\n\n{format_table(lines)}"
 
 
 def main() -> None:
@@ -178,4 +180,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    speak_plainly("train.headroom", main)
+    run_cli("train.headroom", main)

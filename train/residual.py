@@ -4,13 +4,14 @@
 
 A run is a chain of segments. Each begins with fresh episodes and seeds of its own, so it depends on the state before
 it and on nothing else: an interrupted run goes on with the same command, and ends as it would have ended.
+
+Read `Args`, then `learn`; how the agent is made and what an update is stands in `train/lib/learner.py`.
 """
 
 import math
-import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -18,27 +19,65 @@ from typing import Any
 
 import numpy as np
 import torch
-import tyro
-from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
-from tqdm import tqdm
 
-from spidar_gym.benchmark.artifact import Artifact
-from spidar_gym.benchmark.row import cores
-from spidar_gym.benchmark.track import HOVER
-from spidar_gym.control.core import core_path
-from spidar_gym.control.crawl_observation import crawl_layout
-from spidar_gym.control.observation import Field, layout
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
-from spidar_gym.errors import InvalidValueError, require_least, require_name
-from spidar_gym.terminal import speak_plainly
-from train import presets
-from train.kinds import Goal, Scaling, TrainingEnv, baseline_scaling, make_training_env, training_seed
-from train.learner import ALGORITHMS, Coach, Layers, actor_layers, build, learn_segment, load_state, save_state
-from train.referee import Base, Referee
-from train.report import evaluate_row
-from train.run import Run, State, curve_line, make_artifact
+from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.errors import require_least
+from spidar_gym.policies.artifact import Artifact
+from spidar_gym.processes import cpu_count
+from train.lib.config import OutputConfig, flatten, parse
+from train.lib.envs import NOMINAL, EnvConfig, Scaling, baseline_scaling, make_training_env, training_seed
+from train.lib.evaluate import Base, PairedEvaluator
+from train.lib.learner import (
+    ActorSchedule,
+    Layers,
+    LearnerConfig,
+    PPOConfig,
+    actor_layers,
+    build,
+    learn_segment,
+    load_state,
+    save_state,
+)
+from train.lib.report import report
+from train.lib.rewards import RewardConfig
+from train.lib.run import Run, State, curve_line, layer_arrays, make_artifact
+from train.lib.stages import Stages, scalars
+
+
+@dataclass(frozen=True)
+class ScheduleConfig:
+    """How long it learns, and in which portions."""
+
+    steps: int = 500_000
+    """Control ticks to learn from."""
+    segment: int = 32_768
+    """Ticks between two checkpoints, each with a validation."""
+    envs: int = 16
+    """Environments side by side."""
+    scaling_ticks: int = 2000
+    """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
+
+    def __post_init__(self) -> None:
+        """Refuse a run without learning."""
+        require_least(1, **vars(self))
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """How agents are compared with the base, and which one is taken."""
+
+    scenarios: int = 6
+    """Validation scenarios of each track."""
+    select: bool = True
+    """Take the best admissible agent of all validations; else the last one."""
+
+    def __post_init__(self) -> None:
+        """Refuse a comparison of nothing."""
+        require_least(1, scenarios=self.scenarios)
 
 
 @dataclass(frozen=True)
@@ -46,194 +85,164 @@ class Args:
     """Learn what to add to a controller."""
 
     name: str
-    """Of the row: letters, digits, _ and -."""
+    """Name of the row: letters, digits, _ and -."""
     doc: str
-    """What it is, in one line."""
-    env_id: str
-    """Environment, with version."""
-    tracks: tuple[str, ...]
-    """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is judged."""
-    base: str
-    """Preset of the controller that it adds to."""
-    action_mode: str
-    """What the action means; `direct` has no controller."""
-    sees: tuple[str, ...] = ()
-    """Pieces of the observation that the actor sees, by name, while the critic sees all; all if none is given."""
-    still: tuple[int, ...] = ()
-    """Entries of the action that stay 0."""
-    algorithm: str = "ppo"
-    """ppo or sac."""
+    """What is learned, in one line."""
+    env: EnvConfig
+    reward: RewardConfig = field(default_factory=lambda: RewardConfig("pose"))
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
     seed: int = 0
-    """Of everything that is drawn."""
-    steps: int = 500_000
-    """Control ticks to learn from."""
-    segment: int = 32_768
-    """Ticks between two checkpoints, each with a validation."""
-    envs: int = 16
-    """Environments side by side."""
-    control: str = "core" if core_path().is_file() else "python"
-    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
-    scenarios: int = 6
-    """Validation scenarios of each track."""
-    scaling_ticks: int = 2000
-    """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
-    hold: int = 1
-    """Ticks for which the learner holds an action."""
-    washout: float = 0.0
-    """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
-    reward: str = "pose"
-    """environment, pose, or economy."""
-    position: float = 0.01
-    """Position error that halves its term of the reward `pose` [m]: like the next three that of the mean track, on the
-    others in proportion to the base's own errors, so that no track is learned at another one's cost."""
-    attitude: float = 0.02
-    """Attitude error that halves its term [rad]."""
-    velocity: float = 0.0
-    """Velocity that halves a term of its own [m/s]; 0 is no such term."""
-    rate: float = 0.0
-    """Angular velocity that halves a term of its own [rad/s]; 0 is no such term."""
-    penalty: float = 0.05
-    """Share of the reward that the largest action costs."""
-    reward_shift: float = 0.0
-    """Taken off the reward of every tick."""
-    reward_scale: float = 1.0
-    """Factor of the rest."""
-    hidden: int = 64
-    """Width of the actor's two hidden layers."""
-    critic_hidden: int = 128
-    """Width of the critic's."""
-    lr: float = 5e-4
-    """Learning rate at the beginning."""
-    lr_end: float = 5e-5
-    """… and at the end."""
-    gamma: float = 0.97
-    """Discount of a tick, or of the ticks that an action is held."""
-    gae_lambda: float = 0.95
-    """PPO: λ of the advantages."""
-    n_steps: int = 256
-    """PPO: decisions of each environment in a rollout."""
-    batch_size: int = 2048
-    """Samples in a step of the optimiser."""
-    epochs: int = 10
-    """PPO: passes over a rollout."""
-    clip_range: float = 0.2
-    """PPO: clip of the probability ratio."""
-    target_kl: float = 0.0
-    """PPO: a rollout's passes end at this divergence; 0 is no limit."""
-    entropy: float = 0.0
-    """PPO: weight of the entropy."""
-    log_std: float = -2.0
-    """Logarithm of the exploration's standard deviation at the beginning."""
-    buffer: int = 200_000
-    """SAC: size of the replay buffer."""
-    warmup: int = 10_000
-    """SAC: decisions of the base before learning begins."""
-    updates: int = 4
-    """SAC: steps of the optimiser after each step of all environments."""
-    critic_first: int = 16_384
-    """Decisions in which only the critic learns."""
-    average: float = 0.9
-    """Share of the actor's averaged weights that a rollout leaves; 0 is no averaging."""
-    select: bool = True
-    """Take the best admissible agent of all validations; else the last one."""
-    out: Path = Path("out/train")
-    """Folder for runs: NAME/seedK."""
-    row: bool = True
-    """Evaluate on the test scenarios in the end and write a row of this seed."""
+    """Seed of everything that is drawn."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be learned."""
-        require_name("algorithm", self.algorithm, ALGORITHMS)
-        least = ("steps", "segment", "envs", "scenarios", "scaling_ticks", "hold", "hidden", "n_steps", "batch_size")
-        require_least(1, **{name: getattr(self, name) for name in least})
+        """Refuse a seed that is none."""
         require_least(0, seed=self.seed)
-        if not self.tracks:
-            raise InvalidValueError("tracks", self.tracks, "at least one track")
-        for name in ("gamma", "average"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidValueError(name, getattr(self, name), "a number within 0 … 1")
-        if self.average == 1.0:
-            raise InvalidValueError("average", 1.0, "a number below 1")
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Of `gym.make`."""
-        return {"action_mode": self.action_mode, "preset": self.base}
-
-    @property
-    def adds(self) -> bool:
-        """Whether there is a controller to add to."""
-        return self.action_mode != "direct"
 
 
-def make_env(args: Args, track: str, scaling: Scaling | None = None, share: float = 1.0) -> TrainingEnv:
-    """An environment to learn in; `share` is how large the base's errors are there, over their mean on all tracks."""
-    goal = Goal(
-        args.reward, share * args.position, share * args.attitude, share * args.velocity, share * args.rate,
-        args.penalty, shift=args.reward_shift, scale=args.reward_scale,
-    )  # fmt: skip
-    return make_training_env(
-        track,
-        args.arguments,
-        goal,
-        washout=washout(args),
-        still=still(args),
-        hold=args.hold,
-        scaling=scaling,
-        control=args.control,
-    )
+MOMENTUM = ("leg_momentum", "leg_momentum_rate")
+"""What of the joints' motion turns the torso: six numbers, so that a gradient is not lost in the noise of two hundred
+others."""
+FLIGHT_REWARD = RewardConfig(
+    "pose",
+    # Velocities respond within two or three ticks, the pose after ten or twenty: with them a short horizon is enough.
+    velocity=0.03,
+    rate=0.06,
+    reward_shift=0.5,
+    reward_scale=0.5,
+)
+"""Reward of PPO in flight."""
+FLIGHT_LEARNER = LearnerConfig(
+    hidden=32,
+    gamma=0.88,
+    lr=1e-3,
+    lr_end=1e-4,
+    # Small batches: the critic needs many steps before its advantages mean anything.
+    batch_size=504,
+    critic_first=8064,
+    average=0.8,
+    ppo=PPOConfig(n_steps=336, target_kl=0.03),
+)
+"""PPO in flight, whatever it adds to."""
+FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=24)
+"""Schedule of PPO in flight."""
+FLIGHT_ENV = EnvConfig(
+    HOVER,
+    NOMINAL,
+    "paper",
+    "residual_wrench",
+    sees=MOMENTUM,
+    # At 40 Hz most of the noise is lost in the rotors and servos; at 20 Hz less.
+    hold=2,
+    washout=1.0,
+)
+"""Flights of PPO."""
+PRESETS: dict[str, Args] = {
+    "hover-paper-ppo": Args(
+        "ppo_paper",
+        "PPO: a wrench residual with washout on the paper's gains.",
+        FLIGHT_ENV,
+        replace(FLIGHT_REWARD, position=0.01, attitude=0.015),
+        FLIGHT_LEARNER,
+        FLIGHT_SCHEDULE,
+    ),
+    "hover-tuned-ppo": Args(
+        "ppo_tuned",
+        "PPO: a residual torque with washout on `tuned`.",
+        # Forces stay still: what is left of the position's error is too small to be found in the noise of three more.
+        replace(FLIGHT_ENV, base="tuned", still=(0, 1, 2)),
+        replace(FLIGHT_REWARD, position=0.003, attitude=0.004, velocity=0.0),
+        replace(FLIGHT_LEARNER, average=0.9),
+        FLIGHT_SCHEDULE,
+    ),
+    "hover-paper-sac": Args(
+        "sac_paper",
+        "SAC: a wrench residual with washout on the paper's gains.",
+        EnvConfig(HOVER, NOMINAL, "paper", "residual_wrench", washout=2.0),
+        RewardConfig("pose", position=0.01, attitude=0.015),
+        LearnerConfig("sac", lr=3e-4, lr_end=3e-4, batch_size=256),
+    ),
+    "crawl-ppo": Args(
+        "ppo_crawl",
+        "PPO: gait parameters and leg forces by phase on the crawler `robust_overlapped`.",
+        EnvConfig(
+            CRAWL,
+            ("ground-randomised",),
+            "robust_overlapped",
+            "residual_gait_force",
+            sees=("phase", "phase_time", "share", "steps_left", "goal_position", "goal_heading"),
+            still=(2,),  # the stride: what it changes of the way is missing at the goal
+            hold=10,
+        ),
+        RewardConfig("economy", reward_scale=10.0),
+        LearnerConfig(
+            log_std=-1.5,
+            lr=1e-3,
+            lr_end=1e-4,
+            gamma=0.9,
+            batch_size=128,
+            critic_first=2048,
+            average=0.7,
+            ppo=PPOConfig(gae_lambda=0.9, n_steps=64, target_kl=0.03),
+        ),
+        ScheduleConfig(segment=40_960),
+        EvaluationConfig(scenarios=12),
+    ),
+    "hover-direct-ppo": Args(
+        "ppo_direct",
+        "PPO from nothing: thrust, vectoring angles and joint targets, no controller.",
+        EnvConfig(HOVER, ("flight-paper",), "paper", "direct"),
+        RewardConfig("environment"),
+        LearnerConfig(gamma=0.99, batch_size=512, critic_first=0, ppo=PPOConfig(target_kl=0.03)),
+        evaluation=EvaluationConfig(select=False),
+    ),
+}
+"""Settings by name."""
 
 
-def make_envs(args: Args, scaling: Scaling, shares: Mapping[str, float] = MappingProxyType({})) -> DummyVecEnv:
-    """The environments side by side; the kinds take turns. `shares` are those of `Referee.shares`."""
+def make_envs(args: Args, scaling: Scaling, relative_errors: Mapping[str, float] = MappingProxyType({})) -> DummyVecEnv:
+    """The environments side by side; the tracks take turns.
+
+    Args:
+        args: Settings.
+        scaling: Scaling of the observations.
+        relative_errors: Those of `PairedEvaluator.relative_errors`; 1 where a track has none.
+    """
 
     def monitored(track: str) -> Monitor:
-        return Monitor(make_env(args, track, scaling, shares.get(track, 1.0)))
+        return Monitor(make_training_env(args.env, args.reward, track, scaling, relative_errors.get(track, 1.0)))
 
-    return DummyVecEnv([partial(monitored, args.tracks[k % len(args.tracks)]) for k in range(args.envs)])
-
-
-def hidden(args: Args) -> np.ndarray:
-    """Which numbers of the observation the actor does not see (`UnknownNameError` for a piece that there is not)."""
-    fields = pieces(args)
-    for name in args.sees:
-        require_name("piece of the observation", name, [field.name for field in fields])
-    return np.concatenate([np.full(f.size, bool(args.sees) and f.name not in args.sees) for f in fields])
+    tracks = args.env.tracks
+    return DummyVecEnv([partial(monitored, tracks[k % len(tracks)]) for k in range(args.schedule.envs)])
 
 
-def still(args: Args) -> np.ndarray:
-    """Which entries of the action stay 0."""
-    size = mode(args).size
-    for entry in args.still:
-        if not 0 <= entry < size:
-            raise InvalidValueError("still", entry, f"entries within 0 … {size - 1}")
-    return np.isin(np.arange(size), args.still)
+def make_agent(args: Args, envs: DummyVecEnv, logs: str | None = None) -> PPO | SAC:
+    """An agent that adds nothing yet."""
+    hidden, still = args.env.hidden_entries(), args.env.still_entries()
+    return build(args.learner, envs, args.seed, logs=logs, hidden=hidden, still=still)
 
 
-def washout(args: Args) -> np.ndarray:
-    """Time constant of every entry of the action [s]: only a wrench has integrals that own its constant part."""
-    channels = mode(args).channels
-    return np.concatenate([np.full(c.size, args.washout if c.name == "wrench" else 0.0) for c in channels])
+def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Scaling:
+    """What the network is shown is scaled by what the baseline sees, once and for all.
 
-
-def mode(args: Args) -> ActionMode:
-    """What the action means."""
-    return find_action_mode(args.action_mode, ACTION_MODES if args.env_id == HOVER else CRAWL_MODES)
-
-
-def pieces(args: Args) -> tuple[Field, ...]:
-    """Pieces of the observation."""
-    return (layout if args.env_id == HOVER else crawl_layout)(mode(args).size)
+    Without a controller it is scaled by what the network will see itself: the baseline's are nothing but falls, in
+    which every error is far beyond those of a flight that is held level.
+    """
+    envs = [make_training_env(args.env, args.reward, track) for track in args.env.tracks]
+    spread = 0.0 if args.env.adds else math.exp(args.learner.log_std)
+    return baseline_scaling(envs, args.seed, args.schedule.scaling_ticks // args.env.hold, spread, on_tick)
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
     """An actor as the benchmark's artifact."""
-    ppo = args.algorithm == "ppo"
+    env, ppo = args.env, args.learner.algorithm == "ppo"
     return make_artifact(
-        layers, scaling, state, name=args.name, kind="residual" if args.adds else "learned", doc=args.doc,
-        env_id=args.env_id, arguments=args.arguments, activation="tanh" if ppo else "relu",
-        output="clip" if ppo else "tanh", washout=washout(args),
-        training={"seed": args.seed, "steps": state.segment * args.segment, "chosen_at": state.best_steps},
+        layers, scaling, state, name=args.name, kind="residual" if env.adds else "learned", doc=args.doc,
+        env_id=env.env_id, arguments=env.arguments, activation="tanh" if ppo else "relu",
+        output="clip" if ppo else "tanh", washout=env.washout_times(),
+        training={"seed": args.seed, "steps": state.segment * args.schedule.segment, "chosen_at": state.best_steps},
     )  # fmt: skip
 
 
@@ -248,87 +257,99 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
         The path of the artifact.
     """
     torch.set_num_threads(1)
-    settings = {k: v for k, v in asdict(args).items() if k not in ("out", "row")}
-    run = Run(args.out / args.name / f"seed{args.seed}", settings, args.env_id, args.arguments)
+    run = Run(args.output.out / args.name / f"seed{args.seed}", flatten(args), args.env.env_id, args.env.arguments)
     state = run.load() or State()
-    segments = max(1, round(args.steps / args.segment))
+    with (
+        kept(lambda: f"{state.segment * args.schedule.segment} ticks kept in {run.folder}; the same command goes on"),
+        Stages(f"{args.name} seed {args.seed}") as stages,
+    ):
+        return _learn(args, run, state, stages, on_segment)
 
-    bar = tqdm(total=segments * args.segment, unit="tick", unit_scale=True, file=sys.__stderr__)
-    bar.set_description(f"{args.name} seed {args.seed}")
-    bar.set_postfix_str("playing the base")
-    referee = Referee(
-        args.tracks, Base(args.arguments if args.adds else {"preset": args.base}), args.scenarios, control=args.control
+
+def _learn(
+    args: Args, run: Run, state: State, stages: Stages, on_segment: Callable[[dict[str, Any]], object]
+) -> Path:  # fmt: skip
+    """Learn from a state on; the path of the artifact."""
+    env, learner, schedule = args.env, args.learner, args.schedule
+    segments = max(1, round(schedule.steps / schedule.segment))
+
+    stages.begin("playing the base", len(env.tracks) * args.evaluation.scenarios, "scenario")
+    base = Base(env.arguments if env.adds else {"preset": env.base})
+    evaluator = PairedEvaluator(
+        env.tracks, base, args.evaluation.scenarios, control=env.control, on_scenario=stages.count
     )
+    state.base = evaluator.means
 
-    state.base = referee.means
-
-    # What the network is shown is scaled by what the baseline sees, once and for all; without one, by what it will
-    # see itself: nothing but falls, in which every error is far beyond those of a flight that is held level.
     if not state.scaling:
-        kinds = [make_env(args, track) for track in args.tracks]
-        spread = 0.0 if args.adds else math.exp(args.log_std)
-        state.scaling = vars(baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold, spread))
+        ticks = len(env.tracks) * (schedule.scaling_ticks // env.hold)
+        stages.begin("scaling the observations", ticks, "tick")
+        state.scaling = vars(make_scaling(args, stages.count))
+    size = len(env.hidden_entries())
+    run.require_alike(state.scaling, vars(Scaling(np.zeros(size), np.ones(size))))
     scaling = Scaling(**state.scaling)
 
-    envs = make_envs(args, scaling, referee.shares())
-    model = build(args, envs, str(run.folder / "tensorboard"), hidden(args), still(args))
+    envs = make_envs(args, scaling, evaluator.relative_errors())
+    model = make_agent(args, envs, str(run.folder / "tensorboard"))
     if state.learner:
+        for name, layers in (("mean", state.mean), ("best", state.best)):
+            run.require_alike(layer_arrays(name, layers), layer_arrays(name, actor_layers(model)))
+            artifact(args, layers, scaling, state)  # it refuses what is no network
+        run.require_alike(state.learner, save_state(model))
         load_state(model, state.learner)
     else:
         state.mean = state.best = actor_layers(model)
-        if args.adds:
-            referee.require_equal(artifact(args, state.mean, scaling, state))
+        if env.adds:
+            evaluator.require_same_as_base(artifact(args, state.mean, scaling, state))
 
-    bar.update(state.segment * args.segment)
-    coach = Coach(args.average, args.critic_first, state.mean, lambda n: bar.update(n * args.hold))
+    def on_steps(decisions: int) -> None:
+        stages.count(decisions * env.hold)
+        stages.say("learning" if model.num_timesteps >= learner.critic_first else "warming up the critic")
+
+    stages.begin("learning", segments * schedule.segment, "tick", state.segment * schedule.segment)
+    actor = ActorSchedule(learner, state.mean, on_steps)
     while state.segment < segments:
-        began, share = time.perf_counter(), state.segment / segments
+        began = time.perf_counter()
         learn_segment(
-            model, envs, coach, steps=args.segment // args.hold, seed=training_seed(args.seed, 1, state.segment),
-            lr=args.lr + (args.lr_end - args.lr) * share, first=state.segment == 0,
+            model, envs, actor,
+            steps=schedule.segment // env.hold,
+            seed=training_seed(args.seed, 1, state.segment),
+            lr=learner.lr + (learner.lr_end - learner.lr) * (state.segment / segments),
+            first=state.segment == 0,
         )  # fmt: skip
-        state.segment, state.mean, state.learner = state.segment + 1, coach.mean, save_state(model)
-        steps = state.segment * args.segment
-        verdict = referee.judge(artifact(args, state.mean, scaling, state))
-        if not args.select or (verdict.admissible and verdict.score < state.best_score):
+        state.segment, state.mean, state.learner = state.segment + 1, actor.mean, save_state(model)
+        steps = state.segment * schedule.segment
+
+        stages.say("playing against the base")
+        verdict = evaluator.evaluate(artifact(args, state.mean, scaling, state))
+        stages.evaluated(verdict)
+        if not args.evaluation.select or (verdict.admissible and verdict.score < state.best_score):
             state.best, state.best_score, state.best_steps = state.mean, verdict.score, steps
+
         state.seconds += time.perf_counter() - began
-        state.curve.append(curve_line(steps, state.seconds, verdict, _reward(model)))
-        _log(model, state.curve[-1])
+        line = curve_line(steps, state.seconds, verdict, _reward(model))
+        state.curve.append(line)
+        for name, value in scalars(line):
+            model.logger.record(name, value)
+        model.logger.dump(model.num_timesteps)
         run.save(state)
-        bar.set_postfix_str(f"against the base {verdict.score:+.1%}, worst {verdict.worst:+.1%}")
-        on_segment(state.curve[-1])
-    bar.close()
+        on_segment(line)
     envs.close()
     run.write_curve(state)
     return run.publish(artifact(args, state.best, scaling, state))
 
 
-def _reward(model: BaseAlgorithm) -> float | None:
+def _reward(model: PPO | SAC) -> float | None:
     """Training reward of a decision, mean over the last episodes."""
     episodes = [episode["r"] / episode["l"] for episode in model.ep_info_buffer or ()]
     return float(np.mean(episodes)) if episodes else None
 
 
-def _log(model: BaseAlgorithm, line: dict[str, Any]) -> None:
-    """The validation, for TensorBoard."""
-    for name in ("score", "worst", "success"):
-        model.logger.record(f"validation/{name}", line[name])
-    for track, cell in line["cells"].items():
-        for metric, value in cell.items():
-            model.logger.record(f"validation/{track}/{metric}", value)
-    model.logger.dump(model.num_timesteps)
-
-
 def main() -> None:
     """Entry point."""
-    options = {name: (str(values["doc"]), Args(**values)) for name, values in presets.RESIDUAL.items()}
-    args = tyro.extras.overridable_config_cli(options, description=__doc__, prog="python -m train.residual")
-    path = learn(args)
-    print(f"{path}: {args.name}, seed {args.seed}")
-    if args.row:
-        print(evaluate_row(path, args.tracks, args.out / "scores", args.base, workers=cores()))
+    args = parse(PRESETS, "python -m train.residual", __doc__)
+    env = args.env
+    report(learn(args), args.name, args.seed, env.env_id, env.tracks, env.base, args.output, workers=cpu_count())
 
 
 if __name__ == "__main__":
-    speak_plainly("train.residual", main)
+    run_cli("train.residual", main)

@@ -16,11 +16,11 @@ import gymnasium
 import numpy as np
 import tyro
 
+from spidar_gym.cli.console import run_cli
 from spidar_gym.errors import MissingDependencyError, require_least
-from spidar_gym.terminal import speak_plainly
 
-SHARE = 0.1
-"""Of an action reaches the robot: RLlib's Gaussian begins with a standard deviation of about 1."""
+FRACTION = 0.1
+"""Fraction of an action that reaches the robot: RLlib's Gaussian begins with a standard deviation of about 1."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Args:
     runners: int = 0
     """Processes that play; 0 plays in this one."""
     seed: int = 0
-    """Of learner and environments."""
+    """Seed of the learner and the environments."""
 
     def __post_init__(self) -> None:
         """Refuse what is no training."""
@@ -47,7 +47,7 @@ class Args:
 def make(config: dict[str, Any]) -> gymnasium.Env:
     """A flight; Gymnasium imports the package named before the colon, in whatever process this is called."""
     env = gymnasium.make("spidar_gym:spidar_gym/Hover-v0", forms="independent", max_episode_steps=config["ticks"])
-    return gymnasium.wrappers.TransformAction(env, lambda action: SHARE * action, env.action_space)
+    return gymnasium.wrappers.TransformAction(env, lambda action: FRACTION * action, env.action_space)
 
 
 def main() -> None:
@@ -75,4 +75,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    speak_plainly("train.rllib", main)
+    run_cli("train.rllib", main)

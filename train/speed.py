@@ -1,30 +1,40 @@
-"""Speed in three columns: the simulation alone, with the allocator, with a learner; `spidar bench --train`."""
+"""Speed in three columns: the simulation alone, with the allocator, with a learner; takes minutes.
+
+python -m train.speed
+"""
 
 import math
+import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
+import tyro
+from tqdm import tqdm
 
-from spidar_gym.bench import ROUNDS, machine
-from spidar_gym.benchmark.tables import aligned
-from spidar_gym.control.core import core_path
+from spidar_gym.cli.bench import ROUNDS, machine
+from spidar_gym.cli.console import run_cli
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.files import json_text
+from spidar_gym.policies.rollout import rollout
 from spidar_gym.sim.memory import Saved
 from spidar_gym.sim.plant import Plant
 from spidar_gym.state import Command
-from train import presets
-from train.kinds import baseline_scaling, training_seed
-from train.learner import Coach, actor_layers, build, learn_segment
-from train.residual import Args, hidden, make_env, make_envs, still
-from train.run import learner_versions
+from spidar_gym.text import format_table
+from train import residual
+from train.lib.config import CONTROL, override
+from train.lib.envs import NOMINAL, make_track_env, training_seed
+from train.lib.learner import ActorSchedule, actor_layers, learn_segment
+from train.lib.run import learner_versions
+from train.residual import make_agent, make_envs, make_scaling
 
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "flight": ("hover-paper-ppo", presets.NOMINAL),
+    "flight": ("hover-paper-ppo", NOMINAL),
     "flight, drawn robots, sensors": ("hover-paper-ppo", ("flight-randomised",)),
     "crawl, the paper's 0.6 m": ("crawl-ppo", ("ground-paper",)),
     "crawl, drawn robots, sensors": ("crawl-ppo", ("ground-randomised",)),
@@ -37,24 +47,23 @@ COLUMNS = ("simulation", "allocator_python", "allocator_core", "learner")
 HEADS = ("control ticks/s, 40 are real time", "simulation", "+ allocator, python", "… core", "+ learner")
 
 
-def settings(preset: str, tracks: tuple[str, ...]) -> Args:
+def settings(preset: str, tracks: tuple[str, ...]) -> residual.Args:
     """A preset that learns from the first tick on, in segments of one batch: the same work a tick as in a long one."""
-    args = replace(Args(**presets.RESIDUAL[preset]), tracks=tracks, critic_first=0)
-    args = replace(args, control="core" if core_path().is_file() else "python", n_steps=args.batch_size // args.envs)
-    return replace(args, segment=args.n_steps * args.envs * args.hold)
+    args = override(residual.PRESETS[preset], tracks=tracks, critic_first=0, control=CONTROL)
+    n_steps = args.learner.batch_size // args.schedule.envs
+    return override(args, n_steps=n_steps, segment=n_steps * args.schedule.envs * args.env.hold)
 
 
 def play(env: gymnasium.Env, seed: int, ticks: int) -> tuple[float, Saved, list[Command]]:
     """Steps of the zero action: how long they take [s], the plant before them, and what it was told in each."""
-    env.reset(seed=seed)
     inner = env.unwrapped
     assert isinstance(inner, SpidarEnv)
-    saved, zero, commands = inner.plant.save(), np.zeros(env.action_space.shape or ()), []
-    began = time.perf_counter()
-    for _ in range(ticks):
-        env.step(zero)
+    steps = rollout(env, seed=seed, ticks=ticks, until_finished=False)
+    saved, seconds, commands = inner.plant.save(), 0.0, []
+    for step in steps:
+        seconds += step.seconds
         commands.append(inner.command)
-    return time.perf_counter() - began, saved, commands
+    return seconds, saved, commands
 
 
 def plant_of(env: gymnasium.Env) -> Plant:
@@ -73,23 +82,22 @@ def replay(plant: Plant, saved: Saved, commands: Sequence[Command]) -> float:
     return time.perf_counter() - began
 
 
-def teacher(args: Args) -> Callable[[int], float]:
-    """A function that learns for one segment and says how long that took [s]; it is given the segment's number."""
-    kinds = [make_env(args, track) for track in args.tracks]
-    scaling = baseline_scaling(kinds, args.seed, args.scaling_ticks // args.hold)
-    envs = make_envs(args, scaling)
-    model = build(args, envs, None, hidden(args), still(args))
-    coach = Coach(args.average, args.critic_first, actor_layers(model))
+def make_learner(args: residual.Args) -> Callable[[int], float]:
+    """A function that learns for one segment and returns how long that took [s]; it is given the segment's index."""
+    envs = make_envs(args, make_scaling(args))
+    model = make_agent(args, envs)
+    actor = ActorSchedule(args.learner, actor_layers(model))
+    steps, lr = args.schedule.segment // args.env.hold, args.learner.lr
 
-    def teach(k: int) -> float:
+    def learn(k: int) -> float:
         seed, began = training_seed(args.seed, 1, k), time.perf_counter()
-        learn_segment(model, envs, coach, steps=args.segment // args.hold, seed=seed, lr=args.lr, first=k == 0)
+        learn_segment(model, envs, actor, steps=steps, seed=seed, lr=lr, first=k == 0)
         return time.perf_counter() - began
 
-    return teach
+    return learn
 
 
-def measure_row(args: Args, ticks: int, on_round: Callable[[], object]) -> dict[str, float | None]:
+def measure_row(args: residual.Args, ticks: int, on_round: Callable[[], object]) -> dict[str, float | None]:
     """Ticks a second of each column, medians over interleaved rounds.
 
     Args:
@@ -97,19 +105,22 @@ def measure_row(args: Args, ticks: int, on_round: Callable[[], object]) -> dict[
         ticks: Control ticks of each track in a round, without a learner.
         on_round: Called after each round.
     """
-    teach, whole = teacher(args), ticks * len(args.tracks)
+    learn = make_learner(args)
     # The compiled core, where there is one, beside the readable controller.
     envs = {
-        control: [make_env(replace(args, control=control), track).env for track in args.tracks]
-        for control in dict.fromkeys(("python", args.control))
+        control: [make_track_env(track, args.env.arguments, control) for track in args.env.tracks]
+        for control in dict.fromkeys(("python", args.env.control))
     }
     rates = []
     for k in range(ROUNDS):
         seed = training_seed(args.seed, 2, k)
         played = {control: [play(env, seed, ticks) for env in own] for control, own in envs.items()}
         alone = sum(replay(plant_of(env), *of[1:]) for env, of in zip(envs["python"], played["python"], strict=True))
+        # An episode may end before its ticks are up.
+        total = sum(len(commands) for _, _, commands in played["python"])
         python, core = (sum(of[0] for of in played.get(control, ())) for control in ("python", "core"))
-        rates.append([whole / alone, whole / python, whole / core if core else math.nan, args.segment / teach(k)])
+        segment = args.schedule.segment
+        rates.append([total / alone, total / python, total / core if core else math.nan, segment / learn(k)])
         on_round()
     medians = np.median(np.array(rates), axis=0).tolist()
     return {name: None if math.isnan(rate) else rate for name, rate in zip(COLUMNS, medians, strict=True)}
@@ -127,7 +138,12 @@ def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda
     for name, (preset, tracks) in ROWS.items():
         args = settings(preset, tracks)
         found = measure_row(args, ticks, lambda name=name: on_step(name))
-        rows[name] = {"preset": preset, "tracks": list(tracks), "learner_control": args.control, "ticks_per_s": found}
+        rows[name] = {
+            "preset": preset,
+            "tracks": list(tracks),
+            "learner_control": args.env.control,
+            "ticks_per_s": found,
+        }
     return {"machine": machine() | learner_versions(), "rounds": ROUNDS, "ticks_a_round": ticks, "speed": rows}
 
 
@@ -142,9 +158,41 @@ def speed_table(result: dict[str, Any]) -> str:
         [
             ", ".join(f"{name} {value}" for name, value in result["machine"].items()),
             "",
-            aligned([list(HEADS), *cells]),
+            format_table([list(HEADS), *cells]),
             "",
             f"one process on one core, medians of {result['rounds']} rounds; the learner: PPO without validations, "
             f"in environments with control = {', '.join(controls)}",
         ]
     )
+
+
+@dataclass(frozen=True)
+class Args:
+    """Measure control ticks a second of the simulation alone, with the allocator, and with a learner."""
+
+    seconds: float = 0.5
+    """Time for which the environment is stepped in a round [s]; a learner takes a batch, however long."""
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Print one JSON object on stdout and nothing else there."""
+
+    def __post_init__(self) -> None:
+        """Refuse a measurement of nothing."""
+        if not self.seconds > 0.0:
+            raise InvalidValueError("seconds", self.seconds, "a number above 0 [s]")
+
+
+def main() -> None:
+    """Entry point."""
+    args = tyro.cli(Args, description=__doc__, prog="python -m train.speed")
+    with tqdm(total=PARTS, unit="part", desc="speed", file=sys.__stderr__, leave=False) as bar:
+
+        def on_step(name: str) -> None:
+            bar.set_postfix_str(name)
+            bar.update()
+
+        result = run_speed(seconds=args.seconds, on_step=on_step)
+    print(json_text(result) if args.json else speed_table(result))
+
+
+if __name__ == "__main__":
+    run_cli("train.speed", main)

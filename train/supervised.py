@@ -8,62 +8,47 @@ such that its wrench, sent through that answer, cancels what was recorded: a mis
 counts as much as it moves the robot. Then the agent flies, and the rest is learned from what it left.
 """
 
-import sys
+import itertools
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-import tyro
 from torch import nn
-from tqdm import tqdm
+from torch.utils.tensorboard import SummaryWriter
 
-from spidar_gym.benchmark.artifact import Artifact
-from spidar_gym.benchmark.row import cores
 from spidar_gym.benchmark.track import HOVER, find_track
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.control.core import core_path
-from spidar_gym.control.observation import layout
+from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import layout
 from spidar_gym.errors import InvalidValueError, require_least
-from spidar_gym.terminal import speak_plainly
-from train import presets
-from train.kinds import Goal, Scaling, make_training_env, scaling_of, training_seed
-from train.learner import Layers
-from train.referee import Base, Referee
-from train.report import evaluate_row
-from train.response import POSE, RESPONSE_TICKS, answer, pose_error, pulse_response
-from train.run import Run, State, curve_line, make_artifact
+from spidar_gym.policies.artifact import Artifact, LearnedPolicy
+from spidar_gym.policies.rollout import rollout
+from spidar_gym.processes import Pool, cpu_count
+from train.lib.config import CONTROL, OutputConfig, flatten, parse
+from train.lib.envs import FLIGHTS, Scaling, make_track_env, scaling_of, training_seed
+from train.lib.evaluate import Base, PairedEvaluator
+from train.lib.learner import Layers
+from train.lib.report import report
+from train.lib.response import POSE, RESPONSE_TICKS, SETTLE, pose_error, pulse_response, respond
+from train.lib.run import Run, State, curve_line, make_artifact
+from train.lib.stages import Stages, scalars
 
 
 @dataclass(frozen=True)
-class Args:
-    """Learn a residual by regression."""
+class FitConfig:
+    """The network, and how it is fitted."""
 
-    name: str
-    """Of the row: letters, digits, _ and -."""
-    doc: str
-    """What it is, in one line."""
-    tracks: tuple[str, ...]
-    """Tracks in whose kinds of flights it learns, and on whose validation scenarios it is judged."""
-    base: str
-    """Preset of the controller that it adds to."""
-    seed: int = 0
-    """Of everything that is drawn."""
     posture: bool = True
     """Whether the network sees the joints' positions beside their motion."""
-    rounds: int = 2
-    """How often it flies and learns; the base alone flies in the first round."""
-    flights: int = 72
-    """Flights a round."""
     updates: int = 2000
     """Steps of the optimiser a round."""
     batch: int = 4
-    """Flights in a step."""
+    """Flights in a step of the optimiser."""
     hidden: int = 64
     """Width of the two hidden layers."""
     lr: float = 2e-3
@@ -72,22 +57,44 @@ class Args:
     """Weight decay."""
     effort: float = 1e-3
     """Weight of the mean square action beside the errors, each over the base's."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be fitted."""
+        require_least(1, updates=self.updates, batch=self.batch, hidden=self.hidden)
+
+
+@dataclass(frozen=True)
+class Args:
+    """Learn a residual by regression."""
+
+    name: str
+    """Name of the row: letters, digits, _ and -."""
+    doc: str
+    """What is learned, in one line."""
+    tracks: tuple[str, ...]
+    """Tracks in whose kinds of flights it learns, and on whose validation scenarios it is evaluated."""
+    base: str
+    """Preset of the controller that it adds to."""
+    seed: int = 0
+    """Seed of everything that is drawn."""
+    rounds: int = 2
+    """How often it flies and learns; the base alone flies in the first round."""
+    flights: int = 72
+    """Flights a round."""
     forms: int = 4
-    """Forms in which the answer to a pulse is measured."""
+    """Forms in which the response to a pulse is measured."""
     scenarios: int = 6
     """Validation scenarios of each track."""
-    control: str = "core" if core_path().is_file() else "python"
+    control: str = CONTROL
     """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
-    workers: int = cores()
+    workers: int = cpu_count()
     """Processes that fly."""
-    out: Path = Path("out/train")
-    """Folder for runs: NAME/seedK."""
-    row: bool = True
-    """Evaluate on the test scenarios in the end and write a row of this seed."""
+    fit: FitConfig = field(default_factory=FitConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be learned."""
-        least = ("rounds", "flights", "updates", "batch", "hidden", "forms", "scenarios", "workers")
+        least = ("rounds", "flights", "forms", "scenarios", "workers")
         require_least(1, **{name: getattr(self, name) for name in least})
         require_least(0, seed=self.seed)
         for track in self.tracks:
@@ -96,51 +103,68 @@ class Args:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Of `gym.make`."""
+        """Arguments of `gym.make`."""
         return {"action_mode": "residual_wrench", "preset": self.base}
 
 
+PRESETS: dict[str, Args] = {
+    "hover-paper": Args(
+        "supervised_paper",
+        "Regression: a wrench residual that foresees what moving joints do, on the paper's gains.",
+        FLIGHTS,
+        "paper",
+    ),
+    "hover-tuned": Args(
+        "supervised_tuned",
+        "Regression: a wrench residual that foresees what moving joints do, on `tuned`.",
+        FLIGHTS,
+        "tuned",
+        rounds=1,
+        flights=240,
+        fit=FitConfig(posture=False, updates=4000),
+    ),
+}
+"""Settings by name."""
+MOTION = ("joint_velocity", "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate")
+"""Pieces of the observation that enter the network: the joints' motion, and never an error."""
 POSTURE = ("joint_position",)
-"""Pieces that enter the network beside `presets.MOTION`, where the base leaves errors at rest; never an error."""
+"""Pieces that enter it, too, where the base leaves errors at rest."""
 SKIPPED = 20
 """Ticks at the beginning of a flight that do not count: its offset dies away."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What was recorded of a flight."""
+    """Record of a flight."""
 
     track: str
-    """Whose kind it was."""
+    """Track whose kind it was."""
     observations: np.ndarray
-    """Shape (ticks, observation)."""
+    """Observations, shape (ticks, observation)."""
     actions: np.ndarray
-    """Residual wrench, shape (ticks, 6), in its own unit."""
+    """Residual wrench in its own unit, shape (ticks, 6)."""
     errors: np.ndarray
     """Pose errors after each tick, shape (ticks, 6) [m], [rad]."""
 
 
-def fly(args: Args, layers: Layers | None, scaling: Scaling | None, number: int, round_: int) -> Flight:
-    """One flight of the base, or of the agent; flights take turns among the kinds."""
-    track = args.tracks[number % len(args.tracks)]
-    env = make_training_env(track, args.arguments, Goal(), washout=np.zeros(0), control=args.control).unwrapped
-    agent = None if layers is None or scaling is None else artifact(args, layers, scaling, State())
-    observation, _ = env.reset(seed=training_seed(args.seed, 2, round_, number))
-    seen, actions, errors = [], [], []
-    for _ in range(round(find_track(track).seconds * CONTROL_RATE)):
-        action = np.zeros(POSE) if agent is None else agent.act(observation)
-        seen.append(observation)
-        actions.append(action)
-        observation, _, terminated, _, info = env.step(action)
-        errors.append(pose_error(info))
-        if terminated:
-            break
+def fly(args: Args, agent: Artifact | None, round_index: int, index: int) -> Flight:
+    """One flight of the agent, or of the base alone where there is none; flights take turns among the tracks."""
+    track = args.tracks[index % len(args.tracks)]
+    env = make_track_env(track, args.arguments, args.control).unwrapped
+    policy = None if agent is None else LearnedPolicy(agent)
+    seed, ticks = training_seed(args.seed, 2, round_index, index), round(find_track(track).seconds * CONTROL_RATE)
+    steps = list(rollout(env, policy, seed=seed, ticks=ticks))
     env.close()
-    return Flight(track, np.array(seen), np.array(actions, np.float32), np.array(errors, np.float32))
+    return Flight(
+        track,
+        np.array([step.observation for step in steps]),
+        np.array([step.action for step in steps], np.float32),
+        np.array([pose_error(step.info) for step in steps], np.float32),
+    )
 
 
-def units(flights: Sequence[Flight]) -> dict[str, np.ndarray]:
-    """RMS of position and attitude errors of each kind of flight, shape (6,): what an error is measured by."""
+def error_units(flights: Sequence[Flight]) -> dict[str, np.ndarray]:
+    """Track → RMS of position and attitude errors of its flights, shape (6,): the units that errors are measured in."""
     found = {}
     for track in {flight.track for flight in flights}:
         errors = np.concatenate([f.errors[SKIPPED:] for f in flights if f.track == track])
@@ -148,64 +172,75 @@ def units(flights: Sequence[Flight]) -> dict[str, np.ndarray]:
     return found
 
 
+def visible_entries(config: FitConfig) -> np.ndarray:
+    """Mask of the observation's numbers that enter the network."""
+    names = MOTION + (POSTURE if config.posture else ())
+    return np.concatenate([np.full(field.size, field.name in names) for field in layout(POSE)])
+
+
 def fit(
-    args: Args,
+    config: FitConfig,
     flights: Sequence[Flight],
-    unit: dict[str, np.ndarray],
+    units: dict[str, np.ndarray],
     response: np.ndarray,
     scaling: Scaling,
-    on_update: Callable[[], object],
+    on_update: Callable[[float], object],
 ) -> Layers:
     """Fit a network whose wrench, sent through the response, cancels the recorded errors.
 
     The recorded errors had the recorded residual in them; it is taken out first. Every kind of flight counts the same,
     position as much as attitude, each over the base's.
+
+    Args:
+        config: The network, and how it is fitted.
+        flights: Flights so far.
+        units: Track → what its errors are divided by, shape (6,).
+        response: Response of the pose to a pulse, shape (6 errors, 6 entries, ticks).
+        scaling: Scaling of the observations.
+        on_update: Called with the loss of every step.
     """
-    size = len(scaling.mean)
-    first, middle, last = (
-        nn.Linear(size, args.hidden), nn.Linear(args.hidden, args.hidden), nn.Linear(args.hidden, POSE)
+    network = nn.Sequential(
+        nn.Linear(len(scaling.mean), config.hidden), nn.Tanh(),
+        nn.Linear(config.hidden, config.hidden), nn.Tanh(),
+        nn.Linear(config.hidden, POSE),
     )  # fmt: skip
-    network = nn.Sequential(first, nn.Tanh(), middle, nn.Tanh(), last)
-    hidden = torch.tensor(~visible(args))
+    linear = [module for module in network if isinstance(module, nn.Linear)]
+    hidden = torch.tensor(~visible_entries(config))
     with torch.no_grad():
-        first.weight[:, hidden] = 0.0
-        last.weight.zero_()
-        last.bias.zero_()
-    reversed_ = torch.tensor(response[:, :, ::-1].copy(), dtype=torch.float32)
-    inputs, left, weights = [], [], []
+        linear[0].weight[:, hidden] = 0.0
+        linear[-1].weight.zero_()
+        linear[-1].bias.zero_()
+
+    kernel = torch.tensor(response[:, :, ::-1].copy(), dtype=torch.float32)
+    inputs, base_errors, weights = [], [], []
     for flight in flights:
         x = torch.tensor(scaling(flight.observations))
         x[:, hidden] = 0.0
         inputs.append(x)
-        left.append(torch.tensor(flight.errors) - answer(reversed_, torch.tensor(flight.actions)))
-        weights.append(torch.tensor(1.0 / unit[flight.track], dtype=torch.float32))
-    optimizer = torch.optim.AdamW(network.parameters(), lr=args.lr, weight_decay=args.decay)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, args.updates)
-    for _ in range(args.updates):
-        chosen = torch.randint(0, len(flights), (args.batch,)).tolist()
-        wrenches = network(torch.cat([inputs[k] for k in chosen])).split([len(inputs[k]) for k in chosen])
+        base_errors.append(torch.tensor(flight.errors) - respond(kernel, torch.tensor(flight.actions)))
+        weights.append(torch.tensor(1.0 / units[flight.track], dtype=torch.float32))
+
+    optimizer = torch.optim.AdamW(network.parameters(), lr=config.lr, weight_decay=config.decay)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, config.updates)
+    for _ in range(config.updates):
+        batch = torch.randint(0, len(flights), (config.batch,)).tolist()
+        wrenches = network(torch.cat([inputs[k] for k in batch])).split([len(inputs[k]) for k in batch])
         loss = torch.zeros(())
-        for k, wrench in zip(chosen, wrenches, strict=True):
-            error = (left[k] + answer(reversed_, wrench)) * weights[k]
-            loss = loss + (error[SKIPPED:] ** 2).mean() + args.effort * (wrench**2).mean()
+        for k, wrench in zip(batch, wrenches, strict=True):
+            error = (base_errors[k] + respond(kernel, wrench)) * weights[k]
+            loss = loss + (error[SKIPPED:] ** 2).mean() + config.effort * (wrench**2).mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
         schedule.step()
-        on_update()
-    return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in (first, middle, last))
+        on_update(loss.item())
+    return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in linear)
 
 
-def visible(args: Args) -> np.ndarray:
-    """Which numbers of the observation enter the network."""
-    names = presets.MOTION + (POSTURE if args.posture else ())
-    return np.concatenate([np.full(field.size, field.name in names) for field in layout(POSE)])
-
-
-def weakened(layers: Layers, share: float) -> Layers:
-    """The same network with a share of its output."""
+def weakened(layers: Layers, fraction: float) -> Layers:
+    """The same network with a fraction of its output."""
     *rest, (w, b) = layers
-    return (*rest, (share * w, share * b))
+    return (*rest, (fraction * w, fraction * b))
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
@@ -216,77 +251,84 @@ def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Arti
     )  # fmt: skip
 
 
-def candidate(args: Args, layers: Layers, scaling: Scaling, state: State, share: float) -> Artifact:
-    """A share of a network."""
-    return artifact(args, weakened(layers, share), scaling, state)
-
-
 def learn(args: Args) -> Path:
     """One run; the path of its artifact."""
     torch.set_num_threads(1)
     torch.manual_seed(training_seed(args.seed, 3))
-    began = time.perf_counter()
-    settings = {k: v for k, v in asdict(args).items() if k not in ("out", "row", "workers")}
-    run = Run(args.out / args.name / f"seed{args.seed}", settings, HOVER, args.arguments)
-    state, flights, layers, scaling = State(), [], None, None
-    bounds = np.concatenate([np.full(field.size, field.bound) for field in layout(POSE)])
-    judged = len(args.tracks) * args.scenarios
-    total = args.forms + judged + args.rounds * (args.flights + args.updates + judged)
+    # However many processes fly, it ends the same.
+    settings = {name: value for name, value in flatten(args).items() if name != "workers"}
+    run = Run(args.output.out / args.name / f"seed{args.seed}", settings, HOVER, args.arguments)
+    state = State()
     with (
-        ProcessPoolExecutor(args.workers) as pool,
-        tqdm(total=total, desc=f"{args.name} seed {args.seed}", file=sys.__stderr__) as bar,
+        kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
+        Pool(args.workers) as pool,
+        Stages(f"{args.name} seed {args.seed}") as stages,
+        SummaryWriter(str(run.folder / "tensorboard")) as board,
     ):
-        bar.set_postfix_str("playing the base")
-        referee = Referee(
-            args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=bar.update,
-            each=pool.map,
-        )  # fmt: skip
-        state.base = referee.means
-        bar.set_postfix_str("pulses")
-        pulses = []
-        for pulse in pool.map(
-            partial(pulse_response, args.arguments, ticks=RESPONSE_TICKS, control=args.control),
-            [training_seed(args.seed, 4, k) for k in range(args.forms)],
-        ):
-            pulses.append(pulse)
-            bar.update()
-        response = np.mean(pulses, axis=0)
-        steps = args.forms * (1 + POSE) * (RESPONSE_TICKS + 40)
-        unit: dict[str, np.ndarray] = {}
-        for round_ in range(args.rounds):
-            bar.set_postfix_str(f"round {round_ + 1}: flying")
-            for flight in pool.map(partial(fly, args, layers, scaling, round_=round_), range(args.flights)):
-                flights.append(flight)
-                bar.update()
-            if scaling is None:
-                scaling = scaling_of(np.concatenate([f.observations for f in flights]), bounds)
-                unit = units(flights)
-            steps = steps + sum(len(f.errors) for f in flights[-args.flights :])
-            bar.set_postfix_str(f"round {round_ + 1}: fitting")
-            layers = fit(args, flights, unit, response, scaling, bar.update)
-            bar.set_postfix_str(f"round {round_ + 1}: against the base")
-            verdict, share = referee.strongest(partial(candidate, args, layers, scaling, state), bar.update)
-            layers = weakened(layers, share)
-            state.seconds = time.perf_counter() - began
-            state.segment, state.mean = round_ + 1, layers
-            state.curve.append(curve_line(steps, state.seconds, verdict))
-            if verdict.admissible and verdict.score < state.best_score:
-                state.best, state.best_score, state.best_steps = layers, verdict.score, steps
-            run.write_curve(state)
-        bar.set_postfix_str(f"against the base {state.best_score:+.1%}")
-    assert scaling is not None
-    return run.publish(artifact(args, state.best or weakened(layers or (), 0.0), scaling, state))
+        return _learn(args, run, state, pool, stages, board)
+
+
+def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board: SummaryWriter) -> Path:
+    """Fly, fit and evaluate, round by round; the path of the artifact."""
+    began, updates = time.perf_counter(), itertools.count()
+    validations = len(args.tracks) * args.scenarios
+
+    def on_update(loss: float) -> None:
+        board.add_scalar("train/loss", loss, next(updates))
+        stages.count()
+
+    stages.begin("playing the base", validations, "scenario")
+    evaluator = PairedEvaluator(
+        args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=stages.count,
+        each=pool.map,
+    )  # fmt: skip
+    state.base = evaluator.means
+
+    measure = partial(pulse_response, args.arguments, ticks=RESPONSE_TICKS, control=args.control)
+    seeds = [training_seed(args.seed, 4, k) for k in range(args.forms)]
+    measured = stages.each("measuring the response to pulses", pool.map(measure, seeds), args.forms, "form")
+    response = np.mean(list(measured), axis=0)
+
+    def fly_round(k: int, agent: Artifact | None) -> list[Flight]:
+        flown = pool.map(partial(fly, args, agent, k), range(args.flights))
+        return list(stages.each(f"round {k + 1} of {args.rounds}, flying", flown, args.flights, "flight"))
+
+    flights = fly_round(0, None)
+    bounds = np.concatenate([np.full(field.size, field.bound) for field in layout(POSE)])
+    # What the base sees, and the errors that it makes, scale all rounds.
+    scaling = scaling_of(np.concatenate([flight.observations for flight in flights]), bounds)
+    units = error_units(flights)
+    for k in range(args.rounds):
+        if k > 0:
+            flights += fly_round(k, artifact(args, state.mean, scaling, State()))
+
+        stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update")
+        layers = fit(args.fit, flights, units, response, scaling, on_update)
+
+        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario")
+        verdict, fraction = evaluator.largest_fraction(
+            lambda fraction, layers=layers: artifact(args, weakened(layers, fraction), scaling, state), stages.count
+        )
+        stages.evaluated(verdict)
+        layers = weakened(layers, fraction)
+
+        steps = args.forms * (1 + POSE) * (SETTLE + RESPONSE_TICKS) + sum(len(flight.errors) for flight in flights)
+        state.seconds = time.perf_counter() - began
+        state.segment, state.mean = k + 1, layers
+        state.curve.append(curve_line(steps, state.seconds, verdict))
+        if verdict.admissible and verdict.score < state.best_score:
+            state.best, state.best_score, state.best_steps = layers, verdict.score, steps
+        run.write_curve(state)
+        for name, value in scalars(state.curve[-1]):
+            board.add_scalar(name, value, steps)
+    return run.publish(artifact(args, state.best or weakened(state.mean, 0.0), scaling, state))
 
 
 def main() -> None:
     """Entry point."""
-    options = {name: (str(values["doc"]), Args(**values)) for name, values in presets.SUPERVISED.items()}
-    args = tyro.extras.overridable_config_cli(options, description=__doc__, prog="python -m train.supervised")
-    path = learn(args)
-    print(f"{path}: {args.name}, seed {args.seed}")
-    if args.row:
-        print(evaluate_row(path, args.tracks, args.out / "scores", args.base, workers=args.workers))
+    args = parse(PRESETS, "python -m train.supervised", __doc__)
+    report(learn(args), args.name, args.seed, HOVER, args.tracks, args.base, args.output, workers=args.workers)
 
 
 if __name__ == "__main__":
-    speak_plainly("train.supervised", main)
+    run_cli("train.supervised", main)

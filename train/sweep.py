@@ -9,29 +9,27 @@ again. On a cluster the folder must be one that all its machines share.
 import importlib.util
 import itertools
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from spidar_gym.benchmark.cluster import cluster
-from spidar_gym.benchmark.row import cores
-from spidar_gym.benchmark.tables import aligned
+from spidar_gym.cli.console import run_cli
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_name
 from spidar_gym.files import json_text, output_folder, write_text
-from spidar_gym.terminal import speak_plainly
-from train import presets
+from spidar_gym.processes import cpu_count
+from spidar_gym.text import format_table
+from train import residual
 from train.curves import read_curve
-from train.residual import Args as Run
-from train.residual import learn
-from train.run import called
+from train.lib.config import override
+from train.lib.run import command_line
 
 FOUND = ("chosen", "score", "worst", "success", "steps", "seconds")
 """What a trial reports: the paired score of the agent that it would publish, and the last line of its curve."""
 SWEPT = ("lr", "gamma", "log_std", "washout", "penalty")
 """Hyperparameters of which a sweep tries several."""
-
 FIXED = ("steps", "segment", "scenarios", "envs", "scaling_ticks")
 """Settings that all trials share."""
 
@@ -66,14 +64,14 @@ class Args:
     """Ticks of the baseline from which the observations' scaling is taken; the preset's if 0."""
     ray: str = "local"
     """Cluster: local, auto, or host:port."""
-    workers: int = cores()
+    workers: int = cpu_count()
     """Trials side by side on a local cluster, each on one core."""
     out: Path = Path("out/sweep")
     """Folder: results.json, and the trials' runs."""
 
     def __post_init__(self) -> None:
         """Refuse what is no sweep."""
-        require_name("preset", self.preset, presets.RESIDUAL)
+        require_name("preset", self.preset, residual.PRESETS)
         if not self.seeds:
             raise InvalidValueError("seeds", self.seeds, "at least one seed")
 
@@ -88,11 +86,11 @@ class Args:
         ]
 
 
-def settings(args: Args, trial: dict[str, Any]) -> Run:
-    """A trial's run, in a folder whose name says what was swept."""
+def settings(args: Args, trial: dict[str, Any]) -> residual.Args:
+    """A trial's settings, with a folder whose name says what was swept."""
     words = [f"{name}={value:g}" for name, value in trial.items() if name in SWEPT]
-    run = Run(**presets.RESIDUAL[args.preset])
-    return replace(run, **trial, row=False, out=args.out.absolute() / ("_".join(words) or "preset"))
+    out = args.out.absolute() / ("_".join(words) or "preset")
+    return override(residual.PRESETS[args.preset], **trial, row=False, out=out)
 
 
 def sweep(args: Args) -> list[dict[str, Any]]:
@@ -100,7 +98,7 @@ def sweep(args: Args) -> list[dict[str, Any]]:
     if importlib.util.find_spec("ray") is None or importlib.util.find_spec("ray.tune") is None:
         raise MissingDependencyError("Ray Tune", "pip install 'spidar-gym[ray,train]'")
     folder = output_folder(args.out).absolute()
-    command = called().split()[2:]
+    command = command_line().split()[2:]
 
     def trial(config: dict[str, Any]) -> None:
         from ray import tune
@@ -111,7 +109,7 @@ def sweep(args: Args) -> list[dict[str, Any]]:
         def report(line: dict[str, Any]) -> None:
             tune.report({name: line.get(name) for name in FOUND})
 
-        path = learn(settings(args, config["trial"]), on_segment=report)
+        path = residual.learn(settings(args, config["trial"]), on_segment=report)
         # The last word, which a run that was finished before has too.
         curve = read_curve(path.with_name("curve.json"))
         report({**curve["curve"][-1], "chosen": curve["chosen"]["score"]})
@@ -140,11 +138,11 @@ def main() -> None:
     lines = sweep(args)
     write_text(args.out / "results.json", json_text({"preset": args.preset, "trials": lines}))
     cells = [[f"{v:.4g}" if isinstance(v, float) else str(v) for v in line.values()] for line in lines]
-    print(aligned([list(lines[0]), *cells]))
+    print(format_table([list(lines[0]), *cells]))
     failed = [line["error"] for line in lines if line["error"]]
     if failed:
         raise SpidarError(f"{len(failed)} of {len(lines)} trials failed, the first of them with {failed[0]}")
 
 
 if __name__ == "__main__":
-    speak_plainly("train.sweep", main)
+    run_cli("train.sweep", main)

@@ -1,4 +1,4 @@
-"""Paired judgement: a candidate against the controller that it adds to, on the same validation scenarios."""
+"""Paired evaluation: a candidate against the controller that it adds to, on the same validation scenarios."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.artifact import Artifact, LearnedPolicy
-from spidar_gym.benchmark.episode import play
-from spidar_gym.benchmark.policy import Policy, PresetPolicy
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
+from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.policies.artifact import Artifact, LearnedPolicy
+from spidar_gym.policies.policy import Policy
+from spidar_gym.policies.presets import PresetPolicy
 
 SPLIT = "validation"
 """The only scenarios that training may look at."""
@@ -20,6 +21,8 @@ FLIGHT, GROUND = ("position_rms_m", "attitude_rms_rad"), ("duration_s", "energy_
 """What is compared on a flight's and on a crawl's track."""
 TOLERANCE = 0.02
 """A candidate that is worse than the base by more than this in any cell is not chosen."""
+FRACTIONS = (1.0, 0.7, 0.5, 0.3)
+"""Fractions of what was learned that are tried where all of it makes anything worse."""
 
 
 class Base(PresetPolicy):
@@ -34,10 +37,6 @@ class Base(PresetPolicy):
         return self._arguments
 
 
-SHARES = (1.0, 0.7, 0.5, 0.3)
-"""Shares of what was learned that are tried where all of it makes anything worse."""
-
-
 @dataclass(frozen=True)
 class Verdict:
     """What a comparison gave."""
@@ -45,7 +44,7 @@ class Verdict:
     cells: Mapping[str, Mapping[str, float]]
     """Track → metric → mean of the candidate over mean of the base, less 1; below 0 is better."""
     success: float
-    """Share of successes less the base's, mean over the tracks."""
+    """Fraction of successes less the base's, mean over the tracks."""
     failed: bool
     """Whether a scenario failed that the base did not fail."""
 
@@ -65,12 +64,12 @@ class Verdict:
         return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
 
 
-def _metrics(policy: Policy, control: str, chosen: tuple[str, Scenario]) -> dict[str, Any]:
-    return play(policy, *chosen, control=control)["metrics"]
+def _metrics(policy: Policy, control: str, scenario: tuple[str, Scenario]) -> dict[str, Any]:
+    return play_scenario(policy, *scenario, control=control)["metrics"]
 
 
-class Referee:
-    """Knows how the base does, and plays candidates against it."""
+class PairedEvaluator:
+    """Plays the base once, and then every candidate on the very same scenarios."""
 
     def __init__(
         self, tracks: Sequence[str], base: Base, scenarios: int, *, control: str,
@@ -80,18 +79,18 @@ class Referee:
 
         Args:
             tracks: Tracks of one environment.
-            base: Whom candidates are compared with.
+            base: Controller that candidates are compared with.
             scenarios: How many of each track's validation scenarios, from the first on.
             control: `python` or `core`.
             on_scenario: Called after each.
             each: `map`, or that of a pool of processes: no scenario depends on another.
         """
         self._control, self._each = control, each
-        self._chosen = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
-        if not self._chosen:
+        self._scenarios = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
+        if not self._scenarios:
             raise InvalidValueError("validation scenarios", scenarios, "at least one scenario of one track")
         self._tracks = tuple(tracks)
-        self.base = self._play(base, self._chosen, on_scenario)
+        self.base = self._play(base, self._scenarios, on_scenario)
         self.means = self._means(self.base)
         """Track → metric → mean of the base."""
 
@@ -99,12 +98,12 @@ class Referee:
         """Track → metric → mean over its scenarios."""
         means = {}
         for track in self._tracks:
-            own = [m for (name, _), m in zip(self._chosen, found, strict=True) if name == track]
+            own = [m for (name, _), m in zip(self._scenarios, found, strict=True) if name == track]
             metrics = FLIGHT if find_track(track).flies else GROUND
             means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
         return means
 
-    def shares(self) -> dict[str, float]:
+    def relative_errors(self) -> dict[str, float]:
         """Track → error of the base over its mean on all tracks, mean over the metrics."""
         every = {
             metric: np.mean([means[metric] for means in self.means.values()]) for metric in self.means[self._tracks[0]]
@@ -115,18 +114,21 @@ class Referee:
         }
 
     def _play(
-        self, policy: Policy, chosen: Sequence[tuple[str, Scenario]], on_scenario: Callable[[], object] = lambda: None
+        self,
+        policy: Policy,
+        scenarios: Sequence[tuple[str, Scenario]],
+        on_scenario: Callable[[], object] = lambda: None,
     ) -> list[dict[str, Any]]:
         found = []
-        for metrics in self._each(partial(_metrics, policy, self._control), chosen):
+        for metrics in self._each(partial(_metrics, policy, self._control), scenarios):
             found.append(metrics)
             on_scenario()
         return found
 
-    def judge(self, candidate: Artifact | Policy, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
+    def evaluate(self, candidate: Artifact | Policy, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
         """Play a candidate on all scenarios."""
         policy = LearnedPolicy(candidate) if isinstance(candidate, Artifact) else candidate
-        found = self._play(policy, self._chosen, on_scenario)
+        found = self._play(policy, self._scenarios, on_scenario)
         cells = {
             track: {name: value / self.means[track][name] - 1.0 for name, value in means.items()}
             for track, means in self._means(found).items()
@@ -135,27 +137,27 @@ class Referee:
         failed = any(m["failed"] and not b["failed"] for m, b in zip(found, self.base, strict=True))
         return Verdict(cells, success, failed)
 
-    def strongest(
+    def largest_fraction(
         self, candidate: Callable[[float], Artifact], on_scenario: Callable[[], object] = lambda: None
     ) -> tuple[Verdict, float]:
-        """The largest of `SHARES` of what was learned with which nothing gets worse; the least where there is none.
+        """The largest of `FRACTIONS` of what was learned with which nothing gets worse; the least if there is none.
 
         Args:
-            candidate: Artifact of a share.
+            candidate: Artifact of a fraction.
             on_scenario: Called after each scenario of the first one.
         """
-        share = SHARES[0]
-        verdict = self.judge(candidate(share), on_scenario)
-        for less in SHARES[1:]:
+        fraction = FRACTIONS[0]
+        verdict = self.evaluate(candidate(fraction), on_scenario)
+        for less in FRACTIONS[1:]:
             if verdict.admissible:
                 break
-            share, verdict = less, self.judge(candidate(less))
-        return verdict, share
+            fraction, verdict = less, self.evaluate(candidate(less))
+        return verdict, fraction
 
-    def require_equal(self, artifact: Artifact) -> None:
+    def require_same_as_base(self, artifact: Artifact) -> None:
         """Refuse an agent that is to add nothing, and is not the base bit for bit (`SpidarError`)."""
-        first = {track: k for k, (track, _) in reversed(list(enumerate(self._chosen)))}
-        found = self._play(LearnedPolicy(artifact), [self._chosen[k] for k in first.values()])
+        first = {track: k for k, (track, _) in reversed(list(enumerate(self._scenarios)))}
+        found = self._play(LearnedPolicy(artifact), [self._scenarios[k] for k in first.values()])
         for (track, k), mine in zip(first.items(), found, strict=True):
             differ = {name for name, value in mine.items() if value != self.base[k][name]}
             if differ:

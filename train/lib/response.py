@@ -1,4 +1,4 @@
-"""How a pose answers to a residual wrench: measured by pulses on the closed loop, whatever controller closes it."""
+"""How a pose responds to a residual wrench: measured by pulses on the closed loop, whatever controller closes it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,16 +9,21 @@ import torch
 
 import spidar_gym.envs.registry
 from spidar_gym.benchmark.track import HOVER
-from spidar_gym.control.controller import CONTROL_RATE
-from spidar_gym.envs.hover_task import FlightStart, FormGoal, HoverTask
-from train.kinds import training_seed
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.hover.task import FlightStart, FormGoal, HoverTask
+from spidar_gym.policies.rollout import rollout
+from train.lib.envs import training_seed
 
 SETTLE = 40
 """Ticks of hovering before a pulse."""
 PULSE = 0.2
 """Size of a pulse, in the residual's own unit."""
 POSE = 6
-"""Position error [m] and attitude error [rad], three each."""
+"""Size of a pose error: position [m] and attitude [rad], three each."""
+RESPONSE_S = 5.0
+"""Length of a response: what is left after it is small [s]."""
+RESPONSE_TICKS = round(RESPONSE_S * CONTROL_RATE)
+"""Length of a response in control ticks."""
 
 
 def pose_error(info: Mapping[str, Any]) -> np.ndarray:
@@ -32,9 +37,9 @@ def pulse_response(arguments: Mapping[str, Any], seed: int, ticks: int, control:
     The robot hovers in a form drawn from the seed, with the pulse and without it.
 
     Args:
-        arguments: Of `gym.make`: action mode and controller.
-        seed: Of the form and the episode.
-        ticks: Length of the answer.
+        arguments: Arguments of `gym.make`: action mode and controller.
+        seed: Seed of the form and the episode.
+        ticks: Length of the response.
         control: `python` or `core`.
 
     Returns:
@@ -47,31 +52,37 @@ def pulse_response(arguments: Mapping[str, Any], seed: int, ticks: int, control:
     )  # fmt: skip
     form = HoverTask(forms="independent").schedule(np.random.Generator(np.random.PCG64(seed)))[0].joint_target
     start = FlightStart((FormGoal(0.0, 0.0, form),), np.zeros(3), np.zeros(3))
-    errors = np.zeros((1 + POSE, SETTLE + ticks, POSE))
-    size = (env.action_space.shape or (0,))[0]
-    for entry in range(1 + POSE):
-        env.reset(seed=training_seed(seed, 2), options={"start": start})
-        for k in range(SETTLE + ticks):
-            action = np.zeros(size)
-            if k == SETTLE and entry > 0:
-                action[entry - 1] = PULSE
-            errors[entry, k] = pose_error(env.step(action)[4])
+    found = []
+    for pulse in np.vstack((np.zeros(POSE), PULSE * np.eye(POSE))):
+        options = {"start": start}
+        steps = rollout(env, _Pulse(pulse), seed=training_seed(seed, 2), options=options, ticks=SETTLE + ticks)
+        found.append([pose_error(step.info) for step in steps])
     env.close()
+    errors = np.array(found)
     return ((errors[1:] - errors[0]) / PULSE)[:, SETTLE:].transpose(2, 0, 1)
 
 
-def answer(response: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+class _Pulse:
+    """The zero action, but for one tick after the robot has settled."""
+
+    def __init__(self, pulse: np.ndarray) -> None:
+        self._pulse, self._tick = pulse, 0
+
+    def reset(self, seed: int) -> None:
+        self._tick = 0
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        action = self._pulse if self._tick == SETTLE else np.zeros(POSE)
+        self._tick += 1
+        return action
+
+
+def respond(response: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
     """Pose error (ticks, 6) that a residual wrench (ticks, 6) causes: its convolution with the response.
 
     Args:
-        response: Shape (6, 6, length), last tick first.
-        wrench: In the residual's own unit.
+        response: Pulse response of shape (6, 6, length), last tick first.
+        wrench: Residual wrench in its own unit.
     """
     padded = torch.nn.functional.pad(wrench.T[None], (response.shape[2] - 1, 0))
     return torch.nn.functional.conv1d(padded, response)[0].T
-
-
-RESPONSE_S = 5.0
-"""Length of a response: what is left after it is small [s]."""
-RESPONSE_TICKS = round(RESPONSE_S * CONTROL_RATE)
-"""… in ticks."""

@@ -1,0 +1,1 @@
+"""What the recipes share: environments and rewards, the learner, paired evaluation, runs and what they report."""

@@ -1,0 +1,85 @@
+"""Settings in groups: a command line, a checkpoint and a sweep know every field of a recipe by its own name alone."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import tyro
+
+from spidar_gym.errors import require_name
+from spidar_gym.native.library import core_path
+
+CONTROL = "core" if core_path().is_file() else "python"
+"""Controller that training flies with: the compiled one where there is one."""
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """What a run leaves behind."""
+
+    out: Path = Path("out/train")
+    """Folder for runs: NAME/seedK."""
+    row: bool = True
+    """Evaluate on the test scenarios in the end and write a row of this seed."""
+
+
+class Recipe(Protocol):
+    """What the settings of every recipe have."""
+
+    @property
+    def doc(self) -> str:
+        """What is learned, in one line."""
+        ...
+
+
+T = TypeVar("T")
+R = TypeVar("R", bound=Recipe)
+
+
+def parse(presets: Mapping[str, R], prog: str, description: str | None) -> R:
+    """The settings of a command line: a preset's, and what the options change; groups have no part in their names."""
+    options = {name: (settings.doc, settings) for name, settings in presets.items()}
+    return tyro.extras.overridable_config_cli(
+        options, prog=prog, description=description, config=(tyro.conf.OmitArgPrefixes,)
+    )
+
+
+def flatten(settings: object) -> dict[str, Any]:
+    """Every field by name, without its group; what a run leaves behind is no setting, since nothing depends on it."""
+    assert dataclasses.is_dataclass(settings)
+    found: dict[str, Any] = {}
+    for field in dataclasses.fields(settings):
+        value = getattr(settings, field.name)
+        if not isinstance(value, OutputConfig):
+            found |= flatten(value) if dataclasses.is_dataclass(value) else {field.name: value}
+    return found
+
+
+def override(settings: T, **changes: Any) -> T:  # noqa: ANN401 - of any field
+    """The same settings with other values of some fields, whichever group each is in.
+
+    Raises:
+        UnknownNameError: For a field that no group has.
+    """
+    changed, missing = _override(settings, changes)
+    for name in missing:
+        require_name("setting", name, flatten(settings))
+    return changed
+
+
+def _override(settings: T, changes: Mapping[str, Any]) -> tuple[T, set[str]]:
+    """The settings with what they and their groups have of the changes, and what none of them has."""
+    assert dataclasses.is_dataclass(settings)
+    assert not isinstance(settings, type)
+    values, missing = {}, set(changes)
+    for field in dataclasses.fields(settings):
+        value = getattr(settings, field.name)
+        if dataclasses.is_dataclass(value):
+            values[field.name], inside = _override(value, changes)
+            missing &= inside
+        elif field.name in changes:
+            values[field.name] = changes[field.name]
+            missing.discard(field.name)
+    return dataclasses.replace(settings, **values), missing

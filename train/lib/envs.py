@@ -1,0 +1,261 @@
+"""Environments to learn in: of the tracks' kinds, with seeds that no scenario has, as a learner sees them."""
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import spidar_gym.envs.registry
+from spidar_gym.benchmark.scenario import OFFSET
+from spidar_gym.benchmark.track import HOVER, find_track
+from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import Field, layout
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
+from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.policies.artifact import Washout
+from train.lib.config import CONTROL
+from train.lib.rewards import RewardConfig, Tick
+
+NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
+"""Tracks of flights at three speeds, on the robot of the description."""
+FLIGHTS = (*NOMINAL, "flight-randomised")
+"""The same, and flights of drawn robots with real sensors."""
+FIRST_SEED = 2**31
+"""Training draws its seeds from here on; those of the scenarios lie below."""
+
+
+def training_seed(*words: int) -> int:
+    """A seed of an environment or a learner, from nothing but the given numbers: run, segment, place."""
+    entropy = [zlib.crc32(b"train"), *words]
+    return FIRST_SEED + int(np.random.SeedSequence(entropy).generate_state(1)[0] >> 2)
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """Where an agent learns, what it sees, and what its actions do."""
+
+    env_id: str
+    """Environment, with version."""
+    tracks: tuple[str, ...]
+    """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is evaluated."""
+    base: str
+    """Preset of the controller that it adds to."""
+    action_mode: str
+    """What the action means; `direct` has no controller."""
+    sees: tuple[str, ...] = ()
+    """Pieces of the observation that the actor sees, by name, while the critic sees all; all if none is given."""
+    still: tuple[int, ...] = ()
+    """Entries of the action that stay 0."""
+    hold: int = 1
+    """Ticks for which the learner holds an action."""
+    washout: float = 0.0
+    """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
+    control: str = CONTROL
+    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
+
+    def __post_init__(self) -> None:
+        """Refuse what nobody can learn in."""
+        require_least(1, hold=self.hold)
+        if not self.tracks:
+            raise InvalidValueError("tracks", self.tracks, "at least one track")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `gym.make`."""
+        return {"action_mode": self.action_mode, "preset": self.base}
+
+    @property
+    def adds(self) -> bool:
+        """Whether there is a controller to add to."""
+        return self.action_mode != "direct"
+
+    @property
+    def mode(self) -> ActionMode:
+        """What the action means."""
+        return find_action_mode(self.action_mode, ACTION_MODES if self.env_id == HOVER else CRAWL_MODES)
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Pieces of the observation."""
+        return (layout if self.env_id == HOVER else crawl_layout)(self.mode.size)
+
+    def hidden_entries(self) -> np.ndarray:
+        """Mask of the observation's numbers that the actor does not see (`UnknownNameError` for an unknown piece)."""
+        for name in self.sees:
+            require_name("piece of the observation", name, [field.name for field in self.fields])
+        return np.concatenate([np.full(f.size, bool(self.sees) and f.name not in self.sees) for f in self.fields])
+
+    def still_entries(self) -> np.ndarray:
+        """Mask of the action's entries that stay 0 (`InvalidValueError` for an entry that there is not)."""
+        size = self.mode.size
+        for entry in self.still:
+            if not 0 <= entry < size:
+                raise InvalidValueError("still", entry, f"entries within 0 … {size - 1}")
+        return np.isin(np.arange(size), self.still)
+
+    def washout_times(self) -> np.ndarray:
+        """Time constant of every entry of the action [s]: only a wrench has integrals that own its constant part."""
+        channels = self.mode.channels
+        return np.concatenate([np.full(c.size, self.washout if c.name == "wrench" else 0.0) for c in channels])
+
+
+def make_track_env(track: str, arguments: Mapping[str, Any], control: str) -> gymnasium.Env:
+    """An environment of a track's kind, which draws its episodes from its seed; what scenarios vary is drawn too.
+
+    Args:
+        track: Track whose forms, speed, sensors, randomisation and length it has.
+        arguments: Action mode and controller.
+        control: `python` or `core`.
+    """
+    spidar_gym.envs.registry.register()
+    kind = find_track(track)
+    own = {"perturbation": OFFSET} if kind.flies else {}
+    return gymnasium.make(
+        kind.env_id, **own, **kind.options, **arguments, control=control, horizon_s=kind.seconds,
+        max_episode_steps=round(kind.seconds * CONTROL_RATE), disable_env_checker=True,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How observations enter a network; the same numbers as in the artifact."""
+
+    mean: np.ndarray
+    """Mean of the baseline's observations."""
+    variance: np.ndarray
+    """Variance of the baseline's observations, above 0."""
+    clip: float = 10.0
+    """Bound of a scaled observation."""
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """(o − mean) / √variance, clipped, float32."""
+        x = (observation - self.mean) / np.sqrt(self.variance)
+        return np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
+
+
+class TrainingEnv(gymnasium.Wrapper):
+    """An environment as learners see it: scaled observations, a training reward, a washout, little in `info`."""
+
+    def __init__(
+        self,
+        env: gymnasium.Env,
+        reward: RewardConfig,
+        *,
+        washout: np.ndarray,
+        still: np.ndarray | float = 0.0,
+        hold: int = 1,
+        scaling: Scaling | None = None,
+    ) -> None:
+        """Wrap.
+
+        Args:
+            env: Environment of this package.
+            reward: What is rewarded.
+            washout: Time constant of each entry of the action, 0 for none [s].
+            still: 1 for the entries of the action that stay 0.
+            hold: Ticks for which an action is held; their rewards are added up.
+            scaling: Scaling of the observations; none if None.
+        """
+        super().__init__(env)
+        self.reward, self._washout, self._hold, self._scaling = reward, Washout(washout), hold, scaling
+        self._free = 1.0 - still
+        self._before: dict[str, Any] = {}
+        if scaling is not None:
+            high = np.full(len(scaling.mean), scaling.clip, np.float32)
+            self.observation_space = gymnasium.spaces.Box(-high, high, dtype=np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        """Begin an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._washout.reset()
+        self._before = self._with_remaining(info)
+        return self._scaled(observation), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """As long as an action is held; a crawl is over when it is finished."""
+        total, action = 0.0, self._free * np.asarray(action, np.float64)
+        observation, terminated, truncated = np.zeros(0), False, False
+        for _ in range(self._hold):
+            given = self._washout(action)
+            observation, reward, terminated, truncated, info = self.env.step(given)
+            info = self._with_remaining(info)
+            total += self.reward(Tick(float(reward), info, self._before, self.unwrapped, given))
+            self._before = info
+            terminated = terminated or bool(info.get("finished", False))
+            if terminated or truncated:
+                break
+        return self._scaled(observation), total, terminated, truncated, {"is_success": self._before["is_success"]}
+
+    def _scaled(self, observation: np.ndarray) -> np.ndarray:
+        return observation if self._scaling is None else self._scaling(observation)
+
+    def _with_remaining(self, info: dict[str, Any]) -> dict[str, Any]:
+        """The info, and of a crawl how far its goal is, from which `economy` is computed."""
+        env: Any = self.unwrapped
+        return {**info, "remaining": env.progress.distance} if "finished" in info else info
+
+
+def make_training_env(
+    config: EnvConfig, reward: RewardConfig, track: str, scaling: Scaling | None = None, relative_error: float = 1.0
+) -> TrainingEnv:
+    """An environment to learn in.
+
+    Args:
+        config: What the agent sees and does.
+        reward: What it is rewarded for.
+        track: Track whose kind it is.
+        scaling: Scaling of the observations; none if None.
+        relative_error: Error of the base on this track over its mean on all tracks, by which `reward` is scaled.
+    """
+    scales = {name: relative_error * getattr(reward, name) for name in ("position", "attitude", "velocity", "rate")}
+    return TrainingEnv(
+        make_track_env(track, config.arguments, config.control), replace(reward, **scales),
+        washout=config.washout_times(), still=config.still_entries(), hold=config.hold, scaling=scaling,
+    )  # fmt: skip
+
+
+def baseline_scaling(
+    envs: Sequence[TrainingEnv],
+    seed: int,
+    ticks: int,
+    spread: float = 0.0,
+    on_tick: Callable[[], object] = lambda: None,
+) -> Scaling:
+    """Mean and variance of what the baseline sees, frozen from then on.
+
+    Args:
+        envs: Environments without scaling, one of each kind.
+        seed: Seed of the run.
+        ticks: How many of each.
+        spread: Standard deviation of random actions; 0 is the baseline, which a learner from nothing does not have.
+        on_tick: Called after each, for progress.
+    """
+    seen = []
+    rng = np.random.Generator(np.random.PCG64(training_seed(seed, 7)))
+    for k, env in enumerate(envs):
+        zero = np.zeros(env.action_space.shape or ())
+        observation, _ = env.reset(seed=training_seed(seed, 0, k))
+        for _ in range(ticks):
+            seen.append(observation)
+            observation, _, terminated, truncated, _ = env.step(np.clip(rng.normal(zero, spread), -1.0, 1.0))
+            if terminated or truncated:
+                observation, _ = env.reset()
+            on_tick()
+    space = envs[0].observation_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    return scaling_of(np.array(seen), space.high)
+
+
+def scaling_of(observations: np.ndarray, bounds: np.ndarray) -> Scaling:
+    """Mean and variance of observations (number, size), of at least a thousandth of the bound.
+
+    Entries that never change, such as the previous action of the base, are scaled by their bound.
+    """
+    o, bound = observations.astype(float), bounds.astype(float)
+    deviation = o.std(axis=0)
+    idle = deviation < 1e-6 * bound
+    return Scaling(np.where(idle, 0.0, o.mean(axis=0)), np.where(idle, bound, np.maximum(deviation, 1e-3 * bound)) ** 2)

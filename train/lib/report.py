@@ -1,0 +1,98 @@
+"""The end of a run: what was learned, what one does with it next, and its row on the test scenarios."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from spidar_gym.benchmark.comparison import COMPARED, comparison_text
+from spidar_gym.benchmark.evaluate import evaluate_runs
+from spidar_gym.benchmark.row import BASES, committed_row, eval_command, make_row, write_row
+from spidar_gym.benchmark.track import SCENARIOS
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import policy_name
+from train.lib.config import OutputConfig
+
+HEADINGS = {metric: heading for group in COMPARED.values() for metric, (heading, *_) in group.items()}
+"""Metric → its name in reports."""
+
+
+def report(
+    path: Path, name: str, seed: int, env_id: str, tracks: Sequence[str], base: str, output: OutputConfig, *,
+    workers: int,
+) -> None:  # fmt: skip
+    """Print what a run has learned, and evaluate it for a row where that is wanted.
+
+    Args:
+        path: The artifact, beside its run's curve.
+        name: Name of the row.
+        seed: Seed of the run.
+        env_id: Environment.
+        tracks: Tracks on which it was evaluated.
+        base: Preset of the controller that it adds to, or that it is to replace.
+        output: Whether a row is wanted, and where it goes.
+        workers: Processes.
+    """
+    print(f"{path}: {name}, seed {seed}\n{conclusion(path, base, env_id, tracks)}")
+    if output.row:
+        print(evaluate_row(path, tracks, output.out / "scores", base, workers=workers))
+
+
+def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str:
+    """How the chosen agent compares with its base on the validation scenarios, and what one does with it next.
+
+    Args:
+        path: The artifact, beside its run's curve.
+        base: Preset of the controller that it adds to, or that it is to replace.
+        env_id: Environment.
+        tracks: Tracks on which it was evaluated.
+    """
+    content = json.loads(path.with_name("curve.json").read_text(encoding="utf-8"))
+    chosen, curve = content["chosen"], content["curve"]
+    lines = [line for line in curve if line["steps"] == chosen["steps"]]
+    worst = max((value for line in lines for cell in line["cells"].values() for value in cell.values()), default=0.0)
+    if not chosen["steps"]:
+        words = f"no agent of {len(curve)} did better than {base} without doing anything worse: this one adds nothing"
+    else:
+        better = "better" if chosen["score"] < 0.0 else "worse"
+        words = f"{abs(chosen['score']):.1%} {better} than {base} in the mean, chosen after {chosen['steps']} ticks"
+        cells = [
+            f"{track} " + ", ".join(f"{HEADINGS[metric]} {value:+.1%}" for metric, value in cell.items())
+            for line in lines[:1]
+            for track, cell in line["cells"].items()
+        ]
+        words = f"{words}; worst {worst:+.1%}: {'; '.join(cells)}" if cells else words
+    return "\n".join([
+        f"validation: {words}",
+        f"watch it:   spidar run {env_id} --policy {path}",
+        f"measure it: spidar eval --policy {path} --tracks {' '.join(tracks)}",
+    ])  # fmt: skip
+
+
+def evaluate_row(
+    path: Path, tracks: Sequence[str], folder: Path, base: str, *, scenarios: int = SCENARIOS, workers: int
+) -> str:
+    """Play the test scenarios, write the row, and say how it compares with its base.
+
+    Args:
+        path: The artifact.
+        tracks: Tracks.
+        folder: Folder of the row.
+        base: Preset of the controller that it adds to, or that it is to replace.
+        scenarios: How many of each track.
+        workers: Processes.
+    """
+    spec = str(path)
+    policy = load_policy(spec)
+    with tqdm(
+        total=len(tracks) * scenarios, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
+    ) as bar:
+        scores = evaluate_runs(
+            [spec], tracks, scenarios, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
+            on_track=bar.set_postfix_str,
+        )  # fmt: skip
+    row = make_row([policy], [spec], scores, command=eval_command([spec], tracks, scenarios=scenarios))
+    written, against = f"written to {write_row(row, folder)}", committed_row(BASES[base])
+    return written if against is None else f"{comparison_text(row, against)}\n{written}"
