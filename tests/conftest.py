@@ -1,12 +1,17 @@
-"""Fixtures of the compiled runner, which several files drive: exported, compiled and flown once a process."""
+"""The option of the adversaries, and the compiled runner, which several files drive: made and flown once a process."""
 
 import pytest
+
+
+def pytest_addoption(parser):
+    """`--whole`, for tests/adversary: every try that was promised, not CI's sample."""
+    parser.addoption("--whole", action="store_true", help="adversaries make all of their tries, not a sample")
 
 
 @pytest.fixture(scope="session")
 def onboard():
     """The module, imported late: a package that a conftest imports escapes the checks of shapes and types."""
-    import onboard
+    from support import runner as onboard
 
     return onboard
 

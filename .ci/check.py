@@ -1,0 +1,162 @@
+"""Everything that must hold, in the order of CI: format, lint, types, imports, generated files, guide, tests, wheel."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+WORKERS = str(min(4, os.cpu_count() or 1))
+OLDEST = "gymnasium==1.2.0"
+"""The oldest that pyproject.toml admits; the tests have the newest."""
+QUICK = (
+    "benchmark/comparison", "benchmark/row", "benchmark/statistics", "benchmark/track", "cli/bench",
+    "control/allocation/allocator", "control/allocation/blocks", "control/allocation/contact",
+    "control/crawl/footsteps", "control/crawl/kinematics", "control/crawl/pose2", "control/flight/centroidal",
+    "control/flight/controller", "control/flight/margins", "control/flight/observation", "control/presets",
+    "control/thrust", "envs/actions", "envs/docs", "errors", "files", "meta/architecture", "meta/check",
+    "meta/docs", "meta/ledger", "meta/pages", "meta/readme",
+    "model/dynamics", "model/interference", "model/rotor", "paper/flight",
+    "robot/description", "robot/spec", "sim/body", "sim/disturbances", "sim/energy", "sim/randomize", "sim/sensors",
+    "so3", "train/headroom",
+)  # fmt: skip
+"""Test files of --fast: those that need at most some twelve seconds of one core each, 160 together."""
+
+
+def test_file(name: str) -> str:
+    """`sim/plant` → `tests/sim/test_plant.py`."""
+    folder, _, module = name.rpartition("/")
+    return str(Path("tests", folder, f"test_{module}.py"))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Commands that run side by side, and how long they take together."""
+
+    title: str
+    """What it is."""
+    commands: dict[str, list[str]]
+    """Title → command, the first word a program of this environment."""
+    minutes: float
+    """Expected on two quiet cores."""
+
+
+# Side by side: pyright uses one core.
+CHECKS: dict[str, list[str]] = {
+    "types": ["pyright", "--pythonpath", sys.executable],
+    "format": ["ruff", "format", "--check", "."],
+    "lint": ["ruff", "check", "."],
+    "import layers": ["lint-imports"],
+    "generated files": ["spidar", "assets", "--check"],
+}
+CORE = {"onboard core": ["spidar", "export", "--build"]}
+# Sphinx's warnings are errors, and links that lead nowhere; no network.
+GUIDE = {"guide": ["spidar", "docs"]}
+# What is skipped says why.
+PYTEST = ["pytest", "-rs", "-n", WORKERS, "--dist", "loadfile"]
+TIMED = [*PYTEST, "--durations", "12"]
+UNCHECKED = "--strict-markers -q --import-mode=importlib"
+"""Pytest's options of pyproject.toml without the checks of shapes and types."""
+WHEEL = Stage("wheel, installed alone", {}, 1.0)
+FULL = (
+    Stage("static checks, guide", CHECKS | CORE | GUIDE, 1.5),
+    Stage(
+        "tests, shapes and types checked",
+        {"pytest": [*TIMED, "-m", "not ros and not slow and not train"]},
+        7.0,
+    ),
+    # The same code for longer: the checks at run time would double its time, and have been made above.
+    Stage(
+        "long tests",
+        {"pytest": [*TIMED, "-o", f"addopts={UNCHECKED}", "-m", "(slow or train) and not ros"]},
+        3.5,
+    ),
+    # In real time: nothing else runs beside them.
+    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n", "2", "-m", "ros"]}, 2.5),
+    Stage(
+        "rows of the leaderboard, played again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.3
+    ),
+    WHEEL,
+)
+FAST = (
+    Stage("static checks", CHECKS, 0.7),
+    Stage(
+        "quick tests",
+        {"pytest": [*PYTEST, "-m", "not ros and not slow and not train", *map(test_file, QUICK)]},
+        2.0,
+    ),
+)
+
+
+def run(title: str, command: list[str], cwd: Path | str = ROOT) -> None:
+    """Run one command; stop everything where it fails."""
+    print(f"── {title}: {' '.join(command)}", flush=True)
+    code = subprocess.run(command, cwd=cwd, check=False).returncode
+    if code != 0:
+        sys.exit(f"{title} failed with exit status {code}")
+
+
+def play(stage: Stage) -> None:
+    """Run a stage and say how long it took, and how much of that the processors worked: a busy machine shows there."""
+    start, worked = time.monotonic(), _processor_minutes()
+    if stage is WHEEL:
+        wheel_alone()
+    with ThreadPoolExecutor(2) as pool:
+        program = {title: [str(BIN / first), *rest] for title, (first, *rest) in stage.commands.items()}
+        for done in [pool.submit(run, title, command) for title, command in program.items()]:
+            done.result()
+    print(
+        f"── {stage.title}: {(time.monotonic() - start) / 60:.1f} min, {_processor_minutes() - worked:.1f} min of "
+        f"processor time; {stage.minutes:g} min on two quiet cores",
+        flush=True,
+    )
+
+
+def _processor_minutes() -> float:
+    times = os.times()
+    return (times.children_user + times.children_system) / 60.0
+
+
+def wheel_alone() -> None:
+    """The built wheel, installed without the checkout on the oldest Gymnasium, makes an environment and flies it."""
+    with tempfile.TemporaryDirectory() as folder:
+        run("wheel", [sys.executable, "-m", "build", "--wheel", "--installer", "pip", "--outdir", folder, str(ROOT)])
+        wheel = next(Path(folder).glob("*.whl"))
+        venv.create(Path(folder) / "venv", with_pip=True, system_site_packages=False)
+        python = str(Path(folder) / "venv" / "bin" / "python")
+        run("install the wheel alone", [python, "-m", "pip", "install", "-q", str(wheel), OLDEST])
+        run("smoke test on the wheel", [python, str(ROOT / ".ci" / "smoke.py")], cwd=folder)
+
+
+def plan(stages: tuple[Stage, ...]) -> str:
+    """The stages with their minutes, as text."""
+    lines = [f"{stage.minutes:4.1f} min  {stage.title}" for stage in stages]
+    return "\n".join([*lines, f"{sum(stage.minutes for stage in stages):4.1f} min  in all, on two quiet cores"])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=f"everything:\n{plan(FULL)}\n\n--fast:\n{plan(FAST)}\n\n"
+        "adversaries make a sample of their tries; all of them: pytest tests/adversary --whole",
+    )
+    parser.add_argument("--fast", action="store_true", help="what a contributor needs between two commits")
+    fast = parser.parse_args(arguments).fast
+    stages = FAST if fast else FULL
+    print(plan(stages), flush=True)
+    for stage in stages:
+        play(stage)
+    print("all quick checks passed; the others: python .ci/check.py" if fast else "all checks passed")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Pins the committed leaderboard: whole, made of its rows; what the constraint is worth."""
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from spidar_gym.benchmark import TRACKS
+from spidar_gym.benchmark.leaderboard import GROUPS, tabulate
+from spidar_gym.benchmark.leaderboard_page import markdown
+from spidar_gym.benchmark.leaderboard_text import overall_lines, track_lines
+from spidar_gym.benchmark.row import read_rows
+from spidar_gym.benchmark.track import SCENARIOS
+from spidar_gym.cli.evaluate import BASELINES
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import defined_on, policy_name
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROTOCOL = (ROOT / "docs" / "benchmark" / "protocol.md").read_text(encoding="utf-8")
+
+
+@cache
+def board():
+    return tabulate(read_rows(ROOT / "baselines" / "scores"))
+
+
+@pytest.mark.parametrize("spec", BASELINES)
+def test_every_baseline_has_a_whole_row_on_every_track_on_which_it_is_defined(spec, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    policy = load_policy(spec)
+    row = board().rows[policy_name(policy)]
+    assert row.policies == (spec,)
+    assert row.tracks == [name for name, track in TRACKS.items() if track.env_id in defined_on(policy)]
+    for track in row.tracks:
+        assert row.scenarios(track) == list(range(SCENARIOS))
+        assert row.content["tracks"][track]["split"] == "test"
+
+
+def test_the_leaderboard_is_what_its_rows_give():
+    assert (ROOT / "baselines" / "LEADERBOARD.md").read_text(encoding="utf-8") == markdown(board())
+
+
+def test_readme_and_the_protocol_show_the_scores_and_every_track():
+    for cells in overall_lines(board())[:6]:
+        assert f"| {' | '.join(cells)} |" in README
+    for cells in track_lines(board(), "flight-narrow"):
+        assert f"| {' | '.join(cells)} |" in PROTOCOL
+    for name, track in TRACKS.items():
+        assert f"| `{name}` | {track.doc} |" in PROTOCOL
+        assert f"(../pictures/track-{name}.png)" in PROTOCOL
+
+
+@pytest.mark.parametrize("name", ["pinv", "qp_unconstrained"])
+def test_where_rotors_are_stacked_the_constraint_is_worth_something(name):
+    cell = board().cells[name, "flight-narrow"]
+    assert cell.difference.low > 0.0, "its error is larger, interval and all"
+    assert cell.score.high < 1.0
+    assert cell.metrics["violations"] > 0.5
+    assert board().cells["qp", "flight-narrow"].metrics["violations"] < 0.05
+
+
+def test_the_reference_scores_one_on_every_track():
+    for name in TRACKS:
+        cell = board().cells["qp", name]
+        assert (cell.score.value, cell.score.low, cell.score.high) == (1.0, 1.0, 1.0)
+        assert cell.improvement.value == 0.5
+    for group in GROUPS:
+        assert board().overall["qp", group].value == pytest.approx(1.0, abs=1e-12)
+
+
+def test_in_the_picture_each_panel_names_its_rows_the_best_at_the_top(monkeypatch):
+    pytest.importorskip("matplotlib")
+    from spidar_gym.viz import board as picture
+
+    kept = []
+    monkeypatch.setattr(picture, "save", lambda figure, path: kept.append(figure))
+    picture.leaderboard_picture(board(), ROOT)
+    (figure,) = kept
+    figure.canvas.draw()
+    panels = {ax.get_title(loc="left"): ax for ax in figure.axes}
+    assert list(panels) == board().tracks
+    kinds = {}
+    for track, ax in panels.items():
+        names = [label.get_text() for label in ax.get_yticklabels()]
+        assert sorted(names) == sorted(name for name in board().names if (name, track) in board().cells)
+        scores = [board().cells[name, track].score for name in names]
+        assert [score.value for score in scores] == sorted((score.value for score in scores), reverse=True)
+        low, high = ax.get_xlim()
+        assert low <= min(score.low for score in scores)
+        assert max(score.high for score in scores) <= high
+        drawn = {(line.get_xdata()[0], line.get_ydata()[0]): line for line in ax.lines if len(line.get_xdata()) == 1}
+        for y, (name, score) in enumerate(zip(names, scores, strict=True)):
+            line = drawn[score.value, y]
+            kinds.setdefault(board().rows[name].kind, set()).add((line.get_color(), line.get_marker()))
+        boxes = [label.get_window_extent() for label in ax.get_yticklabels()]
+        assert all(above.y0 >= below.y1 - 1.0 for above, below in pairwise(boxes))
+        assert all(box.x1 <= ax.bbox.x0 and box.x0 >= 0.0 for box in boxes)
+    # A class has one colour and one mark, and no two classes share either.
+    assert all(len(looks) == 1 for looks in kinds.values())
+    assert len({look for looks in kinds.values() for color, mark in looks for look in (color, mark)}) == 2 * len(kinds)
+    legend = figure.legends[0].get_window_extent()
+    assert legend.y0 >= max(ax.get_tightbbox().y1 for ax in figure.axes)
+    picture.pyplot().close(figure)

@@ -1,0 +1,131 @@
+"""Pins the tracks: their ids, that each is an environment, and that an error is what its formula says."""
+
+import math
+import re
+
+import gymnasium
+import numpy as np
+import pytest
+
+from spidar_gym.benchmark import CRAWL, HOVER, TRACKS
+from spidar_gym.benchmark.track import (
+    CAP,
+    FLIGHT_ERROR,
+    GROUND_ERROR,
+    find_track,
+    flight_error,
+    ground_error,
+)
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.crawl.task import CrawlProgress
+from spidar_gym.envs.hover.task import SUCCESS_ATTITUDE, SUCCESS_POSITION
+from spidar_gym.errors import UnknownNameError
+from spidar_gym.sim.disturbances import Disturbances
+
+IDS = [
+    "flight-paper", "flight-forms", "flight-fast3", "flight-fast5", "flight-randomised", "flight-wind",
+    "flight-narrow", "ground-paper", "ground-directions", "ground-friction", "ground-uneven", "ground-randomised",
+]  # fmt: skip
+
+
+def by_words(formula: str, **numbers: float) -> float:
+    """What a formula in words gives: its names replaced by numbers, its units left out."""
+    text = formula.split(", a radian")[0].replace("½", "0.5 *")
+    for name, number in numbers.items():
+        assert name.replace("_", " ") in text
+        text = text.replace(name.replace("_", " "), f"{number:.15f}")
+    text = re.sub(r"(/ [\d.]+) [A-Za-z/]+", r"\1", text)
+    assert not re.search(r"[A-Za-z]", text)
+    return eval(text)
+
+
+def test_there_are_exactly_these_tracks():
+    assert list(TRACKS) == IDS
+    for name in IDS:
+        assert find_track(name) is TRACKS[name]
+
+
+@pytest.mark.parametrize("name", ["flight", "flight-paper ", "Flight-paper", ""])
+def test_a_track_that_does_not_exist_is_refused_with_all_that_do(name):
+    with pytest.raises(UnknownNameError) as refusal:
+        find_track(name)
+    assert all(track in str(refusal.value) for track in IDS)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name):
+    track = TRACKS[name]
+    assert track.env_id == (HOVER if name.startswith("flight-") else CRAWL)
+    assert track.flies == name.startswith("flight-")
+    assert track.formula == (FLIGHT_ERROR if track.flies else GROUND_ERROR)
+    assert track.doc
+    assert "\n" not in track.doc
+    assert sum(other.doc == track.doc for other in TRACKS.values()) == 1
+    assert track.seconds * CONTROL_RATE == round(track.seconds * CONTROL_RATE)
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("end", [0, 1])
+def test_the_environment_takes_what_the_track_fixes_and_both_ends_of_what_it_draws(name, end):
+    track = TRACKS[name]
+    assert not set(track.options) & set(track.ranges)
+    drawn = {key: bounds[end] for key, bounds in track.ranges.items()}
+    weather = {key: bounds[end] for key, bounds in track.disturbances.items()}
+    env = gymnasium.make(track.env_id, **track.options, **drawn, disturbances=weather, horizon_s=track.seconds)
+    for key, value in {**track.options, **drawn}.items():
+        if key in vars(env.unwrapped.task):
+            assert getattr(env.unwrapped.task, key) == value
+    assert env.unwrapped.task.horizon_s == track.seconds
+    assert Disturbances.parse(weather) == Disturbances(**weather)
+    env.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_every_range_has_an_inside(name):
+    bounds = [*TRACKS[name].ranges.values(), *TRACKS[name].disturbances.values()]
+    assert all(low < high for low, high in bounds)
+
+
+def test_the_error_of_a_flight_by_hand():
+    assert flight_error(0.05, 0.05, failed=False) == pytest.approx(1.0)
+    assert flight_error(0.1, 0.0, failed=False) == pytest.approx(1.0)
+    assert flight_error(0.0, 0.02, failed=False) == pytest.approx(0.2)
+    assert flight_error(0.0, 0.0, failed=False) == 0.0
+
+
+def test_a_flight_at_the_limits_of_success_has_error_one():
+    assert flight_error(SUCCESS_POSITION, SUCCESS_ATTITUDE, failed=False) == 1.0
+
+
+def test_the_error_of_a_crawl_by_hand():
+    assert ground_error(0.02, 20.0, failed=False) == pytest.approx(1.0)
+    assert ground_error(0.04, 0.0, failed=False) == pytest.approx(1.0)
+    assert ground_error(0.0, 10.0, failed=False) == pytest.approx(0.25)
+    assert ground_error(0.0, 0.0, failed=False) == 0.0
+
+
+@pytest.mark.parametrize("error", [flight_error, ground_error])
+def test_a_failure_costs_the_cap_and_nothing_costs_more(error):
+    assert error(0.0, 0.0, failed=True) == CAP
+    assert error(1e9, 1e9, failed=True) == CAP
+    assert error(1e9, 0.0, failed=False) == CAP
+    assert error(0.0, 1e9, failed=False) == CAP
+    assert error(math.inf, 0.0, failed=False) == CAP
+    assert error(0.01, 0.01, failed=False) < CAP
+
+
+def test_the_formulas_in_words_agree_with_the_numbers():
+    rng = np.random.default_rng(3)
+    for a, b in rng.uniform(0.0, 0.05, (20, 2)).tolist():
+        flight = by_words(FLIGHT_ERROR, position_RMS=a, attitude_RMS=b)
+        assert flight_error(a, b, failed=False) == pytest.approx(flight, rel=1e-9)
+        ground = by_words(GROUND_ERROR, final_error=a, energy_per_metre=100.0 * b)
+        assert ground_error(a, 100.0 * b, failed=False) == pytest.approx(ground, rel=1e-9)
+
+
+def test_on_the_ground_a_radian_counts_what_the_formula_says():
+    (length,) = re.findall(r"a radian counts ([\d.]+) m", GROUND_ERROR)
+    progress = CrawlProgress(Pose2(0.0, 0.0, 0.0), 1.0, np.zeros(3))
+    progress.update_errors(np.zeros(3), np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]))
+    assert progress.distance == pytest.approx(float(length) * math.atan2(0.6, 0.8))

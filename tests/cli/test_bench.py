@@ -1,0 +1,49 @@
+"""Pins the benchmark: every figure is there and is a time; how long anything takes is not tested."""
+
+import numpy as np
+import pytest
+
+from spidar_gym.cli import bench
+from spidar_gym.cli.bench import PAIRS, bench_table, hard_demands, measure, run_bench
+from spidar_gym.cli.main import main
+
+
+@pytest.mark.slow
+def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
+    monkeypatch.setattr(bench, "ROUNDS", 1)
+    result = run_bench(seconds=0.02)
+    for preset in ("as_flown", "paper"):
+        for form in ("form1", "form2", "form3"):
+            for name in ("snapshot_us", "qp_assembly_us", "osqp_us", "control_tick_us", "mj_step_us"):
+                timing = result[preset][form][name]
+                assert 0.0 < timing["best"] <= timing["median"] <= timing["p99"]
+    assert result["env_steps_per_s_mixed"] > 0.0
+    assert sum(result["hard_states"]["statuses"].values()) == 400
+    table = bench_table(result)
+    assert "control_tick" in table
+    core = result["core"]
+    assert "compiled core" in table
+    if core is not None:
+        assert core["tick_us"]["best"] > 0.0
+        assert all(core[name]["ratio"] > 0.0 for name in PAIRS)
+    assert "steps/s" in table
+
+
+def test_the_hard_states_are_the_same_each_time_and_hard():
+    first, second = (hard_demands(np.random.default_rng(3), 20) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.wrench, b.wrench)
+        np.testing.assert_array_equal(a.torque_map, b.torque_map)
+    assert any(demand.restricted.any() for demand in first)
+
+
+def test_a_measurement_orders_its_figures():
+    timing = measure(lambda: sum(range(100)), seconds=0.02)
+    assert 0.0 < timing.best <= timing.median <= timing.p99
+
+
+def test_the_help_says_where_learners_are_timed(capfd):
+    with pytest.raises(SystemExit) as stop:
+        main(["bench", "--help"])
+    assert stop.value.code == 0
+    assert "python -m train.speed" in " ".join(capfd.readouterr().out.split())

@@ -1,0 +1,77 @@
+"""Pins the margins: gain and delay at which a simulated loop really loses its stability, observer included."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spidar_gym.control.flight.centroidal import CentroidalConfig
+from spidar_gym.control.flight.compensation import CompensationConfig
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.margins import AXES, DELAY, LAG, margins
+from spidar_gym.control.presets import PRESETS, controller_config
+from spidar_gym.paper.tune import shortfall
+
+H = 0.0005
+
+
+def gains(config: ControllerConfig, axis: int) -> tuple[float, float, float]:
+    c = config.centroidal
+    return (c.position_gains[0], c.position_gains[2], c.attitude_gains[0], c.attitude_gains[2])[axis]
+
+
+def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float = 0.0) -> float:
+    """Largest |x| of the last seconds over that of the seconds before, of x'' = lagged, delayed feedback from 1."""
+    kp, ki, kd = gains(config, axis)
+    o = config.compensation
+    x, v, a, integral, estimate, believed = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    line = [0.0] * max(1, round((DELAY + delay) / H))
+    seconds, peaks = 60.0, []
+    for _ in range(round(seconds / H)):
+        integral += H * x
+        # The observer: ŵ follows what accelerates beyond what the rotors are believed to give.
+        u = -(kp * x + ki * integral + kd * v) - o.observer_gain * estimate
+        estimate += H / o.observer_time * (a - believed - estimate)
+        believed += H / o.observer_lag * (u - believed)
+        line.append(u)
+        a += H / LAG * (gain * line.pop(0) - a)
+        v += H * a
+        x += H * v
+        peaks.append(abs(x))
+        if abs(x) > 1e6:
+            return math.inf
+    third = len(peaks) // 3
+    return max(peaks[2 * third :]) / max(peaks[third : 2 * third])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["paper", "tuned"])
+@pytest.mark.parametrize("axis", range(len(AXES)))
+def test_a_loop_bears_its_margins_and_no_more(preset, axis):
+    config = controller_config(preset)
+    m = margins(config, axis)
+    assert growth(config, axis) < 1.0
+    assert growth(config, axis, gain=0.94 * m.gain) < 1.0 < growth(config, axis, gain=1.06 * m.gain)
+    assert growth(config, axis, delay=0.94 * m.delay) < 1.0 < growth(config, axis, delay=1.06 * m.delay)
+
+
+def test_a_loop_that_is_unstable_has_no_margins():
+    wild = replace(CentroidalConfig(), position_gains=((3.6, 0.03, 400.0),) * 3)
+    m = margins(ControllerConfig(centroidal=wild), 0)
+    assert (m.gain, m.delay, m.phase) == (0.0, 0.0, 0.0)
+    assert math.isinf(m.sensitivity)
+    assert shortfall(ControllerConfig(centroidal=wild)) > 1.0
+
+
+def test_every_preset_keeps_the_margins_that_tuning_demands():
+    for name in PRESETS:
+        assert shortfall(controller_config(name)) == 0.0
+
+
+def test_more_delay_costs_phase_and_a_stronger_observer_costs_delay_margin():
+    config = controller_config("tuned")
+    assert margins(config, 0, delay=0.06).phase < margins(config, 0, delay=0.04).phase
+    none = replace(config, compensation=CompensationConfig())
+    assert margins(config, 2).delay < margins(none, 2).delay
+    assert np.isfinite(margins(config, 1).sensitivity)

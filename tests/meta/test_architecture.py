@@ -1,0 +1,55 @@
+"""Pins the architecture: layers, what the package may import, and the shape of its files."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import spidar_gym
+
+PACKAGE = Path(spidar_gym.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def test_the_import_contracts_hold():
+    command = [str(Path(sys.executable).with_name("lint-imports"))]
+    result = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
+
+
+def test_the_package_imports_without_learning_frameworks_and_without_drawing_anything():
+    heavy = ("torch", "stable_baselines3", "matplotlib", "tyro")
+    code = f"import spidar_gym.envs.env, sys; print([m for m in {heavy} if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_every_module_says_in_its_first_line_what_it_is_for(path):
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert docstring
+    assert docstring.splitlines()[0].rstrip().endswith((".", ",", ";")) or len(docstring.splitlines()) > 1
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_every_docstring_stands_alone(path):
+    """They become help texts and comments of the C header, where nothing goes before them."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            assert not node.value.value.lstrip().startswith(("…", "Of ")), node.lineno
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_module_outgrows_a_reader(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 420
+
+
+def test_random_numbers_come_from_generators_that_are_passed_in():
+    for path in MODULES:
+        text = path.read_text(encoding="utf-8")
+        assert "np.random.seed" not in text, path
+        assert "import random" not in text, path
+        if "default_rng(" in text:
+            assert path.name == "bench.py", path  # the benchmark's states are fixed by their seed

@@ -1,0 +1,102 @@
+"""Pins that a number, word or struct that Python and C share is written once, in Python: C has a name for it."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import spidar_gym
+from spidar_gym.native.codegen.header import CORE
+from spidar_gym.native.constants import ENUMERATIONS, NUMBERS, SIZES
+from spidar_gym.onboard import runner_structs
+from spidar_gym.onboard.export import ONBOARD
+from spidar_gym.onboard.runner_structs import MAGIC, TOPICS, log_layouts
+
+PACKAGE = Path(spidar_gym.__file__).parent
+SOURCES = {path.name: path for path in (*CORE.glob("*.[ch]"), *(ONBOARD / "runner").glob("*.[ch]*"))}
+CODE = {
+    name: re.sub(r"/\*.*?\*/|\"(?:\\.|[^\"\\])*\"", " ", path.read_text(encoding="utf-8"), flags=re.S)
+    for name, path in SOURCES.items()
+}
+"""C without comments and strings."""
+EVERYDAY = {0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 8.0}
+"""Numbers that formulas and indices have for reasons of their own."""
+TABLE = {
+    f"SP_{prefix}{name}".upper(): (place, name, getattr(place, name))
+    for prefix, place, names in NUMBERS
+    for name in names
+}
+
+
+def numbers_of(code):
+    """Values of the numeric literals of C."""
+    words = re.findall(r"(?<![\w.])(?:\d+\.?\d*(?:[eE][-+]?\d+)?)(?![\w.])", code)
+    return [float(word) for word in words]
+
+
+def uses(name):
+    return [file for file, code in CODE.items() if re.search(rf"\b{name}\b", code)]
+
+
+@pytest.mark.parametrize("name", [*TABLE, *(f"SP_{name}" for name in SIZES)])
+def test_every_generated_name_is_used_and_never_defined_by_hand(name):
+    assert uses(name), "nobody uses it, or its value is typed again in its place"
+    names = {name, name.removeprefix("SP_"), *([TABLE[name][1].upper()] if name in TABLE else [])}
+    defined = re.findall(rf"#define (?:{'|'.join(names)})\b", "\n".join(CODE.values()))
+    assert not defined
+
+
+@pytest.mark.parametrize("name", [name for name, (_, _, value) in TABLE.items() if value not in EVERYDAY])
+def test_its_value_is_not_typed_again_in_the_files_that_use_it(name):
+    value = TABLE[name][2]
+    assert [file for file in uses(name) if float(value) in numbers_of(CODE[file])] == []
+
+
+def test_c_describes_no_struct_and_no_word_that_python_describes():
+    everything = "\n".join(CODE.values())
+    assert not set(re.findall(r"\}\s*sp_(\w+);", everything)) & set(log_layouts())
+    assert not re.search(r"\benum\b", everything)
+    words = [
+        f"SP_{each.prefix}{word}".upper()
+        for each in (*ENUMERATIONS.values(), *runner_structs.ENUMERATIONS)
+        for word in each.words
+    ]
+    assert len(words) == len(set(words))
+    assert not re.search(rf"#define ({'|'.join(words)})\b", everything)
+
+
+def test_the_contract_types_no_topic_and_no_file_the_magic_of_a_log():
+    strings = re.findall(r"\"((?:\\.|[^\"\\])*)\"", SOURCES["contract.c"].read_text(encoding="utf-8"))
+    assert not set(strings) & {name for name, _ in TOPICS.values()}
+    assert not [name for name, path in SOURCES.items() if MAGIC in path.read_text(encoding="utf-8")]
+
+
+def assigned(tree):
+    """Names that a module gives literal numbers to, with the values."""
+    for node in tree.body:
+        if not isinstance(node, ast.Assign):
+            continue
+        for target in node.targets:
+            names = target.elts if isinstance(target, ast.Tuple) else [target]
+            values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+            for name, value in zip(names, values, strict=False):
+                if isinstance(name, ast.Name) and isinstance(value, ast.Constant):
+                    yield name.id, value.value
+
+
+def test_no_other_module_gives_such_a_name_the_same_value():
+    homes = {(name, value): place.__name__ for place, name, value in TABLE.values() if not isinstance(place, type)}
+    found = []
+    for path in PACKAGE.rglob("*.py"):
+        module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+        for name, value in assigned(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(value, int | float) and homes.get((name.lstrip("_"), value), module) != module:
+                found.append((module, name))
+    assert found == []
+
+
+def test_every_number_has_one_name():
+    places = [(place, name) for place, name, _ in TABLE.values()]
+    assert len(places) == len(set(places))
+    assert not set(TABLE) & {f"SP_{name}" for name in SIZES}

@@ -1,0 +1,144 @@
+"""Pins the traps of OSQP's generated code, each against the exported core: none of them reaches a rotor."""
+
+import ctypes
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.cores import CAP, Allocating
+from support.needs import needs_compiler
+from support.states import random_demands
+
+from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS, generate_solvers
+from spidar_gym.native.library import load_core
+from spidar_gym.onboard.export import build
+
+pytestmark = needs_compiler
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """The core, compiled for these tests."""
+    path = build(tmp_path_factory.mktemp("core") / "libspidar.so")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPIDAR_CORE", str(path))
+        yield path
+
+
+@pytest.fixture
+def allocate(compiled):
+    return Allocating(load_core())
+
+
+@pytest.fixture(scope="module")
+def sources():
+    return generate_solvers()
+
+
+def demands(seed, count=20):
+    return random_demands(np.random.default_rng(seed), count, True)
+
+
+def within(answer):
+    """Whether forces are what rotors can do."""
+    return np.isfinite(answer.forces_l).all() and np.linalg.norm(answer.forces_l, axis=1).max() <= 42.0 + 1e-9
+
+
+def test_1_the_solvers_nan_is_a_finite_number_and_no_answer_is_made_of_it(allocate, sources):
+    header = sources["osqp_api_constants.h"]
+    assert re.search(r"OSQP_NAN \(\(OSQPFloat\)0x7fc00000UL\)", header), "the trap is gone: the check may go too"
+    for demand in demands(11):
+        answer = allocate(replace(demand, wrench=demand.wrench * 9.0))
+        assert str(answer.status) in ("softened", "held")
+        assert within(answer)
+        assert np.abs(answer.joint_torques).max() < 1e6
+
+
+@pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["wrench", "gravity_torque", "torque_map", "thrust_map", "lower", "phi"])
+def test_2_one_number_that_is_none_spoils_one_tick_and_no_later_one(allocate, name, poison):
+    good, previous = demands(12, 1)[0], np.full((8, 3), 5.0)
+    good = replace(good, restricted=np.ones(8, bool), locked=np.ones(8, bool))
+    before = allocate(good).forces_l.copy()
+    spoilt = np.array(getattr(good, name), float)
+    spoilt.reshape(-1)[2] = poison
+    assert within(allocate(replace(good, **{name: spoilt}), previous))
+    np.testing.assert_array_equal(allocate(good).forces_l, before)
+
+
+def test_3_a_tick_is_a_pure_function_whatever_was_solved_before(allocate):
+    asked = demands(13, 60)
+    forwards = [allocate(demand).forces_l.copy() for demand in asked]
+    order = np.random.default_rng(0).permutation(len(asked))
+    for k in order:
+        allocate(replace(asked[k], wrench=asked[k].wrench * 30.0))  # infeasible: the step size ends at its bound
+        np.testing.assert_array_equal(allocate(asked[k]).forces_l, forwards[k])
+
+
+@pytest.mark.parametrize("name", ["paper", "as_flown", "rest", "leg", "legs", "stance", "projection"])
+def test_4_nothing_is_scaled_or_started_warm_and_the_work_space_is_fresh(sources, name):
+    text = sources[f"{name}_workspace.c"]
+    settings = re.search(rf"OSQPSettings {name}_settings = {{(.+?)}};", text, re.S)
+    assert settings
+    numbers = [word.strip() for word in settings[1].split(",") if word.strip()]
+    words = [
+        "device",
+        "linsys",
+        "allocate_solution",
+        "verbose",
+        "profiler",
+        "warm_starting",
+        "scaling",
+        "polishing",
+        "rho",
+    ]
+    values = dict(zip(words, numbers, strict=False))
+    assert [values[word] for word in ("verbose", "warm_starting", "scaling", "polishing")] == ["0"] * 4
+    x = re.search(rf"OSQPFloat {name}_sol_x\[\d+\](.*?);", text, re.S)
+    assert x
+    assert not re.search(r"[1-9]", x[1]), "generated after a solution"
+
+
+@pytest.mark.parametrize("name", ["paper", "leg"])
+def test_5_the_step_size_adapts_by_iterations_and_the_cap_is_the_only_clock(sources, name):
+    text = sources[f"{name}_workspace.c"]
+    settings = re.search(rf"OSQPSettings {name}_settings = {{(.+?)}};", text, re.S)
+    assert settings
+    numbers = [word.strip() for word in settings[1].split(",") if word.strip()]
+    assert numbers.count(str(ONBOARD_ITERATIONS)) == 1
+    assert "OSQP_ENABLE_PROFILING" not in sources["osqp_configure.h"] or not re.search(
+        r"#\s*define OSQP_ENABLE_PROFILING", sources["osqp_configure.h"]
+    )
+    assert not re.search(r"#\s*define OSQP_ENABLE_INTERRUPT", sources["osqp_configure.h"])
+
+
+def test_5_no_attempt_goes_on_beyond_the_cap(allocate):
+    most = [allocate(replace(demand, wrench=demand.wrench * 2.5)).iterations for demand in demands(14, 60)]
+    # Hard and softened program, two step sizes each.
+    assert max(most) <= 4 * CAP
+    assert max(most) > 0
+
+
+def test_6_bounds_that_cross_are_not_answered_with_the_last_program(allocate):
+    good, other = demands(15, 2)
+    previous = np.full((8, 3), 5.0)
+    allocate(other)
+    crossed = replace(good, restricted=np.ones(8, bool), lower=np.full(8, 0.5), upper=np.full(8, -0.5))
+    answer = allocate(crossed, previous)
+    assert within(answer)
+    given = answer.forces_l.copy()
+    fresh = Allocating(load_core())(crossed, previous)
+    np.testing.assert_array_equal(given, fresh.forces_l)
+    assert np.abs(given - allocate(other).forces_l).max() > 1e-3
+
+
+def test_7_every_instance_has_a_work_space_of_its_own(compiled):
+    one, two = Allocating(load_core()), Allocating(load_core())
+    a, b = demands(16, 2)
+    alone = one(a).forces_l.copy(), one(b).forces_l.copy()
+    for _ in range(3):
+        np.testing.assert_array_equal(one(a).forces_l, alone[0])
+        np.testing.assert_array_equal(two(b).forces_l, alone[1])
+    places = {ctypes.cast(each.library.sp_allocate, ctypes.c_void_p).value for each in (one, two)}
+    assert len(places) == 2

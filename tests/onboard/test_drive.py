@@ -1,0 +1,289 @@
+"""Pins whole drives: the runner flies and crawls the simulated robot, replays, and every fault ends as specified."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.needs import marked, needs_compiler
+from support.networks import made
+
+from spidar_gym.benchmark.track import CRAWL
+from spidar_gym.cli.main import main
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.native.compiler import FLAGS, compiler
+from spidar_gym.onboard.build import FOLDERS, INCLUDES, build_runner
+from spidar_gym.onboard.export import export_files, write_files
+from spidar_gym.onboard.runner_structs import log_layouts
+from spidar_gym.paper.flight import PAPER_FLIGHT
+from spidar_gym.policies.artifact import write_artifact
+from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.play import build_for, fault_figures, faults_of, play
+from spidar_gym.sitl.report import fault_table, read_runner_log
+
+pytestmark = needs_compiler
+cross, ros = marked("cross"), marked("ros")
+
+
+# Missions over the socket
+
+
+def sitl(*words):
+    """The command line in a process of its own, without the tests' type checks: what it prints."""
+    code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", code, *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "MPLBACKEND": "agg"})
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def runner():
+    return build_runner()
+
+
+def check_flight(ours):
+    """Acceptance: the paper's figures, and those of the same flight in process."""
+    for key in ("rmse_position_m", "rmse_attitude_rad"):
+        assert (np.array(ours[key]) < PAPER_FLIGHT[key]).all()
+    assert ours["theta_form3_rad"] == pytest.approx([-0.4] * 4, abs=0.02)
+    assert ours["phi_form3_rad"] == pytest.approx([0.0] * 4, abs=0.02)
+    assert ours["tau2_form3_nm"] == pytest.approx(2.0, abs=0.5)
+    assert all(0.1 < sink < 0.5 for sink in ours["sink_m"])
+    assert all(t is not None and t < 2.5 for t in ours["recovery_s"])
+    assert ours["qp"]["unsolved"] == 0
+
+
+def check_crawl(ours):
+    assert ours["is_success"]
+    assert np.abs(ours["final_position_error_m"]).max() < 0.010
+    assert abs(ours["yaw_final_rad"]) < 0.02
+    assert ours["thrust_fraction_mean"] < 0.5
+    assert ours["timeouts"] == ours["qp"]["unsolved"] == 0
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """The paper's flight and crawl through the runner: figures, and the folders that hold the logs."""
+    folders = {kind: tmp_path_factory.mktemp(kind) for kind in ("flight", "crawl")}
+    return {k: (sitl("sitl", k, "--link", "socket", "--out", out, "--json")[k], out) for k, out in folders.items()}
+
+
+@pytest.mark.slow
+def test_the_papers_flight_through_the_runner_has_the_figures_of_the_flight_in_process(driven, tmp_path):
+    ours, folder = driven["flight"]
+    check_flight(ours)
+    theirs = sitl("paper", "flight", "--noise", "--no-video", "--json", "--out", tmp_path)["flight"]
+    assert (np.array(ours["rmse_position_m"]) < np.array(theirs["rmse_position_m"]) + 0.01).all()
+    assert (np.array(ours["rmse_attitude_rad"]) < np.array(theirs["rmse_attitude_rad"]) + 0.005).all()
+    assert ours["tau2_form3_nm"] == pytest.approx(theirs["tau2_form3_nm"], abs=0.3)
+    assert ours["sink_m"] == pytest.approx(theirs["sink_m"], abs=0.08)
+    assert {p.name for p in folder.iterdir()} == {"flight.json", "flight.pdf", "flight.png", "mission.txt", "run.log"}
+
+
+@pytest.mark.slow
+def test_the_papers_crawl_through_the_runner_is_a_success(driven):
+    ours, folder = driven["crawl"]
+    check_crawl(ours)
+    assert {p.name for p in folder.iterdir()} == {"crawl.json", "crawl.pdf", "crawl.png", "mission.txt", "run.log"}
+    assert "crawl published" in (folder / "mission.txt").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["flight", "crawl"])
+def test_a_drive_replays_byte_for_byte(driven, runner, kind, tmp_path):
+    log = driven[kind][1] / "run.log"
+    done = subprocess.run([runner, "replay", log, tmp_path / "o"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "o").read_bytes() == log.read_bytes()
+
+
+@cross
+@pytest.mark.slow
+def test_a_drive_replays_on_the_robots_processor_and_without_optimisation_byte_for_byte(driven, tmp_path):
+    folder = tmp_path / "onboard"
+    write_files(export_files(golden=False), folder)
+    sources = [str(p) for part in FOLDERS for p in sorted((folder / part).glob("*.c"))]
+    words = [*(f"-I{folder / part}" for part in INCLUDES), *sources, "-lm", "-static"]
+    builds = {"there": ("aarch64-linux-gnu-gcc", *FLAGS), "plain": (*compiler(), *FLAGS, "-O0")}
+    for name, command in builds.items():
+        subprocess.run([*command, *words, "-o", tmp_path / name], check=True)
+    for _, out in driven.values():
+        for command in (["qemu-aarch64", tmp_path / "there"], [tmp_path / "plain"]):
+            words = [*command, "replay", out / "run.log", tmp_path / "o"]
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+            assert (tmp_path / "o").read_bytes() == (out / "run.log").read_bytes()
+
+
+def test_the_runner_flies_on_the_robots_own_estimate_too(runner):
+    played = play(hover_mission(seconds=2.0, odometry=True), runner=runner)
+    outputs, last = played.log.outputs, played.run.rows
+    end = played.run.first_driven + 1.9
+    row = min(last, key=lambda row: abs(row.time - end))
+    tick = np.searchsorted(played.log.inputs["time"], end)
+    assert outputs["stage"].max() >= 1
+    assert np.linalg.norm(outputs["state"]["position_w"][tick] - row.state.position_w) < 0.02
+    assert row.tilt < 0.02
+    assert abs(row.state.position_w[2] - 1.0) < 0.1
+
+
+def answers(path):
+    """What a run's log holds besides the clock."""
+    types, data = log_layouts(), path.read_bytes()
+    start = types["log_head"].itemsize + types["mission"].itemsize
+    tick, timed = types["loop_input"].itemsize + types["loop_output"].itemsize, types["log_clock"].itemsize
+    return [data[at : at + tick] for at in range(start, len(data), tick + timed)]
+
+
+@pytest.mark.slow
+def test_a_run_is_the_same_bytes_every_time(tmp_path):
+    for name in ("a", "b"):
+        sitl("sitl", "crawl", "--link", "socket", "--distance", "0.1", "--seed", 3, "--json", "--out", tmp_path / name)
+    one, two = (answers(tmp_path / name / "run.log") for name in ("a", "b"))
+    assert len(one) > 300
+    assert one == two
+
+
+def check_reaction(row):
+    assert row["as_specified"], fault_table([row])
+    assert row["peak_tilt_rad"] < 0.1
+    assert row["touchdown_speed_m_s"] is None or row["touchdown_speed_m_s"] < 1.6
+    if row["reaction"] == "lands":
+        assert row["landing_after_ms"] <= 700.0
+
+
+@pytest.mark.slow
+def test_every_fault_ends_as_specified(runner, tmp_path):
+    rows = sitl("sitl", "faults", "--link", "socket", "--out", tmp_path, "--json")["faults"]
+    assert tuple(row["fault"] for row in rows) == faults_of("socket")
+    assert (tmp_path / "faults.json").is_file()
+    for row in rows:
+        check_reaction(row)
+
+
+def test_a_wrong_report_would_be_noticed(runner):
+    played = play(hover_mission(seconds=60.0), fault="none", runner=runner)
+    assert fault_figures("none", played.run, played.log)["as_specified"]
+    assert not fault_figures("pose_stops", played.run, played.log)["as_specified"]
+    for name, value in (("thrust", 50.0), ("joint_position", 2.0), ("thrust", np.nan)):
+        log = replace(played.log, outputs=played.log.outputs.copy())
+        log.outputs["command"][name][-5] = value
+        assert not fault_figures("none", played.run, log)["as_specified"]
+
+
+def test_bad_words_are_refused(tmp_path, capfd):
+    with pytest.raises(UnknownNameError, match="ros, socket"):
+        play(hover_mission(), "carrier pigeon")
+    with pytest.raises(UnknownNameError, match="pose_stops"):
+        play(hover_mission(), fault="gremlins")
+    with pytest.raises(UnknownNameError, match="as_flown"):
+        flight_mission("gentle")
+    with pytest.raises(InvalidValueError):
+        crawl_mission(way=replace(crawl_mission().way, x=-50.0, y=1e9))
+    (tmp_path / "x").write_bytes(b"nothing")
+    with pytest.raises(SpidarError, match="no log of a run"):
+        read_runner_log(tmp_path / "x")
+    wrong = (
+        ["flight", "--link", "x"], ["flight", "--preset", "x"], ["flight", "--seed", "-1"],
+        ["crawl", "--distance", "-1"],
+        ["faults", "--only", "gremlins"], ["faults", "--link", "socket", "--only", "master"],
+    )  # fmt: skip
+    for words in wrong:
+        with pytest.raises(SystemExit):
+            main(["sitl", *words, "--out", str(tmp_path)])
+    assert capfd.readouterr().err.count("valid") + 1 >= len(wrong)
+
+
+@pytest.mark.slow
+def test_a_learned_residual_drives_with_the_runner_and_off_is_as_if_it_were_not_there(driven, tmp_path):
+    net = tmp_path / "net.zip"
+    write_artifact(made(CRAWL, "residual_gait_force", loud=0.3), net)
+    words = ("--link", "socket", "--distance", "0.1", "--residual", net, "--out", tmp_path / "on", "--json")
+    assert sitl("sitl", "crawl", *words)["crawl"]["timeouts"] == 0
+    action = read_runner_log(tmp_path / "on" / "run.log").outputs["policy_action"][:, :16]
+    assert 0.05 < np.abs(action).max() <= 1.0
+    assert np.abs(np.diff(action, axis=0)).max() <= 0.25 + 1e-12
+    # A mission without it, driven by a runner that has one: the very bytes of a runner that has none.
+    log, again = driven["crawl"][1] / "run.log", tmp_path / "again"
+    done = subprocess.run(
+        [build_runner(residual=net), "replay", log, again], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert again.read_bytes() == log.read_bytes()
+    with pytest.raises(SpidarError, match="no residual for this mission"):
+        play(crawl_mission(residual=True), runner=build_runner())
+
+
+# Through ROS 1, in real time: run alone, for the robot's clock is the wall's
+
+
+@ros
+@pytest.mark.slow
+def test_the_papers_flight_through_ros_in_real_time(tmp_path):
+    ours = sitl("sitl", "flight", "--link", "ros", "--out", tmp_path, "--json")["flight"]
+    check_flight(ours)
+    assert ours["timing"]["wait_median_us"] < 5000.0
+
+
+@ros
+@pytest.mark.slow
+def test_the_papers_crawl_through_ros_in_real_time(tmp_path):
+    check_crawl(sitl("sitl", "crawl", "--link", "ros", "--out", tmp_path, "--json")["crawl"])
+
+
+@ros
+@pytest.mark.slow
+def test_faults_of_processes_and_network_through_ros(tmp_path):
+    names = ("master", "killed", "stall", "lossy")
+    rows = sitl("sitl", "faults", "--link", "ros", "--only", *names, "--out", tmp_path, "--json")["faults"]
+    assert [row["fault"] for row in rows] == list(names)
+    for row in rows:
+        check_reaction(row)
+
+
+def serve(*words):
+    """`spidar sitl robot` in a process of its own, and what it said first."""
+    code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", code, "sitl", "robot", "--operate", "--seconds", "11", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert process.stdout is not None
+    return process, process.stdout.readline()
+
+
+def written(mission, tmp_path):
+    path = tmp_path / "mission.txt"
+    path.write_text(mission.text)
+    return path
+
+
+@pytest.mark.slow
+def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_somebody_else_starts(runner, tmp_path):
+    process, first = serve("--link", "socket")
+    command = [runner, "sim", first.split()[2], written(hover_mission(), tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = process.communicate()[0]
+    assert done.returncode == 0
+    assert "driving" in done.stderr
+    states = [line.split()[2].rstrip(",") for line in said.splitlines()]
+    assert states == ["ARM_OFF", "ARM_ON", "TAKEOFF", "HOVER"]
+    assert process.returncode == 0
+
+
+@ros
+@pytest.mark.slow
+def test_a_dry_run_hears_the_robot_and_commands_nobody(tmp_path):
+    program = build_for("ros")
+    process, first = serve("--link", "ros")
+    where = dict(word.split("=") for word in first.split()[:2])
+    command = [program, "ros1", written(hover_mission(), tmp_path), "--out", "/spidar_dry"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **where})
+    said = process.communicate()[0]
+    assert "driving" in done.stderr
+    # The robot falls silent in the end; what the runner does about it stays under the other namespace.
+    assert "forcing the landing" in done.stderr
+    assert "HOVER" in said
+    assert "FORCE_LANDING" not in said

@@ -1,0 +1,483 @@
+"""Pins the learned residual onboard: it sees and answers what the policy in the environment does, within bounds."""
+
+import hashlib
+import json
+import re
+import shlex
+import subprocess
+from dataclasses import fields, replace
+from functools import partial
+
+import gymnasium
+import numpy as np
+import pytest
+from support.needs import needs_compiler
+from support.networks import made
+
+from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.cli.main import main
+from spidar_gym.control.crawl.footsteps import Move
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.native.compiler import FLAGS, compiler
+from spidar_gym.native.constants import CHANNELS, MAX_ACTION, MAX_WIDTH
+from spidar_gym.native.crawl import CoreCrawler
+from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.library import Struct, pointer, seal
+from spidar_gym.native.structs import fill
+from spidar_gym.onboard import export as exporting
+from spidar_gym.onboard import golden
+from spidar_gym.onboard.export import export, export_files
+from spidar_gym.onboard.policy import AUTHORITIES, RATE, policy_header
+from spidar_gym.policies.artifact import Washout, write_artifact
+from spidar_gym.state import NO_RESIDUAL, Residual
+
+pytestmark = needs_compiler
+TICKS = 120
+OPTIONS = {
+    HOVER: {"forms": "independent", "joint_speed": 1.0},
+    CRAWL: {"distance": 0.2, "direction": 0.3, "turn": 0.2},
+}
+NETS = {
+    "wrench": {"mode": "residual_wrench", "preset": "tuned"},
+    "wrench and joints": {"mode": "residual", "activation": "relu", "output": "tanh", "preset": "paper"},
+    "washed wrench and joints": {
+        "mode": "residual",
+        "preset": "tuned",
+        "washout": np.r_[np.full(6, 0.5), np.zeros(17)],
+    },
+    "rotor forces": {"mode": "residual_force", "output": "tanh", "clip": 2.0},
+    "gait and legs": {"env_id": CRAWL, "mode": "residual_gait_force", "activation": "relu", "clip": 3.0, "loud": 0.3},
+    "gait": {"env_id": CRAWL, "mode": "residual_gait", "output": "tanh", "preset": "robust"},
+}
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """Artifact, or none → the core with it as a shared library; all but the policy is compiled once."""
+    folder = tmp_path_factory.mktemp("core")
+    exporting.write_files(export_files(golden=False), folder)
+    flags = [*FLAGS, "-fPIC", *(f"-I{folder / part}" for part in ("core", "osqp", "generated"))]
+    sources = [p for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c")) if p.name != "policy.c"]
+    subprocess.run([*compiler(), *flags, "-c", *map(str, sources)], cwd=folder, check=True)
+    objects = sorted(map(str, folder.glob("*.o")))
+
+    def link(artifact, rate=RATE):
+        header = policy_header(artifact, rate)
+        path = folder / f"{hashlib.sha256(header.encode()).hexdigest()[:16]}.so"
+        if not path.exists():
+            (folder / "generated" / "spidar_policy.h").write_text(header, encoding="utf-8")
+            own = ["-shared", str(folder / "core" / "policy.c"), *objects, "-lm", "-o", str(path)]
+            subprocess.run([*compiler(), *flags, *own], check=True)
+            seal(path)
+        return path
+
+    return link
+
+
+@pytest.fixture
+def core(compiled, monkeypatch):
+    """As `compiled`, and controllers that are made from then on load it."""
+    return lambda *artifact: monkeypatch.setenv("SPIDAR_CORE", str(compiled(*artifact)))
+
+
+def make(net, **options):
+    return gymnasium.make(net.env_id, **net.arguments, **OPTIONS[net.env_id], **options).unwrapped
+
+
+class Learned:
+    """The policy of a compiled core beside a controller of that core; it is shown what an environment's policy is."""
+
+    def __init__(self, env, controller=None):
+        self.env, self.controller = env, controller or env.controller
+        self.library = self.controller.library
+        names = ("policy", "residual", "robot_state", "reference", "control_state", "preview", "command")
+        self.own = {name: Struct(name) for name in names}
+        self.library.sp_policy_reset(self["policy"])
+        self.action, self.seen = self.own["policy"]["action"], self.own["policy"]["observation"]
+
+    def __getitem__(self, name):
+        return self.own[name].pointer
+
+    def look(self, state=None):
+        """Take note of what there is to see now."""
+        fill(self.own["robot_state"].record, state or self.env.seen)
+        if isinstance(self.controller, CoreFlightController):
+            fill(self.own["reference"].record, self.env.reference())
+            self.library.sp_compute_state(self["robot_state"], self["reference"], self["control_state"])
+            progress, preview = self.env.progress, self.own["preview"].record
+            upcoming = progress.next_goal
+            preview["joint_target"] = progress.goal.joint_target
+            preview["next_form"] = (upcoming or progress.goal).joint_target
+            preview["time_to_next"] = 60.0 if upcoming is None else upcoming.start - progress.time
+
+    def act(self):
+        """The residual of this tick."""
+        if isinstance(self.controller, CoreFlightController):
+            self.library.sp_policy_flight(
+                self["policy"], self.controller._flight.pointer, self["robot_state"], self["control_state"],
+                self["preview"], self["residual"],
+            )  # fmt: skip
+        else:
+            goal = self.env.progress.goal
+            pose = np.array([goal.x, goal.y, goal.yaw])
+            self.library.sp_policy_crawl(
+                self["policy"], self.controller._crawl.pointer, self["robot_state"], pointer(pose), self["residual"]
+            )
+        return self.own["residual"]
+
+    def command(self, residual):
+        """The controller's command with a residual, or without one."""
+        given = None if residual is None else residual.pointer
+        if isinstance(self.controller, CoreFlightController):
+            self.library.sp_flight_step(
+                self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"],
+                self["command"],
+            )  # fmt: skip
+        else:
+            self.library.sp_crawl_step(self.controller._crawl.pointer, self["robot_state"], given, self["command"])
+        return self.own["command"].record.copy()
+
+
+def beside(env):
+    """A controller of the core that begins where the environment's did."""
+    if env.spec is None or env.spec.id != CRAWL:
+        controller = CoreFlightController(env.controller.config)
+        controller.reset(env.seen, env.progress.goal.joint_target, env.preload)
+    else:
+        controller = CoreCrawler(env.controller.config)
+        controller.reset(env.seen, [Move(Pose2(*env.way))])
+    return controller
+
+
+def toward(wish, last):
+    """The action that follows another one: as near to a wish as its rate lets it be."""
+    step = RATE / CONTROL_RATE
+    return np.clip(wish.astype(float), last - step, last + step)
+
+
+def residual_of(net, action):
+    """What the environment makes of an action, as the core's struct."""
+    struct = Struct("residual")
+    modes = CRAWL_MODES if net.env_id == CRAWL else ACTION_MODES
+    adds = modes[net.arguments["action_mode"]].residual
+    fill(struct.record, adds(action))
+    return struct
+
+
+def apart(a, b):
+    """Largest difference of two structs of numbers."""
+    return max(float(np.abs(np.asarray(a[name], float) - np.asarray(b[name], float)).max()) for name in a.dtype.names)
+
+
+@pytest.mark.parametrize("options", NETS.values(), ids=NETS)
+def test_the_core_sees_what_the_environment_shows_and_answers_what_the_network_does(core, options):
+    net = made(**options)
+    core(net)
+    env = make(net, control="core")
+    observation, _ = env.reset(seed=3)
+    learned, size, action = Learned(env), len(net.biases[-1]), np.zeros(len(net.biases[-1]))
+    seen, answered, residuals, actions, limited, shown = [], [], [], [], [], []
+    washout, faded = Washout(net.washout), []
+    for _ in range(TICKS):
+        learned.look()
+        residual = learned.act()
+        answer = net.act(observation)
+        wish = washout(answer)
+        action = toward(wish, action)
+        difference = np.abs(learned.seen[: len(observation)] - observation)
+        seen.append(difference[:-size].max())
+        assert difference[-size:].max() < 1e-5, "the last action, which each computed itself"
+        answered.append(np.abs(learned.action[:size] - action).max())
+        residuals.append(apart(residual.record, residual_of(net, action).record))
+        actions.append(action)
+        limited.append(np.abs(wish - action).max() > 1e-6)
+        faded.append(np.abs(answer - wish).max())
+        shown.append(observation)
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated, info["failure"]
+    print(f"\nobservation {max(seen):.1e}, action {max(answered):.1e}, residual {max(residuals):.1e}")
+    assert max(seen) < 1e-6
+    assert max(answered) < 1e-5
+    assert max(residuals) < 1e-5 * 34.0
+    # There was something to see and to do.
+    assert np.ptp(actions, axis=0).min() > 0.02
+    assert 0 < np.sum(limited) < TICKS
+    assert max(faded) > 0.3 if net.washout.any() else not any(faded)
+    assert np.mean(np.ptp(shown, axis=0) > 0.0) > 0.6
+    if net.env_id == HOVER:
+        assert len({goal.tobytes() for goal in np.array(shown)[:, -size - 17 : -size - 1]}) > 1, "the plan went on"
+
+
+@pytest.mark.parametrize("name", ["wrench", "washed wrench and joints", "gait and legs"])
+def test_controller_and_policy_of_the_core_are_those_of_python(core, name):
+    net = made(**NETS[name])
+    core(net)
+    # The estimator takes the command for the thrust; without it the two differ, as in the test above.
+    env = make(net, control="python", max_iter=300, sensors=True)
+    observation, _ = env.reset(seed=5)
+    learned, action, worst, moved = Learned(env, beside(env)), np.zeros(len(net.biases[-1])), 0.0, 0.0
+    washout = Washout(net.washout)
+    expected, plain = Struct("command"), beside(env)
+    for _ in range(120):
+        learned.look()
+        found = learned.command(learned.act())
+        action = toward(washout(net.act(observation)), action)
+        asked = (env.seen, env.reference()) if net.env_id == HOVER else (env.seen,)
+        moved = max(moved, float(np.abs(plain.step(*asked).thrust - found["thrust"]).max()))
+        observation = env.step(action)[0]
+        fill(expected.record, env.command)
+        worst = max(worst, apart(found, expected.record))
+    print(f"\ncommand {worst:.1e}, moved {moved:.1e}")
+    assert worst < 1e-3
+    assert moved > 0.5, "the residual does something"
+
+
+def test_bound_and_rate_hold_whatever_the_network_says(core):
+    for output, rate, time in (("clip", 10.0, 0.0), ("tanh", 2.5, 0.0), ("clip", 40.0, 0.5)):
+        net = made(scale=1e4, output=output, washout=np.full(6, time))
+        core(net, rate)
+        env = make(net, control="core")
+        env.reset(seed=1)
+        learned, rng, last, largest, reached = Learned(env), np.random.default_rng(0), np.zeros(6), 0.0, 0.0
+        for _ in range(100):
+            learned.look(replace(env.seen, joint_position=rng.normal(size=16), velocity_w=rng.normal(size=3)))
+            learned.act()
+            action = learned.action[:6].copy()
+            largest, reached = max(largest, np.abs(action - last).max()), max(reached, np.abs(action).max())
+            last = action
+        assert largest == pytest.approx(rate / CONTROL_RATE, abs=1e-12)
+        assert reached <= 1.0
+        assert reached > 0.99 if rate >= 10.0 else reached > 0.3
+
+
+@pytest.mark.parametrize("name", ["wrench", "wrench and joints", "washed wrench and joints", "gait and legs"])
+def test_what_is_no_number_counts_as_no_wish_and_is_forgotten(core, name):
+    net = made(**NETS[name])
+    core(net)
+    env = make(net, control="core")
+    observation, _ = env.reset(seed=2)
+    learned, size, poisoned = Learned(env), len(net.biases[-1]), 0
+    slow = learned.own["policy"]["slow"]
+    keep = 1.0 - Washout(net.washout if net.washout.any() else np.zeros(size)).share
+    places = ("position_w", "quat_wb", "omega_b", "joint_position", "joint_velocity", "vectoring")
+    for k in range(40):
+        good, last, fade = env.seen, learned.action[:size].copy(), keep * slow[:size]
+        wild = (np.nan, np.inf, -np.inf, 1e300)[k // 10]
+        place = places[k // 2 % len(places)]
+        learned.look(good if k % 2 else replace(good, **{place: np.full(np.shape(getattr(good, place)), wild)}))
+        residual = learned.act()
+        action = learned.action[:size]
+        assert np.isfinite(action).all()
+        assert np.abs(action).max() <= 1.0
+        assert np.abs(action - last).max() <= RATE / CONTROL_RATE + 1e-12
+        assert all(np.isfinite(residual[field]).all() for field in residual.views)
+        if np.isnan(learned.seen[: len(observation)]).any():
+            assert k % 2 == 0, "a lost state spoils no later one"
+            poisoned += 1
+            np.testing.assert_allclose(action, np.clip(-fade, last - 0.25, last + 0.25), atol=1e-12)
+        observation = env.step(np.zeros(size))[0]
+    assert poisoned > 3
+
+
+def test_a_network_that_overflows_wishes_nothing(core):
+    net = made(scale=1e30, activation="relu")
+    core(net)
+    env = make(net, control="core")
+    env.reset(seed=2)
+    learned = Learned(env)
+    for _ in range(10):
+        learned.look()
+        learned.act()
+        assert np.abs(learned.action).max() <= 1.0
+
+
+def silenced(net):
+    """A policy whose answer is 0."""
+    last = (0.0 * net.weights[-1], 0.0 * net.biases[-1])
+    return replace(net, weights=(*net.weights[:-1], last[0]), biases=(*net.biases[:-1], last[1]))
+
+
+@pytest.mark.parametrize("name", ["wrench and joints", "rotor forces", "gait and legs"])
+@pytest.mark.parametrize("silent", [False, True])
+def test_no_policy_and_one_that_is_silent_change_no_bit_of_a_command(core, name, silent):
+    net = made(**NETS[name])
+    core(silenced(net) if silent else None)
+    env = make(net)
+    env.reset(seed=4)
+    neutral, (learned, plain) = Struct("residual"), (Learned(env, beside(env)) for _ in range(2))
+    fill(neutral.record, NO_RESIDUAL)
+    for _ in range(60):
+        learned.look()
+        plain.look()
+        residual = learned.act()
+        if not silent:
+            assert residual.record.tobytes() == neutral.record.tobytes()
+        assert learned.command(residual).tobytes() == plain.command(None).tobytes()
+        env.step(np.zeros(len(net.biases[-1])))
+
+
+def test_a_policy_says_where_it_was_learned_and_is_silent_elsewhere(core):
+    kinds = {}
+    for name, net in (("none", None), (HOVER, made()), (CRAWL, made(CRAWL, "residual_gait"))):
+        core(net)
+        for env_id in (HOVER, CRAWL):
+            env = gymnasium.make(env_id, control="core").unwrapped
+            env.reset(seed=0)
+            learned = Learned(env)
+            learned.look()
+            residual, neutral = learned.act(), Struct("residual")
+            fill(neutral.record, NO_RESIDUAL)
+            assert (residual.record.tobytes() == neutral.record.tobytes()) == (name != env_id)
+            kinds[name] = learned.library.sp_policy_kind()
+    assert kinds == {"none": -1, HOVER: 0, CRAWL: 1}
+
+
+def test_every_mode_that_adds_to_a_controller_means_the_same_onboard(core):
+    """An action far from 0 through every mode: only the biases of the last layer speak."""
+    for env_id, modes in ((HOVER, ACTION_MODES), (CRAWL, CRAWL_MODES)):
+        env = gymnasium.make(env_id, control="python").unwrapped
+        env.reset(seed=0)
+        for mode in (name for name, mode in modes.items() if mode.residual is not None):
+            net = silenced(made(env_id, mode))
+            bias = np.random.default_rng(1).uniform(-0.9, 0.9, len(net.biases[-1])).astype(np.float32)
+            net = replace(net, biases=(*net.biases[:-1], bias))
+            core(net, 1000.0)
+            learned = Learned(env, beside(env))
+            learned.look()
+            residual, expected = learned.act().record, residual_of(net, bias.astype(float)).record
+            assert apart(residual, expected) == 0.0, mode
+            untouched = Struct("residual")
+            fill(untouched.record, Residual())
+            assert apart(residual, untouched.record) > 0.1
+
+
+def test_the_headers_numbers_are_the_artifacts_bit_for_bit():
+    net, found = made(preset="tuned", clip=7.5, washout=np.array([0.5, 0.0, 2.0, 0.0, 1e-9, 1e9])), {}
+    text = policy_header(net, 4.0)
+    for name, words in re.findall(r"SP_POLICY_(\w+)\[\d+\] = \{(.*?)\};", text, flags=re.S):
+        found[name] = np.array([float.fromhex(word.strip("f")) for word in words.replace(",", " ").split()])
+    flat = [part.reshape(-1) for layer in zip(net.weights, net.biases, strict=True) for part in layer]
+    np.testing.assert_array_equal(found["WEIGHTS"], np.concatenate(flat))
+    np.testing.assert_array_equal(found["MEAN"], net.mean)
+    np.testing.assert_array_equal(found["DEVIATION"] ** 2, np.sqrt(net.variance) ** 2)
+    np.testing.assert_array_equal(found["WASHOUT"], Washout(net.washout).share)
+    assert '#define SP_POLICY_PRESET "tuned"' in text
+    assert f"#define SP_POLICY_STEP {(0.1).hex()}" in text
+    assert '#define SP_POLICY_PRESET "paper"' in policy_header(made()), "the environment's own"
+    assert '#define SP_POLICY_PRESET "published"' in policy_header(made(CRAWL, "residual_gait"))
+
+
+@pytest.mark.parametrize(
+    ("net", "error", "message"),
+    [
+        (lambda: made(mode="direct"), InvalidValueError, "'direct' is not valid; .* residual_wrench, residual_joint"),
+        (lambda: made(CRAWL, "direct"), InvalidValueError, "'direct' is not valid; .* residual_gait"),
+        (lambda: replace(made(), arguments={"action_mode": "fly"}), UnknownNameError, "valid: residual_wrench"),
+        (lambda: replace(made(), env_id="CartPole-v1"), UnknownNameError, "valid: spidar_gym/Hover-v0, spidar_gym/"),
+        (lambda: replace(made(), arguments={}, env_id=CRAWL), InvalidValueError, r"207 to 6.*expected \d+ to 4"),
+        (lambda: made(hidden=(MAX_WIDTH + 1,)), InvalidValueError, f"at most {MAX_WIDTH} numbers"),
+    ],
+)
+def test_what_adds_to_no_controller_or_does_not_fit_is_refused(net, error, message):
+    with pytest.raises(error, match=message) as caught:
+        policy_header(net(), RATE)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("most", ["OBSERVATION", "ACTION"])
+def test_more_than_the_cores_arrays_hold_is_refused(monkeypatch, most):
+    monkeypatch.setattr(f"spidar_gym.onboard.policy.MAX_{most}", 5)
+    with pytest.raises(InvalidValueError, match=f"{most.lower()} = .* at most 5 numbers"):
+        policy_header(made(), RATE)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_a_rate_that_is_none_is_refused(rate):
+    with pytest.raises(InvalidValueError, match=r"residual_rate = .* above 0"):
+        policy_header(made(), rate)
+
+
+def test_the_core_has_room_for_every_mode_and_knows_its_channels():
+    assert tuple(AUTHORITIES) == CHANNELS
+    for mode in (*ACTION_MODES.items(), *CRAWL_MODES.items()):
+        assert mode[0] == "direct" or mode[1].size <= MAX_ACTION
+    assert {f"has_{f.name}" for f in fields(Residual)} & set(Struct("residual").views) == {
+        "has_forces_l", "has_leg_forces_b",
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    path = tmp_path_factory.mktemp("artifact") / "net.npz"
+    write_artifact(made(preset="tuned"), path)
+    return path
+
+
+def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy(
+    written, tmp_path, capsys, monkeypatch
+):
+    # Shorter recordings than those of the export; tests/test_export.py has the whole ones.
+    for kind, ticks in (("flight", 40), ("crawl", 60)):
+        monkeypatch.setattr(golden, f"record_{kind}", partial(getattr(golden, f"record_{kind}"), ticks))
+    folder = tmp_path / "onboard"
+    main(["export", "--out", str(folder), "--residual", str(written), "--residual-rate", "4"])
+    assert f"files in {folder}" in capsys.readouterr().out
+    manifest = json.loads((folder / "MANIFEST.json").read_text())
+    digest = hashlib.sha256(written.read_bytes()).hexdigest()
+    told = {name: manifest["residual"][name] for name in ("name", "sha256", "rate")}
+    assert told == {"name": "net", "sha256": digest, "rate": 4.0}
+    line = next(w.strip() for w in (folder / "README.md").read_text().splitlines() if w.strip().startswith("gcc "))
+    line = line.replace("gcc", shlex.join(compiler()), 1).replace("-O2", "-O0")  # which gives the same bytes, sooner
+    subprocess.run(line, shell=True, cwd=folder, check=True)
+    for log in ("flight", "crawl"):
+        subprocess.run(["./spidar-runner", "replay", f"golden/{log}.in", "out"], cwd=folder, check=True)
+        run = ["./spidar-runner", "compare", "out", f"golden/{log}.out"]
+        assert subprocess.run(run, cwd=folder, check=False, capture_output=True).returncode == 0
+    includes = ["-Icore", "-Igenerated", "-Irunner", "-isystem", "osqp"]
+    words = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
+    for source in [p for part in ("core", "runner") for p in sorted((folder / part).glob("*.c"))]:
+        run = [*compiler(), *FLAGS, *words, *includes, str(source)]
+        done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[:2000]
+
+
+def test_the_same_policy_gives_the_same_bytes_and_another_rate_others(written):
+    first, again = (export_files(golden=False, residual=written, rate=4.0) for _ in range(2))
+    assert first == again
+    other, none = export_files(golden=False, residual=written), export_files(golden=False)
+    differ = {name for name in first if first[name] != other[name]}
+    assert differ == {name for name in first if first[name] != none[name]}
+    assert differ == {"generated/spidar_policy.h", "MANIFEST.json"}
+    assert json.loads(none["MANIFEST.json"])["residual"] is None
+
+
+def test_a_core_is_built_with_a_policy(written, tmp_path, monkeypatch):
+    monkeypatch.setattr(exporting, "FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
+    path = exporting.build(tmp_path / "libspidar.so", residual=written)
+    monkeypatch.setenv("SPIDAR_CORE", str(path))
+    assert CoreFlightController().library.sp_policy_kind() == 0
+
+
+def test_the_command_refuses_in_one_line(tmp_path, capfd, written):
+    direct = tmp_path / "direct.npz"
+    write_artifact(made(mode="direct"), direct)
+    for arguments, message in (
+        (
+            ["--out", str(tmp_path / "o"), "--residual", str(tmp_path / "none.npz")],
+            "valid: a learned policy's artifact",
+        ),
+        (["--out", str(tmp_path / "o"), "--residual", str(direct)], "residual_wrench"),
+        (["--out", str(tmp_path / "o"), "--residual", str(written), "--residual-rate", "0"], "above 0"),
+        (["--build", "--residual", str(written)], "--out FOLDER"),
+    ):
+        with pytest.raises(SystemExit):
+            main(["export", *arguments])
+        error = capfd.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+    with pytest.raises(SpidarError, match="direct"):
+        export(tmp_path / "o", residual=direct)

@@ -1,0 +1,519 @@
+"""Pins the runner's drive: when it drives and when it gives back, what every fault leads to, its bounds, replays."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+from support.needs import needs_compiler
+from support.runner import (
+    BAD_COMMAND,
+    CONTENDED,
+    DRIVING,
+    FINE,
+    FORCE_LANDING,
+    HOLD,
+    HOLDING,
+    JUMPED,
+    LAND,
+    LANDING,
+    LATE,
+    NO_ALLOCATION,
+    NO_IMU,
+    NO_JOINTS,
+    NO_POSE,
+    NO_STATE,
+    NOT_FINITE,
+    OUT_OF_ORDER,
+    OUT_OF_RANGE,
+    OUTSIDE,
+    PUBLISH,
+    RELEASED,
+    SILENT,
+    TILTED,
+    WAITING,
+    Loop,
+    check_bounds,
+    nan_pose,
+    played,
+    said,
+)
+
+from spidar_gym.onboard.runner_structs import log_layouts
+from spidar_gym.sitl.missions import hover_mission
+
+pytestmark = needs_compiler
+
+
+@pytest.fixture(scope="module")
+def driving(library, hover):
+    """A loop that has driven for 0.75 s, and what comes in then; the loop is to be copied."""
+    loop = Loop(library, hover.mission)
+    last = loop.run(hover.inputs[: hover.drives + 30])[-1]
+    assert last["stage"] == DRIVING
+    return loop, hover.inputs[hover.drives + 30 :]
+
+
+# When it drives.
+
+
+def test_it_drives_after_good_samples_for_settle_seconds_and_says_nothing_before(library, stream):
+    out = Loop(library, stream.mission).run(stream.inputs)
+    times = stream.inputs["time"]
+    assert times[stream.drives] - times[stream.hovers] == pytest.approx(1.0, abs=0.026)
+    assert (out["stage"][: stream.drives] == WAITING).all()
+    assert (out["action"][: stream.drives] == SILENT).all()
+    assert (out["action"][stream.drives : stream.drives + 80] == PUBLISH).all()
+    np.testing.assert_array_equal(out["mission_time"][: stream.drives], 0.0)
+    on = np.flatnonzero(out["stage"] == DRIVING)
+    np.testing.assert_allclose(out["mission_time"][on], times[on] - times[stream.drives], atol=1e-9)
+
+
+@pytest.mark.parametrize("state", [*range(18), 255, -1])
+def test_no_other_flight_state_is_driven_in(library, stream, state):
+    inputs = stream.inputs[stream.hovers : stream.hovers + 60].copy()
+    inputs["flight_state"] = state
+    out = Loop(library, stream.mission).run(inputs)
+    assert (out["action"] == SILENT).all() == (state != stream.wanted)
+    assert (out["stage"] == WAITING).all() == (state != stream.wanted)
+
+
+@pytest.mark.parametrize("state", [*range(5), *range(6, 18), 255, -1])
+def test_what_takes_the_robot_back_has_it_for_good(driving, state):
+    loop, inputs = driving
+    loop, inputs = loop.copy(), inputs[:60].copy()
+    inputs["flight_state"][10:12] = state
+    out = loop.run(inputs)
+    assert (out["action"][:10] == PUBLISH).all()
+    assert (out["action"][10:] == SILENT).all()
+    assert (out["stage"][10:] == RELEASED).all()
+
+
+def test_a_fault_during_the_wait_restarts_it(library, hover):
+    for at in (0, 20, 38):
+        inputs = hover.inputs[hover.hovers - 5 :].copy()
+        nan_pose(inputs[5 + at], 0)
+        out = Loop(library, hover.mission).run(inputs)
+        first = int(np.argmax(out["stage"] == DRIVING))
+        assert inputs["time"][first] - inputs["time"][5 + at] == pytest.approx(1.0, abs=1e-6)
+        assert out["fault"][5 + at] == NOT_FINITE
+
+
+def test_settle_is_the_missions(library, hover):
+    mission = hover.mission.copy()
+    mission["limits"]["settle"] = 0.25
+    out = Loop(library, mission).run(hover.inputs[: hover.drives])
+    assert int(np.argmax(out["stage"] == DRIVING)) - hover.hovers == pytest.approx(10, abs=1)
+
+
+def test_a_runner_that_is_started_in_hover_waits_too(library, stream):
+    out = Loop(library, stream.mission).run(stream.inputs[stream.hovers + 4 :][:60])
+    assert (out["action"][:39] == SILENT).all()
+    assert out["stage"][42] == DRIVING
+
+
+@pytest.mark.parametrize("at", [-10, 10], ids=["before", "in the wait"])
+@pytest.mark.parametrize("time", [np.nan, np.inf, -np.inf])
+def test_a_clock_that_is_no_number_starts_no_drive(library, stream, time, at):
+    inputs = stream.inputs[: stream.hovers + 25].copy()
+    inputs["time"][stream.hovers + at] = time
+    out = Loop(library, stream.mission).run(inputs)
+    assert (out["action"] == SILENT).all()
+    assert (out["stage"] == WAITING).all()
+
+
+# Faults.
+
+
+def put(field, value, of=slice(None)):
+    def spoil(record, k):
+        target = record["measurement"][field]
+        if np.ndim(target):
+            target[of] = value
+        else:
+            record["measurement"][field] = value
+
+    return spoil
+
+
+def move(field, by):
+    def spoil(record, k):
+        record["measurement"][field] += by
+
+    return spoil
+
+
+def tell(**values):
+    def spoil(record, k):
+        for name, value in values.items():
+            record[name] = value
+
+    return spoil
+
+
+def tip(record, k):
+    q = record["measurement"]["pose_quat_wb"].reshape(4, 4)
+    w, x, y, z = q.T.copy()
+    c, s = np.cos(0.5), np.sin(0.5)  # by 1 rad about x
+    q[...] = np.stack([c * w - s * x, c * x + s * w, c * y - s * z, c * z + s * y], 1)
+
+
+def drift(record, k):
+    record["measurement"]["pose_position_w"].reshape(4, 3)[:, 0] += 0.08 * k + 0.04 * np.arange(1, 5)
+
+
+def old_state(record, k):
+    record["flight_state_time"] = record["time"] - 0.51
+
+
+AT_ONCE = {
+    **{
+        f"{name} {value}": (put(name, value, of), NOT_FINITE)
+        for name, of in {
+            "pose_position_w": 1, "pose_quat_wb": 3, "pose_time": 0, "gyro_b": 2, "specific_force_b": 14, "imu_time": 4,
+            "encoder_time": 0, "joint_position": 15, "vectoring": 0,
+        }.items()
+        for value in (np.nan, np.inf, -np.inf)
+    },
+    "time nan": (tell(time=np.nan), NOT_FINITE),
+    "time inf": (tell(time=np.inf), NOT_FINITE),
+    "pose far": (put("pose_position_w", 101.0, 0), OUT_OF_RANGE),
+    "pose far below": (put("pose_position_w", -1e300, 0), OUT_OF_RANGE),
+    "attitude of zeros": (put("pose_quat_wb", 0.0), OUT_OF_RANGE),
+    "attitude too long": (put("pose_quat_wb", 1.1), OUT_OF_RANGE),
+    "gyro": (put("gyro_b", 35.1, 0), OUT_OF_RANGE),
+    "accelerometer": (put("specific_force_b", -201.0, 3), OUT_OF_RANGE),
+    "joint": (put("joint_position", 3.31, 7), OUT_OF_RANGE),
+    "vectoring": (put("vectoring", -40.1, 7), OUT_OF_RANGE),
+    **{f"{name} back": (move(name, -0.5), OUT_OF_ORDER) for name in ("pose_time", "imu_time", "encoder_time")},
+    **{f"{name} ahead": (move(name, 0.5), OUT_OF_ORDER) for name in ("pose_time", "imu_time", "encoder_time")},
+    "state stale": (old_state, NO_STATE),
+    "state never": (tell(flight_state_time=-np.inf), NO_STATE),
+    "state time nan": (tell(flight_state_time=np.nan), NO_STATE),
+    "state ahead": (tell(flight_state_time=1e6), NO_STATE),
+    "pose jumps": (move("pose_position_w", 0.5), JUMPED),
+    "contended": (tell(has_thrust=1), CONTENDED),
+}  # fmt: skip
+IN_TIME = {
+    "pose stale": (put("pose_count", 0), NO_POSE, 0.2),
+    "imu stale": (put("imu_count", 0), NO_IMU, 0.06),
+    "joints stale": (put("encoder_time", 0.0), NO_JOINTS, 0.15),
+    "joints told no more": (None, NO_JOINTS, 0.15),
+    "tips over": (tip, TILTED, 1.5),
+    "leaves the fence": (drift, OUTSIDE, 1.2),
+}
+"""Spoiler, fault, when [s]."""
+
+
+def spoilt(inputs, spoil):
+    inputs = inputs.copy()
+    for k, record in enumerate(inputs):
+        spoil(record, k)
+    return inputs
+
+
+def check_landing(out, before, fault):
+    """Hold, force the landing, silence: from the first tick of `out` on."""
+    stages = [HOLDING] * HOLD + [LANDING] * LAND + [RELEASED] * (len(out) - HOLD - LAND)
+    assert out["stage"].tolist() == stages
+    actions = {HOLDING: PUBLISH, LANDING: FORCE_LANDING, RELEASED: SILENT}
+    assert out["action"].tolist() == [actions[stage] for stage in stages]
+    assert set(out["fault"].tolist()) == {fault}
+    assert all(command.tobytes() == before.tobytes() for command in out["command"][:HOLD])
+
+
+@pytest.mark.parametrize(("spoil", "fault"), AT_ONCE.values(), ids=AT_ONCE)
+def test_a_fault_is_held_then_landed_then_silence(driving, spoil, fault):
+    loop, inputs = driving
+    loop = loop.copy()
+    before = loop.run(inputs[:2])[-1]
+    out = loop.run(spoilt(inputs[2:22], spoil))
+    check_landing(out, before["command"], fault)
+    out = loop.run(inputs[22:40])
+    assert (out["action"] == SILENT).all(), "for good"
+
+
+@pytest.mark.parametrize(("spoil", "fault", "seconds"), IN_TIME.values(), ids=IN_TIME)
+def test_what_goes_stale_or_drifts_away_lands(driving, spoil, fault, seconds):
+    loop, inputs = driving
+    loop, inputs = loop.copy(), inputs.copy()
+    if spoil is None:  # what was heard last, again and again
+        for name in ("encoder_time", "joint_position", "vectoring"):
+            inputs["measurement"][name] = inputs["measurement"][name][0]
+    else:
+        inputs = spoilt(inputs, spoil)
+    out = loop.run(inputs[:80])
+    first = int(np.argmax(out["stage"] != DRIVING))
+    assert 0 < first <= np.ceil(seconds * 40.0) + 1
+    if seconds < 0.5:
+        assert first >= seconds * 40.0 - 2
+    check_landing(out[first : first + 20], out["command"][first - 1], fault)
+
+
+@pytest.mark.parametrize("ticks", [1, HOLD])
+@pytest.mark.parametrize(("spoil", "fault"), AT_ONCE.values(), ids=AT_ONCE)
+def test_a_short_fault_is_survived_and_forgotten(driving, spoil, fault, ticks):
+    loop, inputs = driving
+    loop = loop.copy()
+    second = 2 * ticks + 2
+    for start in (0, second):  # after as many good ticks the second has as long a hold as the first
+        inputs = inputs.copy()
+        for k in range(ticks):
+            spoil(inputs[start + k], k)
+    out = loop.run(inputs[:30])
+    bad = [k for k in range(30) if k < ticks or second <= k < second + ticks]
+    assert np.flatnonzero(out["stage"] == HOLDING).tolist() == bad
+    assert (np.delete(out["stage"], bad) == DRIVING).all()
+    assert set(out["fault"][bad].tolist()) == {fault}
+    assert (np.delete(out["fault"], bad) == FINE).all()
+    assert (out["action"] == PUBLISH).all()
+    commands = out["command"]["thrust"][second + ticks :]
+    assert (np.abs(np.diff(commands, axis=0)).max(1) > 0.0).all(), "it goes on"
+
+
+def test_ticks_that_come_late_are_faults(driving):
+    loop, inputs = driving
+    one = loop.copy()
+    out = one.run(np.delete(inputs, slice(10, 14))[:30])  # 125 ms
+    assert np.flatnonzero(out["stage"] == HOLDING).tolist() == [10]
+    assert out["fault"][10] == LATE
+    # Old commands are in force between late ticks: two of them are 150 ms.
+    many = loop.copy()
+    many(inputs[0])
+    out = many.run(inputs[5::5][:16])
+    assert out["stage"][:2].tolist() == [HOLDING, LANDING]
+    assert out["fault"][0] == LATE
+    assert out["stage"][-1] == RELEASED
+
+
+def test_a_fault_that_comes_and_goes_ends_in_the_landing_too(driving):
+    loop, inputs = driving
+    loop, inputs = loop.copy(), inputs[:60].copy()
+    inputs["measurement"]["joint_position"][np.arange(60) % 3 < 2, 0] = np.nan
+    out = loop.run(inputs)
+    assert (out["stage"] == LANDING).any()
+    assert out["stage"][-1] == RELEASED
+
+
+@pytest.mark.parametrize(("field", "value"), [("joint_position", np.nan), ("vectoring", 1e4), ("joint_position", 7.0)])
+def test_a_command_out_of_bounds_never_leaves(driving, field, value):
+    loop, inputs = driving
+    loop = loop.copy()
+    before = loop(inputs[0])
+    loop.record["flight"]["memory"][field] = value
+    out = loop.run(inputs[1:21])
+    check_bounds(out)
+    if value != 7.0:
+        check_landing(out, before["command"], BAD_COMMAND)
+
+
+def test_without_an_allocation_it_holds_and_lands(driving):
+    loop, inputs = driving
+    loop = loop.copy()
+    loop.record["flight"]["memory"]["position_integral_w"] = np.nan
+    out = loop.run(inputs[:20])
+    check_bounds(out)
+    assert out["stage"].tolist() == [HOLDING] * HOLD + [LANDING] * LAND + [RELEASED] * 6
+    assert set(out["fault"].tolist()) == {NO_ALLOCATION}
+
+
+def test_contention_is_none_right_after_the_take_over(library, hover):
+    inputs = hover.inputs[: hover.drives + 30].copy()
+    inputs["has_thrust"][hover.drives :] = 1
+    out = Loop(library, hover.mission).run(inputs)[hover.drives :]
+    assert (out["fault"][:21] == FINE).all()
+    assert (out["fault"][22:] == CONTENDED).all()
+
+
+@pytest.mark.parametrize("thrust", [np.nan, np.inf, -5.0, 1e6])
+def test_what_others_tell_the_rotors_is_never_taken_over_where_it_is_no_thrust(library, hover, thrust):
+    inputs = hover.inputs[: hover.drives + 30].copy()
+    inputs["thrust"][hover.drives - 20 :, 3] = thrust
+    out = Loop(library, hover.mission).run(inputs)
+    check_bounds(out)
+    assert not (out["action"] == FORCE_LANDING).any()
+    told = hover.inputs["thrust"][hover.drives].sum()
+    assert out["command"]["thrust"][out["stage"] == DRIVING][0].sum() == pytest.approx(told, rel=0.02)
+
+
+# Bounds, purity.
+
+
+WILD = np.array([np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, -0.0, 1e9, -1.0, 3.2, -39.0, 34.0, -199.0, 99.0])
+
+
+def fuzzed(inputs, rng, odds=0.7):
+    """Inputs with wild doubles, random bytes and counts as the links leave them."""
+    inputs = inputs.copy()
+    for record in inputs:
+        if rng.random() > odds:
+            continue
+        m = record["measurement"]
+        what = rng.integers(4)
+        names = ("pose_time", "pose_position_w", "pose_quat_wb", "imu_time", "gyro_b", "specific_force_b",
+                 "joint_position", "vectoring", "joint_torque")  # fmt: skip
+        if what == 0:  # wild numbers
+            for _ in range(rng.integers(1, 6)):
+                target = m[rng.choice(names)]
+                target[rng.integers(len(target))] = rng.choice(WILD)
+        elif what == 1:  # numbers that are accepted, and mean nothing
+            m["joint_position"] = rng.uniform(-3.3, 3.3, 16)
+            m["vectoring"] = rng.uniform(-40.0, 40.0, 16)
+            m["joint_torque"] = rng.choice(WILD, 16)
+            m["gyro_b"] = rng.uniform(-35.0, 35.0, 24)
+            m["specific_force_b"] = rng.uniform(-200.0, 200.0, 24)
+        elif what == 2:  # attitudes
+            q = rng.normal(size=(4, 4))
+            m["pose_quat_wb"] = (q / np.linalg.norm(q, axis=1, keepdims=True)).reshape(-1)
+        else:  # bytes
+            raw = bytearray(m.tobytes())
+            at = rng.integers(len(raw) - 8)
+            raw[at : at + 8] = rng.bytes(8)
+            record["measurement"] = np.frombuffer(bytes(raw), m.dtype)[0]
+        m["pose_count"], m["imu_count"] = rng.integers(0, 5), rng.integers(0, 9)
+    return inputs
+
+
+def tolerant(mission):
+    """A mission that nothing ends."""
+    mission = mission.copy()
+    limits = mission["limits"]
+    limits["hold_ticks"], limits["tilt"], limits["fence_low"], limits["fence_high"] = 10**6, 4.0, -1e9, 1e9
+    for name in ("pose_age", "imu_age", "joint_age", "gap"):
+        limits[name] = 1e9
+    return mission
+
+
+def wild_stream(stream, seed, ticks):
+    """The wait as it was, then the drive spoilt, again and again."""
+    rng = np.random.default_rng(seed)
+    wait, drive = stream.inputs[stream.hovers - 10 : stream.drives + 2], stream.inputs[stream.drives + 2 :][:90]
+    parts, late = [wait], drive["time"][-1] - wait["time"][-1]
+    for k in range(-(-ticks // len(drive))):
+        again = drive.copy()
+        for target, name in ((again, "time"), (again, "flight_state_time"), (again["measurement"], "time"),
+                             (again["measurement"], "pose_time"), (again["measurement"], "imu_time"),
+                             (again["measurement"], "encoder_time")):  # fmt: skip
+            target[name] += k * late
+        again["flight_state"] = stream.wanted
+        again["has_thrust"] = 0
+        parts.append(fuzzed(again, rng))
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("easy", [False, True], ids=["as it is", "without limits"])
+def test_the_command_is_within_its_bounds_whatever_comes_in(library, stream, easy):
+    drives = 0
+    for seed in range(4):
+        mission = tolerant(stream.mission) if easy else stream.mission
+        out = Loop(library, mission).run(wild_stream(stream, seed, 450 if easy else 90))
+        check_bounds(out)
+        assert (out["stage"][:50] != RELEASED).all()
+        drives += int((out["stage"] == DRIVING).sum())
+    assert drives > (300 if easy else 8), "it was driven through"
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing_in_spoilt_runs(library, checked, stream, tmp_path):
+    for seed in range(2):
+        mission = tolerant(stream.mission)
+        inputs = wild_stream(stream, 10 + seed, 180)
+        stream.write(tmp_path / "log", inputs, Loop(library, mission).run(inputs), mission)
+        done = said(checked, "replay", tmp_path / "log", tmp_path / "out")
+        assert done.returncode in (0, 2), done.stderr[-2000:]
+        assert done.stderr in ("", "runner: the run replays otherwise; valid: the runner that wrote it\n")
+        assert f"{len(inputs)} ticks of a run" in done.stdout
+
+
+def test_the_same_inputs_give_the_same_bytes(library, stream):
+    a, b = Loop(library, stream.mission), Loop(library, stream.mission)
+    one = [a(record).tobytes() for record in stream.inputs]
+    assert one == stream.answers
+    a = Loop(library, stream.mission)
+    rest = wild_stream(stream, 7, 90)
+    for k, (record, expected) in enumerate(zip(stream.inputs, one, strict=True)):
+        b(rest[k % len(rest)])  # another robot's ticks in between
+        assert a(record).tobytes() == expected
+
+
+@pytest.mark.parametrize("program", ["runner", "checked"])
+def test_a_run_replays_to_its_very_bytes_and_without_optimisation(request, stream, tmp_path, program):
+    done = said(request.getfixturevalue(program), "replay", stream.path, tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{len(stream.inputs)} ticks of a run, 0 answered otherwise than then\n"
+    assert (tmp_path / "out").read_bytes() == stream.path.read_bytes()
+
+
+def test_a_log_with_another_input_is_reported(hover, runner, tmp_path):
+    tick = sum(log_layouts()[name].itemsize for name in ("loop_input", "loop_output", "log_clock"))
+    data = bytearray(hover.path.read_bytes())
+    front = len(data) - tick * len(hover.inputs)
+    at = log_layouts()["loop_input"].fields["measurement"][1] + log_layouts()["measurement"].fields["joint_position"][1]
+    data[front + tick * (hover.drives + 40) + at + 5] ^= 16
+    (tmp_path / "log").write_bytes(data)
+    done = said(runner, "replay", tmp_path / "log", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr == "runner: the run replays otherwise; valid: the runner that wrote it\n"
+    assert int(re.search(r", (\d+) answered", done.stdout)[1]) > 0
+
+
+@pytest.mark.parametrize("part", ["clock", "output", "input", "mission", "head", "magic"])
+def test_a_truncated_log_is_refused_in_one_line(hover, runner, tmp_path, part):
+    size = {name: log_layouts()[name].itemsize for name in ("log_head", "mission", "loop_input", "loop_output")}
+    data = hover.path.read_bytes()
+    first = size["log_head"] + size["mission"]
+    keep = {
+        "clock": len(data) - 5, "output": len(data) - 500, "input": first + 100, "mission": 1000, "head": 44, "magic": 3
+    }[part]  # fmt: skip
+    (tmp_path / "log").write_bytes(data[:keep])
+    done = said(runner, "replay", tmp_path / "log", tmp_path / "out")
+    assert done.returncode == 2
+    assert re.fullmatch(r"runner: (the log ends early|no log); valid: .+\n", done.stderr)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("field", "count"), [("pose_count", 5), ("pose_count", -1), ("imu_count", 9)])
+def test_a_log_with_counts_that_no_link_makes_is_refused(library, hover, checked, tmp_path, field, count):
+    inputs = hover.inputs[:50].copy()
+    out = Loop(library, hover.mission).run(inputs)
+    inputs["measurement"][field][40] = count
+    hover.write(tmp_path / "log", inputs, out)
+    done = said(checked, "replay", tmp_path / "log", tmp_path / "out")
+    assert (done.returncode, done.stderr) == (2, "runner: the log ends early; valid: a whole one\n")
+
+
+def test_a_log_is_not_replayed_onto_itself(hover, runner, tmp_path):
+    shutil.copyfile(hover.path, tmp_path / "log")
+    done = said(runner, "replay", tmp_path / "log", tmp_path / "log")
+    assert done.returncode == 2
+    assert (tmp_path / "log").is_file()
+    assert (tmp_path / "log").read_bytes() == hover.path.read_bytes()
+
+
+@pytest.mark.parametrize("share", [0.9, 1.0, 1.05, 1.1])
+def test_it_takes_over_with_the_thrust_that_the_robots_own_stack_told(library, hover, share):
+    inputs = hover.inputs[: hover.drives + 1].copy()
+    inputs["thrust"] *= share
+    told = inputs["thrust"][-1].sum()
+    out = Loop(library, hover.mission).run(inputs)[-1]
+    assert out["stage"] == DRIVING
+    assert out["command"]["thrust"].sum() == pytest.approx(told, rel=0.02)
+
+
+# The lab's own estimate.
+
+
+@pytest.mark.slow
+def test_with_the_labs_estimate_it_sees_the_robot_where_it_is(library, runner, folder):
+    stream = played(library, runner, folder, "odometry", hover_mission(seconds=1.5, odometry=True))
+    assert stream.mission["odometry"] == 1
+    truth = {round(row.time, 6): row.state for row in stream.run.rows}
+    on = np.flatnonzero(stream.played.outputs["stage"] == DRIVING)
+    assert len(on) > 50
+    where, fast = [], []
+    for tick in on:
+        seen, state = stream.played.outputs["state"][tick], truth[round(float(stream.inputs["time"][tick]), 6)]
+        where.append(np.abs(seen["position_w"] - state.position_w).max())
+        fast.append(np.abs(seen["velocity_w"] - state.velocity_w).max())
+    assert max(where) < 0.02
+    assert max(fast) < 0.1

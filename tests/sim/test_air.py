@@ -1,0 +1,604 @@
+"""Pins the air: jets and their momentum, thrust in an inflow, form 3's loss, symmetry, work, drag, ground, refusals."""
+
+# pyright: reportAttributeAccessIssue=false
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from support.states import upright
+
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import FORMS, GIMBAL_NAMES, JOINT_NAMES, ROBOT
+from spidar_gym.sim import air as module
+from spidar_gym.sim import plant as plant_module
+from spidar_gym.sim.air import AIR_DENSITY, DUCT_AREA, N_DUCTS, Aero, AeroConfig, AirForces, jet_profile, thrust_factor
+from spidar_gym.sim.events import every
+from spidar_gym.sim.plant import Plant
+from spidar_gym.sim.scene import scene
+from spidar_gym.so3 import exp, matrix_to_quat, rotation_x, rotation_z
+from spidar_gym.state import Command
+
+HIGH = np.array([0.0, 0.0, 5.0])
+LEVEL = np.eye(3)
+HOVER = np.full(8, ROBOT.hover_thrust)
+STILL, NONE = np.zeros(3), np.zeros(8)
+RADIUS = ROBOT.propeller_radius
+JET_SPEED = math.sqrt(0.5 * ROBOT.hover_thrust / (AIR_DENSITY * DUCT_AREA))
+"""Of a duct at hover: 25 m/s."""
+INNER = np.arange(8) % 2 == 0
+"""Rotors of the inner links, the upper ones in form 3."""
+CORES = (3.25, 4.0, 6.2)
+CHIS = (2.1, 2.6, 3.2)
+LINKS, TORSO = slice(N_DUCTS, N_DUCTS + 24), slice(N_DUCTS + 24, N_DUCTS + 29)
+"""Where the stations of links and torso are among the forces."""
+
+
+@cache
+def world() -> mujoco.MjModel:
+    """One model for all tests."""
+    return scene(visual=False)
+
+
+def posed(q, vectoring, R_wb=LEVEL, position=HIGH, velocity=0.0) -> mujoco.MjData:
+    """The robot somewhere, its kinematics done; `velocity` is that of all degrees of freedom, or the torso's."""
+    model, data = world(), mujoco.MjData(world())
+    data.qpos[:3], data.qpos[3:7] = position, matrix_to_quat(R_wb)
+    for names, angles in ((JOINT_NAMES, q), (GIMBAL_NAMES, np.reshape(vectoring, -1))):
+        data.qpos[[model.joint(name).qposadr[0] for name in names]] = angles
+    data.qvel[: np.size(velocity)] = velocity
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def form(name, R_wb=LEVEL, **changes) -> mujoco.MjData:
+    """One of the paper's forms with its rotors upright."""
+    return posed(FORMS[name], upright(FORMS[name], R_wb), R_wb, **changes)
+
+
+def tossed(rng, **changes) -> mujoco.MjData:
+    """Any pose and attitude, everything in motion."""
+    velocity = np.concatenate([rng.normal(0, 3, 3), rng.normal(0, 1, world().nv - 3)])
+    kinds = {"R_wb": exp(rng.normal(0, 1, 3)), "velocity": velocity} | changes
+    return posed(rng.uniform(-1.5, 1.5, 16), rng.uniform(-3, 3, (8, 2)), **kinds)
+
+
+def evaluate(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config) -> AirForces:
+    """What the air does, with parameters of its own."""
+    air = Aero(world(), data, AeroConfig(**config))
+    return air.evaluate(thrust, wind_w=np.array(wind, float), noise=noise, push_w=np.array(push, float))
+
+
+def by_module(air: AirForces) -> np.ndarray:
+    """Thrust factor of each module."""
+    return air.thrust_factor.reshape(8, 2).mean(axis=1)
+
+
+def staged(positions, attitudes=None) -> mujoco.MjData:
+    """Modules taken off the robot and hung up where they are told to, the rest of them 50 m apart."""
+    data = posed(np.zeros(16), np.zeros(16), position=np.array([0.0, 0.0, 1000.0]))
+    for i in range(8):
+        body = world().body(f"gimbal{i + 1}_pitch_module").id
+        data.xpos[body] = positions.get(i, np.array([50.0 * i, 500.0, 50.0]))
+        data.xmat[body] = (attitudes or {}).get(i, LEVEL).reshape(-1)
+    return data
+
+
+def only(*modules) -> np.ndarray:
+    """Hover thrust for these modules."""
+    return np.where(np.isin(np.arange(8), modules), ROBOT.hover_thrust, 0.0)
+
+
+def inflow_of(factor: float) -> float:
+    """Mean speed of the air that comes down on a duct at hover with this thrust factor [m/s]."""
+    return JET_SPEED * brentq(lambda mu: thrust_factor(np.array([mu]), zero_thrust_speed=2.6)[0] - factor, -1e-6, 2.6)
+
+
+def disc(rings=60, spokes=48) -> np.ndarray:
+    """Points that share a duct's disc evenly."""
+    r = RADIUS * np.sqrt((np.arange(rings) + 0.5) / rings)
+    angle = 2 * math.pi * np.arange(spokes) / spokes
+    return np.stack([np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel()], axis=1)
+
+
+# One jet.
+
+
+@pytest.mark.parametrize("radius", [RADIUS, 0.2])
+@pytest.mark.parametrize("core_length", CORES)
+def test_the_momentum_flux_of_a_jet_is_its_thrust_at_any_distance(core_length, radius):
+    thrust = 9.81
+    w = math.sqrt(thrust / (AIR_DENSITY * math.pi * radius**2))
+    for s in np.geomspace(0.011, 8.0, 25):
+        r = np.linspace(0.0, radius + 2.0 * s, 40001)
+        u = jet_profile(np.full_like(r, s), r, w, core_length=core_length, radius=radius)
+        assert u[-1] < 1e-6 * w, "the integral ends outside of the jet"
+        assert abs(np.trapezoid(AIR_DENSITY * u**2 * 2 * math.pi * r, r) / thrust - 1.0) < 1e-3, s
+
+
+@pytest.mark.parametrize("core_length", CORES)
+def test_nothing_moves_upstream_of_the_exit(core_length):
+    s, r = np.meshgrid(np.concatenate([-np.geomspace(1e-6, 9.0, 30), [0.0]]), np.linspace(0.0, 1.0, 30))
+    assert not jet_profile(s, r, 25.0, core_length=core_length).any()
+
+
+@pytest.mark.parametrize("core_length", CORES)
+def test_a_jet_is_as_fast_as_at_its_exit_throughout_the_core_and_slows_down_with_distance_beyond(core_length):
+    core = 2 * core_length * RADIUS
+    inside, beyond = np.linspace(0.011, core, 50), np.linspace(core, 20 * core, 50)
+    for s, expected in ((inside, np.full(50, 25.0)), (beyond, 25.0 * core / beyond)):
+        np.testing.assert_allclose(jet_profile(s, np.zeros(50), 25.0, core_length=core_length), expected, rtol=1e-12)
+    for s in (0.25 * core, 0.75 * core):
+        rim = RADIUS * (1 - s / core)
+        u = jet_profile(np.full(2, s), np.array([0.999 * rim, 1.2 * rim]), 25.0, core_length=core_length)
+        assert u[0] == 25.0 > u[1]
+
+
+@pytest.mark.parametrize("core_length", CORES)
+def test_a_jet_is_slower_the_farther_from_its_axis_and_nowhere_faster_than_at_its_exit(core_length):
+    r = np.linspace(0.0, 1.5, 400)
+    for s in np.geomspace(0.011, 8.0, 25):
+        u = jet_profile(np.full_like(r, s), r, 25.0, core_length=core_length)
+        assert np.all(np.diff(u) <= 0.0)
+        assert np.all((u >= 0.0) & (u <= 25.0))
+        assert u[-1] < u[0]
+
+
+def test_a_jet_changes_smoothly_where_its_core_ends():
+    core, r = 8.0 * RADIUS, np.linspace(0.0, 0.4, 100)
+    before, after = (jet_profile(np.full_like(r, core + e), r, 25.0, core_length=4.0) for e in (-1e-6, 1e-6))
+    np.testing.assert_allclose(before, after, rtol=0, atol=1e-3)
+
+
+# A duct in an inflow.
+
+
+@pytest.mark.parametrize("chi", CHIS)
+def test_a_duct_in_still_air_has_its_whole_thrust(chi):
+    assert abs(thrust_factor(np.zeros(1), zero_thrust_speed=chi)[0] - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize("chi", CHIS)
+def test_thrust_falls_with_the_air_that_comes_down_until_none_is_left_at_the_zero_thrust_speed(chi):
+    down = np.linspace(0.0, chi, 200)
+    factor = thrust_factor(down, zero_thrust_speed=chi)
+    assert np.all(np.diff(factor) < 0.0)
+    assert factor[0] == factor.max() < 1.0 + 1e-12
+    assert np.all(factor[:-1] > 0.0)
+    assert abs(factor[-1]) < 1e-12
+    assert not thrust_factor(np.linspace(chi + 1e-6, 20.0, 50), zero_thrust_speed=chi).any()
+
+
+@pytest.mark.parametrize("chi", CHIS)
+def test_thrust_in_an_inflow_solves_blade_element_and_duct_momentum_together(chi):
+    """In newtons and metres per second: T = K (V_z − V_e) and T = ρ A V_e (V_e − V), K from the duct at rest."""
+    rest = 9.81
+    w = math.sqrt(rest / (AIR_DENSITY * DUCT_AREA))
+    blade = rest / ((chi - 1.0) * w)
+    for mu in np.linspace(-0.3, 0.99 * chi, 40):
+
+        def unbalanced(speed, V=mu * w):
+            return AIR_DENSITY * DUCT_AREA * speed * (speed - V) - blade * (chi * w - speed)
+
+        speed = brentq(unbalanced, max(mu * w, 0.0), chi * w, xtol=1e-13)
+        factor = thrust_factor(np.array([mu]), zero_thrust_speed=chi)[0]
+        assert abs(factor - min(blade * (chi * w - speed) / rest, 1.3)) < 1e-9
+
+
+@pytest.mark.parametrize("chi", [1.1, *CHIS])
+def test_thrust_grows_in_upwash_up_to_1_3_and_is_never_negative(chi):
+    up = thrust_factor(-np.linspace(0.0, 30.0, 300), zero_thrust_speed=chi)
+    assert np.all(np.diff(up) >= 0.0)
+    assert up[-1] == up.max() == 1.3
+    assert 1.0 < up[1] < 1.3
+    every = thrust_factor(np.linspace(-30.0, 30.0, 601), zero_thrust_speed=chi)
+    assert np.all((every >= 0.0) & (every <= 1.3))
+
+
+# The robot in its own wake.
+
+
+def test_form_3_upright_loses_8_to_14_percent_of_the_weight_in_its_own_wake():
+    air = evaluate(form("form3"))
+    assert 0.08 < -air.generalized[2] / ROBOT.weight < 0.14
+    factor = by_module(air)
+    np.testing.assert_allclose(factor[INNER], 1.0, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(factor[~INNER], 0.79, rtol=0, atol=0.05)
+    np.testing.assert_allclose(air.generalized[[0, 1, 3, 4, 5]], 0.0, rtol=0, atol=1e-9)
+
+
+def test_form_3_loses_less_than_a_hundredth_of_its_lift_once_the_upper_jets_point_past_the_lower_rotors():
+    vectoring = upright(FORMS["form3"], LEVEL)
+    vectoring[INNER, 1] = -0.40
+    air = evaluate(posed(FORMS["form3"], vectoring))
+    lift = ROBOT.hover_thrust * (4.0 + 4.0 * math.cos(vectoring[0, 1] - upright(FORMS["form3"], LEVEL)[0, 1]))
+    assert 0.0 < -air.generalized[2] < 0.01 * lift
+    assert by_module(air).min() > 0.99
+
+
+def test_form_1_loses_nothing_in_its_own_wake():
+    air = evaluate(form("form1"))
+    assert abs(air.generalized[2]) < 1e-3 * ROBOT.weight
+    np.testing.assert_allclose(air.thrust_factor, 1.0, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize(("name", "worse"), [("zero_thrust_speed", 2.1), ("duct_drag_area", 4e-3)])
+def test_form_3_loses_more_with_a_softer_rotor_or_more_drag(name, worse):
+    assert evaluate(form("form3"), **{name: worse}).generalized[2] < evaluate(form("form3")).generalized[2] - 0.5
+
+
+def test_turning_the_robot_about_the_vertical_turns_the_forces():
+    rng = np.random.default_rng(0)
+    for angle in (0.5 * math.pi, 1.0, -2.5):
+        turn, state = rotation_z(angle), rng.bit_generator.state
+        here = tossed(rng)
+        R_wb, velocity = here.xmat[world().body("torso").id].reshape(3, 3), here.qvel.copy()
+        velocity[:3] = turn @ velocity[:3]
+        rng.bit_generator.state = state
+        there = tossed(rng, R_wb=turn @ R_wb, velocity=velocity)
+        ours = evaluate(here, wind=(2.0, 1.0, -0.5))
+        theirs = evaluate(there, wind=turn @ (2.0, 1.0, -0.5))
+        np.testing.assert_allclose(theirs.forces_w, ours.forces_w @ turn.T, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(theirs.thrust_factor, ours.thrust_factor, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(theirs.generalized[3:], ours.generalized[3:], rtol=0, atol=1e-9)
+
+
+def test_turning_the_robot_by_a_leg_gives_every_leg_the_forces_of_the_one_before():
+    rng, quarter = np.random.default_rng(1), rotation_z(0.5 * math.pi)
+    for k in range(6):
+        q, vectoring, thrust = rng.uniform(-1, 1.5, 16), rng.uniform(-1, 1, (8, 2)), rng.uniform(5, 40, 8)
+        position = HIGH if k else np.array([0.0, 0.0, 0.3])
+        here = evaluate(posed(q, vectoring, position=position), thrust, (3.0, 0.0, 1.0))
+        turned = posed(np.roll(q, 4), np.roll(vectoring, 2, axis=0), position=position)
+        there = evaluate(turned, np.roll(thrust, 2), quarter @ (3.0, 0.0, 1.0))
+        expected = here.forces_w @ quarter.T
+        np.testing.assert_allclose(there.forces_w[:N_DUCTS], np.roll(expected[:N_DUCTS], 4, axis=0), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(there.forces_w[LINKS], np.roll(expected[LINKS], 6, axis=0), rtol=0, atol=1e-9)
+        centre, rim = there.forces_w[TORSO][0], there.forces_w[TORSO][1:]
+        np.testing.assert_allclose(centre, expected[TORSO][0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(rim, np.roll(expected[TORSO][1:], 1, axis=0), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(there.generalized[:3], quarter @ here.generalized[:3], rtol=0, atol=1e-9)
+
+
+# What the forces do to the robot.
+
+
+def test_the_generalized_force_is_that_of_every_force_at_its_point_on_its_body():
+    rng, model = np.random.default_rng(2), world()
+    bodies = Aero(model, mujoco.MjData(model))._body
+    for _ in range(5):
+        data = tossed(rng)
+        air = evaluate(data, rng.uniform(0, 40, 8), rng.normal(0, 3, 3), rng.normal(0, 1, 8), rng.normal(0, 20, 3))
+        total = np.zeros(model.nv)
+        for force, point, body in zip(air.forces_w, air.points_w, bodies, strict=True):
+            mujoco.mj_applyFT(model, data, force, np.zeros(3), point, int(body), total)
+        assert np.abs(total).max() > 10.0
+        np.testing.assert_allclose(air.generalized, total, rtol=0, atol=1e-9)
+
+
+def test_the_air_looks_at_ducts_links_and_torso_where_they_are():
+    data = tossed(np.random.default_rng(3))
+    points = evaluate(data).points_w
+    for i in range(8):
+        R, origin = (getattr(data.body(f"gimbal{i + 1}_pitch_module"), name) for name in ("xmat", "xpos"))
+        left = R.reshape(3, 3)[:, 1] * ROBOT.duct_offset_y
+        np.testing.assert_allclose(points[2 * i : 2 * i + 2], [origin + left, origin - left], rtol=0, atol=1e-12)
+        R, origin = (getattr(data.body(f"link{i + 1}"), name) for name in ("xmat", "xpos"))
+        local = (points[LINKS][3 * i : 3 * i + 3] - origin) @ R.reshape(3, 3)
+        np.testing.assert_allclose(local[:, 1:], 0.0, rtol=0, atol=1e-12)
+        assert np.all((local[:, 0] > 0.0) & (local[:, 0] < ROBOT.pitch_to_yaw))
+    np.testing.assert_allclose(points[TORSO].mean(axis=0), data.body("torso").xpos, rtol=0, atol=1e-12)
+
+
+def test_the_power_of_the_generalized_force_is_that_of_the_forces_at_their_moving_points():
+    rng, model, h = np.random.default_rng(4), world(), 1e-6
+    for _ in range(4):
+        data = tossed(rng)
+        air = evaluate(data, rng.uniform(0, 40, 8), rng.normal(0, 3, 3))
+        ends = []
+        for sign in (-1.0, 1.0):
+            moved = mujoco.MjData(model)
+            moved.qpos[:] = data.qpos
+            mujoco.mj_integratePos(model, moved.qpos, data.qvel, sign * h)
+            mujoco.mj_forward(model, moved)
+            ends.append(evaluate(moved).points_w)
+        power = (air.forces_w * (ends[1] - ends[0]) / (2 * h)).sum()
+        assert abs(power) > 1.0
+        np.testing.assert_allclose(air.generalized @ data.qvel, power, rtol=1e-6)
+
+
+def test_a_push_acts_at_the_torso_and_noise_along_the_thrust():
+    calm = evaluate(form("form3")).generalized
+    pushed = evaluate(form("form3"), push=(3.0, -20.0, 5.0)).generalized
+    np.testing.assert_allclose((pushed - calm)[:6], [3.0, -20.0, 5.0, 0.0, 0.0, 0.0], rtol=0, atol=1e-9)
+    noise = np.random.default_rng(5).normal(0, 1, 8)
+    noisy = evaluate(form("form3"), noise=noise).generalized
+    np.testing.assert_allclose((noisy - calm)[:3], [0.0, 0.0, noise.sum()], rtol=0, atol=1e-9)
+
+
+# Motion and wind.
+
+
+@pytest.mark.parametrize("wake", [True, False])
+def test_the_robot_in_motion_and_the_robot_in_an_opposite_wind_feel_the_same_forces(wake):
+    """Without a wake there is only air while there is wind, so the wind is never zero there."""
+    rng = np.random.default_rng(6)
+    for _ in range(4):
+        state, wind = rng.bit_generator.state, rng.normal(0, 4, 3)
+        results = []
+        for share in (0.0, 0.4, 1.0 if wake else 0.9):
+            rng.bit_generator.state = state
+            data = tossed(rng)
+            data.qvel[:3] -= share * wind
+            mujoco.mj_forward(world(), data)
+            results.append(evaluate(data, wind=(1.0 - share) * wind, wake=wake))
+        for other in results[1:]:
+            np.testing.assert_allclose(other.forces_w, results[0].forces_w, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(other.generalized, results[0].generalized, rtol=0, atol=1e-9)
+        assert np.abs(results[0].generalized).max() > 1.0
+
+
+def test_without_wake_and_wind_there_is_no_air():
+    rng = np.random.default_rng(7)
+    for position in (HIGH, np.array([0.0, 0.0, 0.25])):
+        air = evaluate(tossed(rng, position=position), wake=False)
+        np.testing.assert_allclose(air.generalized, 0.0, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(air.thrust_factor, 1.0, rtol=0, atol=1e-12)
+
+
+def test_wind_without_a_wake_is_the_same_in_form_3_as_if_the_jets_met_nothing():
+    wind = (4.0, 0.0, 0.0)
+    air = evaluate(form("form3"), wind=wind, wake=False)
+    np.testing.assert_allclose(air.thrust_factor, 1.0, rtol=0, atol=1e-9)
+    assert abs(air.generalized[2]) < 1e-9
+    assert air.generalized[0] > 20.0
+
+
+def test_without_thrust_the_air_takes_energy_from_any_motion():
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        data = tossed(rng)
+        assert evaluate(data, NONE).generalized @ data.qvel < -1.0
+
+
+def test_without_thrust_drag_opposes_the_flight_and_grows_with_the_square_of_its_speed():
+    rng = np.random.default_rng(9)
+    for _ in range(10):
+        direction = rng.normal(0, 1, 3)
+        direction /= np.linalg.norm(direction)
+        slow, fast = (evaluate(form("form1", velocity=v * direction), NONE).generalized[:3] for v in (10.0, 20.0))
+        assert slow @ direction < -5.0
+        assert 3.5 < (fast @ direction) / (slow @ direction) < 4.01
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.7, 2.0])
+def test_ducts_at_hover_thrust_resist_sideways_flight_by_6_newton_per_metre_a_second(direction):
+    """ρ A w V: each takes in air at rest beside it and blows it out along its axis."""
+    velocity = 0.01 * np.array([math.cos(direction), math.sin(direction), 0.0])
+    air = evaluate(form("form1", velocity=velocity))
+    assert abs(air.generalized[:3] @ velocity / 1e-4 + 6.24) < 0.05
+    np.testing.assert_allclose(air.forces_w[:N_DUCTS], np.tile(-0.39 * velocity, (N_DUCTS, 1)), rtol=0, atol=1e-4)
+    gale = evaluate(form("form1"), wind=-500.0 * velocity)
+    assert 0.18 < np.linalg.norm(gale.generalized[:3]) / ROBOT.weight < 0.25
+
+
+def test_a_climb_costs_thrust_and_a_descent_gives_some():
+    up, down = (evaluate(form("form1", velocity=(0.0, 0.0, v))).thrust_factor for v in (3.0, -3.0))
+    assert np.all(up < 0.99)
+    assert np.all(down > 1.01)
+
+
+def test_the_rods_feel_no_flow_along_themselves():
+    data = tossed(np.random.default_rng(10))
+    forces = evaluate(data, wind=(7.0, -3.0, 2.0)).forces_w[LINKS]
+    assert np.linalg.norm(forces, axis=1).max() > 0.1
+    for i in range(8):
+        axis = data.body(f"link{i + 1}").xmat.reshape(3, 3)[:, 0]
+        np.testing.assert_allclose(forces[3 * i : 3 * i + 3] @ axis, 0.0, rtol=0, atol=1e-12)
+
+
+def test_flow_along_a_rod_does_not_add_to_the_drag_of_the_flow_across_it():
+    data = posed(np.zeros(16), np.zeros(16))
+    for i in range(8):
+        axis = data.body(f"link{i + 1}").xmat.reshape(3, 3)[:, 0]
+        across = np.cross(axis, (0.2, -0.3, 1.0)) * 5.0
+        here, there = (
+            evaluate(data, NONE, across + along * axis).forces_w[LINKS][3 * i : 3 * i + 3] for along in (0, 9)
+        )
+        assert np.linalg.norm(here, axis=1).min() > 0.1
+        np.testing.assert_allclose(there, here, rtol=0, atol=1e-9)
+
+
+def test_links_and_torso_have_the_drag_of_cylinders_and_a_disc_of_their_size():
+    """½ ρ C_d A V² with C_d of 1 … 1.2; a link is half a metre of rod, with a battery 7 cm wide."""
+    forces = evaluate(form("form1"), NONE, (0.0, 0.0, 10.0)).forces_w
+    pressure = 0.5 * AIR_DENSITY * 10.0**2
+    for i in range(8):
+        assert 1.5 < forces[LINKS][3 * i : 3 * i + 3, 2].sum() < 2.5
+    area = math.pi * ROBOT.torso_radius**2
+    assert pressure * area < forces[TORSO][:, 2].sum() < 1.2 * pressure * area
+    sideways = evaluate(form("form1"), NONE, (10.0, 0.0, 0.0)).forces_w[TORSO][:, 0].sum()
+    edge = 2 * ROBOT.torso_radius * ROBOT.torso_height
+    assert pressure * edge < sideways < 1.2 * pressure * edge
+
+
+# Jets of modules that hang alone.
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (0.0, 1.57), (0.0, -1.57), (3.14, 0.3), (1.57, 1.0)])
+def test_a_modules_own_jets_act_neither_on_it_nor_on_its_link(angles):
+    vectoring = np.tile(angles, (8, 1))
+    data = posed(np.zeros(16), vectoring)
+    for i in range(1, 8):
+        data.xpos[world().body(f"gimbal{i + 1}_pitch_module").id] = (50.0 * i, 500.0, 50.0)
+    off, on = evaluate(data, NONE), evaluate(data, only(0))
+    # What is left is the idle jets of the others, far away.
+    np.testing.assert_allclose(on.thrust_factor[:2], 1.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(on.forces_w[:2], 0.0, rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(on.forces_w[LINKS][:3], off.forces_w[LINKS][:3])
+
+
+@pytest.mark.parametrize(("below", "share"), [(0.15, 0.08), (0.3, 0.025), (0.42, 0.015), (0.6, 0.003)])
+@pytest.mark.parametrize("aside", [0.0, 0.03, 0.05, 0.08, 0.12])
+def test_a_duct_feels_the_mean_of_the_jets_over_its_disc(below, share, aside):
+    """The disc is integrated finely; five points do that worse the sharper the jet's edge still is."""
+    data = staged({0: np.array([0.0, 0.0, 9.0]), 1: np.array([aside, 0.0, 9.0 - below])})
+    air = evaluate(data, only(0, 1), ground_effect=0.0)
+    s = np.full(len(disc()), below + ROBOT.duct_z[0])
+    means = []
+    for across in (0.0, 2 * ROBOT.duct_offset_y):
+        r = np.linalg.norm(disc() + (aside, across), axis=1)
+        means.append(jet_profile(s, r, JET_SPEED, core_length=4.0).mean())
+    felt = [inflow_of(factor) for factor in air.thrust_factor[2:4]]
+    np.testing.assert_allclose(felt, sum(means), rtol=0, atol=share * JET_SPEED)
+    np.testing.assert_allclose(air.thrust_factor[:2], 1.0, rtol=0, atol=1e-12)
+
+
+def test_a_jet_is_felt_downstream_only_and_along_the_line_it_is_pointed_at():
+    rng = np.random.default_rng(11)
+    for _ in range(10):
+        R = exp(rng.normal(0, 1, 3))
+        for step, felt in ((-0.4, True), (0.4, False)):
+            data = staged({0: np.full(3, 100.0), 1: np.full(3, 100.0) + step * R[:, 2]}, {0: R, 1: R})
+            factor = evaluate(data, only(0, 1)).thrust_factor
+            assert (factor[2] < 0.9) == felt
+            np.testing.assert_allclose(factor[0 if felt else 2], 1.0, rtol=0, atol=1e-12)
+
+
+def test_a_jet_from_the_side_pushes_a_duct_along_by_no_more_than_its_own_momentum():
+    """The duct swallows some of it, the rest is drag."""
+    for R in (rotation_x(0.5 * math.pi), rotation_x(-0.5 * math.pi)):
+        source = np.array([0.0, ROBOT.duct_offset_y, 9.0])
+        air = evaluate(staged({0: source, 1: np.array([0.0, 0.0, 8.6])}, {1: R}), only(0, 1))
+        upper = air.forces_w[2:4][air.points_w[2:4, 2].argmax()]
+        assert -0.5 * ROBOT.hover_thrust < upper[2] < -3.0
+        np.testing.assert_allclose(upper[:2], 0.0, rtol=0, atol=1e-9)
+
+
+def test_a_jet_on_the_torso_pushes_it_by_no_more_than_its_own_momentum():
+    for height in (0.1, 0.3, 0.8):
+        module_at = np.array([0.0, ROBOT.duct_offset_y, 1000.0 + height])
+        forces = evaluate(staged({0: module_at}), only(0)).forces_w[TORSO]
+        total = forces.sum(axis=0)
+        assert -0.5 * ROBOT.hover_thrust < total[2] < -1.0, height
+        np.testing.assert_allclose(total[:2], 0.0, rtol=0, atol=1e-9)
+
+
+def test_two_jets_on_one_line_blow_faster_than_the_faster_one_by_at_most_a_fifth():
+    at = {0: np.array([0.0, 0.0, 9.4]), 1: np.array([0.0, 0.0, 9.0]), 2: np.array([0.0, 0.0, 8.7])}
+    alone = [inflow_of(evaluate(staged({k: at[k], 2: at[2]}), only(k, 2)).thrust_factor[4]) for k in (0, 1)]
+    both = inflow_of(evaluate(staged(at), only(0, 1, 2)).thrust_factor[4])
+    assert max(alone) < both < 1.2001 * max(alone)
+    assert sum(alone) > 1.3 * max(alone), "they would add up to more"
+
+
+def test_a_weak_flow_adds_up_with_a_strong_one():
+    at = {0: np.array([-0.15, 0.0, 9.2]), 1: np.array([0.21, 0.0, 9.1]), 2: np.array([0.0, 0.0, 8.5])}
+    strong, weak = (inflow_of(evaluate(staged({k: at[k], 2: at[2]}), only(k, 2)).thrust_factor[4]) for k in (0, 1))
+    both = inflow_of(evaluate(staged(at), only(0, 1, 2)).thrust_factor[4])
+    assert 0.05 * strong < weak < 0.15 * strong
+    np.testing.assert_allclose(both, strong + weak, rtol=1e-3)
+
+
+def test_no_duct_would_feel_a_jet_that_is_left_out_because_it_is_far(monkeypatch):
+    rng, pairs = np.random.default_rng(12), []
+    poses = [(rng.uniform(-1.2, 1.5, 16), rng.uniform(-1.5, 1.5, (8, 2))) for _ in range(40)]
+    for reach in (module.REACH, 100.0):
+        monkeypatch.setattr(module, "REACH", reach)
+        pairs.append([evaluate(posed(*pose)).thrust_factor for pose in poses])
+    assert np.abs(np.array(pairs) - 1.0).max() > 0.1
+    assert np.abs(pairs[0] - np.array(pairs[1])).max() < 1e-3
+
+
+# The floor.
+
+
+def grounded(a, height, vectoring=None):
+    """Thrust factors in form 1 with the exits of the ducts at a height [m], those of a = 0 taken out."""
+    vectoring = np.zeros((8, 2)) if vectoring is None else vectoring
+    centre = posed(np.zeros(16), vectoring, position=STILL).body("gimbal1_pitch_module").xpos[2]
+    up = posed(np.zeros(16), vectoring).body("gimbal1_pitch_module").xmat[8]
+    data = posed(np.zeros(16), vectoring, position=np.array([0.0, 0.0, height - centre - ROBOT.duct_z[0] * up]))
+    with_floor, without = (evaluate(data, ground_effect=k).thrust_factor for k in (a, 0.0))
+    return with_floor / without - 1.0
+
+
+@pytest.mark.parametrize("a", [-1.0, 0.5, 1.0, 3.0])
+def test_the_floor_acts_within_four_radii_and_with_the_sign_of_its_coefficient(a):
+    heights = np.array([1.0, 1.5, 2.0, 3.0, 3.95])
+    gains = np.array([grounded(a, k * RADIUS) for k in heights])
+    assert np.all(gains * a > 0.0)
+    np.testing.assert_allclose(gains, np.tile(gains[:, :1], N_DUCTS), rtol=1e-9)
+    assert np.all(np.diff(np.abs(gains[:, 0])) < 0.0)
+    for height in (4.05, 6.0, 40.0):
+        assert not grounded(a, height * RADIUS).any()
+
+
+def test_the_floor_helps_as_cheeseman_and_bennett_found():
+    for height in (1.0, 1.5, 2.0, 3.0):
+        found = 1.0 / (1.0 - (1.0 / (4.0 * height)) ** 2) - 1.0
+        np.testing.assert_allclose(grounded(1.0, height * RADIUS), found, rtol=0.07)
+
+
+def test_a_jet_that_leaves_at_more_than_60_degrees_does_not_feel_the_floor_and_a_tilted_one_does_along_its_way():
+    steep, flat = (np.tile([0.0, math.radians(angle)], (8, 1)) for angle in (55.0, 65.0))
+    gain = grounded(1.0, 0.1, steep)
+    assert np.all(gain > 0.0)
+    np.testing.assert_allclose(gain.mean(), (RADIUS * math.cos(math.radians(55.0)) / 0.4) ** 2, rtol=0.3)
+    assert not grounded(1.0, 0.1, flat).any()
+
+
+def test_the_floor_acts_on_the_ducts_that_are_near_it_only():
+    q = np.zeros(16)
+    q[1] = 0.6
+    data = posed(q, upright(q, LEVEL), position=np.array([0.0, 0.0, 0.5]))
+    air, without = evaluate(data), evaluate(data, ground_effect=0.0)
+    gain = air.thrust_factor / without.thrust_factor - 1.0
+    near = air.points_w[:N_DUCTS, 2] + ROBOT.duct_z[0] < 4.0 * RADIUS
+    assert 0 < near.sum() < 3
+    assert np.all(gain[near] > 0.0)
+    assert not gain[~near].any()
+
+
+# Held forces, parameters.
+
+
+@pytest.mark.parametrize(("name", "share"), [("form1", 1.0), ("form3", 1.0), ("form3", 0.8)])
+def test_holding_the_forces_for_25_milliseconds_changes_a_second_of_flight_by_5_millimetres_at_most(
+    monkeypatch, name, share
+):
+    vectoring, thrust = upright(FORMS[name], LEVEL), share * HOVER
+    command = Command(thrust, vectoring, FORMS[name], np.full(16, ROBOT.max_joint_torque))
+    ends = []
+    for steps in (1, 2, plant_module.AIR_STEPS):
+        monkeypatch.setattr(plant_module, "AIR_STEPS", steps)
+        events = (replace(e, due=every(steps)) if e.name == "air" else e for e in plant_module.EVENTS)
+        monkeypatch.setattr(plant_module, "EVENTS", tuple(events))
+        plant = Plant()
+        plant.reset(HIGH, joint_position=FORMS[name], vectoring=vectoring, thrust=thrust)
+        for _ in range(40):
+            state = plant.step(command)
+        ends.append(np.concatenate([state.position_w, state.velocity_w]))
+    error = np.abs(ends[2] - ends[0]).max()
+    assert 0.0 < error < 0.0055
+    assert abs(error / np.abs(ends[1] - ends[0]).max() - 9.0) < 0.9, "an error of first order in what is held"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [*(("zero_thrust_speed", v, "above 1") for v in (1.0, 0.5, -2.0, math.nan, math.inf)),
+     *(("core_length", v, "above 0") for v in (0.0, -4.0, math.nan, math.inf)),
+     *(("duct_drag_area", v, "at least 0") for v in (-0.001, math.nan, math.inf)),
+     *(("ground_effect", v, "finite") for v in (math.nan, math.inf, -math.inf))],
+)  # fmt: skip
+def test_air_that_cannot_be_is_refused(name, value, expected):
+    with pytest.raises(InvalidValueError, match=f"{name} = .*expected .*{expected}"):
+        AeroConfig(**{name: value})
+
+
+def test_air_without_duct_drag_or_ground_effect_or_with_suction_by_the_floor_is_fine():
+    AeroConfig(zero_thrust_speed=1.01, core_length=0.1, duct_drag_area=0.0, ground_effect=-1.0)

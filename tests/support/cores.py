@@ -1,0 +1,49 @@
+"""The compiled core's allocation, called as the readable one is."""
+
+import numpy as np
+
+from spidar_gym.control.allocation.allocator import AllocatorConfig
+from spidar_gym.control.allocation.modes import ALLOCATIONS
+from spidar_gym.native.library import Struct, pointer, read_allocation
+from spidar_gym.native.structs import fill
+
+CAP = 300
+"""Iteration cap of the robot's computer."""
+
+
+def asked(demand) -> Struct:
+    """A demand as the core takes it."""
+    struct = Struct("demand")
+    for name, view in struct.views.items():
+        value = np.reshape(np.asarray(getattr(demand, name), float), -1)
+        view.reshape(-1)[: len(value)] = value
+    return struct
+
+
+class Allocating:
+    """The core's allocation for flights."""
+
+    def __init__(self, library, cap=CAP, preset="paper"):
+        self.library, self.workspace = library, Struct("workspace")
+        self.mode, self.projection = Struct("mode"), Struct("mode")
+        self.config, self.answer = Struct("allocator_config"), Struct("allocation")
+        fill(self.config.record, AllocatorConfig(max_iter=cap))
+        library.sp_flight_mode(list(ALLOCATIONS).index(preset), self.mode.pointer)
+        library.sp_projection_mode(self.projection.pointer)
+
+    def __call__(self, demand, previous=None):
+        held = np.zeros(24) if previous is None else previous.reshape(-1).copy()
+        question = asked(demand)  # kept while the core reads it
+        self.library.sp_allocate(
+            self.mode.pointer, question.pointer, pointer(held), None, 0, 0, self.config.pointer,
+            self.workspace.pointer, self.answer.pointer,
+        )  # fmt: skip
+        return read_allocation(self.answer, 0.0)
+
+    def project(self, demand, wish):
+        question, wished, held = asked(demand), wish.reshape(-1).copy(), np.zeros(24)
+        self.library.sp_project(
+            self.projection.pointer, question.pointer, pointer(wished), pointer(held), self.config.pointer,
+            self.workspace.pointer, self.answer.pointer,
+        )  # fmt: skip
+        return read_allocation(self.answer, 0.0)

@@ -1,0 +1,30 @@
+"""What some tests need of the machine: skipped with the reason where it is missing, failed where it is required."""
+
+import os
+import shutil
+from collections.abc import Callable
+
+import pytest
+
+PROGRAMS = {
+    "cross": (
+        ("aarch64-linux-gnu-gcc", "qemu-aarch64"),
+        "apt-get install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
+    ),
+    "ros": (
+        ("rosmaster", "pkg-config", "g++"),
+        "docs/onboard/sitl_and_faults.md says which packages",
+    ),
+}
+
+
+def marked(marker: str) -> Callable:
+    """Decorator of tests that need a marker's programs; `SPIDAR_REQUIRE=cross,ros` forbids to skip them."""
+    programs, install = PROGRAMS[marker]
+    missing = [program for program in programs if not shutil.which(program)]
+    required = marker in os.environ.get("SPIDAR_REQUIRE", "").split(",")
+    skip = pytest.mark.skipif(bool(missing) and not required, reason=f"{', '.join(missing)} missing: {install}")
+    return lambda test: getattr(pytest.mark, marker)(skip(test))
+
+
+needs_compiler = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")

@@ -1,0 +1,30 @@
+"""Random networks that fit their environment."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.flight.observation import layout
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
+from spidar_gym.policies.artifact import Artifact
+
+
+def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(24, 16), preset=None, **options):
+    """A random network that fits its environment; its answers are in the middle of their range."""
+    rng, crawls = np.random.default_rng(7), env_id == CRAWL
+    size = find_action_mode(mode, CRAWL_MODES if crawls else ACTION_MODES).size
+    bound = np.concatenate([np.full(f.size, f.bound) for f in (crawl_layout if crawls else layout)(size)])
+    shape = (len(bound), *hidden, size)
+    weights = [rng.normal(size=(n, m)) / np.sqrt(m) for m, n in pairwise(shape)]
+    weights[-1] *= loud
+    arguments = {"action_mode": mode} | ({} if preset is None else {"preset": preset})
+    known = {
+        "name": "net", "kind": "residual", "doc": "Random.", "env_id": env_id, "arguments": arguments,
+        "weights": tuple((scale * w).astype(np.float32) for w in weights),
+        "biases": tuple(rng.normal(scale=0.2, size=n).astype(np.float32) for n in shape[1:]),
+        "mean": 0.1 * bound * rng.normal(size=len(bound)),
+        "variance": (0.2 * bound * rng.uniform(0.5, 1.5, len(bound))) ** 2,
+    }  # fmt: skip
+    return Artifact(**(known | options))

@@ -1,0 +1,37 @@
+"""Pins how `train/` is built: recipes and tools on top of a library, nothing in a circle, nothing hidden."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+TRAIN = Path(__file__).resolve().parents[2] / "train"
+FILES = {".".join(path.relative_to(TRAIN.parent).with_suffix("").parts): path for path in sorted(TRAIN.rglob("*.py"))}
+
+
+def imported(path):
+    """Modules of `train` that a file imports, each with whether that is inside a function or a condition."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "train":
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            for name in [name for name in names if name in FILES] or [node.module]:
+                yield name, node not in tree.body
+
+
+def test_nothing_is_imported_in_a_circle_and_the_library_knows_no_recipe():
+    graph = {name: {module for module, _ in imported(path)} for name, path in FILES.items()}
+    assert graph["train.presets"] == {"train.residual"}
+    TopologicalSorter(graph).prepare()  # raises on a circle
+    for name, modules in graph.items():
+        if name.startswith("train.lib."):
+            assert all(module.startswith("train.lib.") for module in modules), name
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_file_imports_the_others_openly_says_what_it_is_for_and_fits_a_reader(name):
+    text = FILES[name].read_text(encoding="utf-8")
+    assert ast.get_docstring(ast.parse(text))
+    assert len(text.splitlines()) <= 420
+    assert not [module for module, inside in imported(FILES[name]) if inside]

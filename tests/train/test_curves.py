@@ -1,0 +1,85 @@
+"""Pins learning curves: gathered from runs, drawn in absolute numbers from the base on, refused where damaged."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+from spidar_gym.errors import SpidarError
+from spidar_gym.text import format_table
+from train.curves import cost_lines, gather, panels, read_curve
+
+pytestmark = pytest.mark.train
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def line(steps, position, attitude):
+    return {"steps": steps, "cells": {"flight-fast3": {"position_rms_m": position, "attitude_rms_rad": attitude}}}
+
+
+def run(folder, seed, *lines, **more):
+    path = folder / "ppo" / f"seed{seed}" / "curve.json"
+    path.parent.mkdir(parents=True)
+    base = {"flight-fast3": {"position_rms_m": 0.01, "attitude_rms_rad": 0.02}}
+    path.write_text(json.dumps({"settings": {"scenarios": 2}, "base": base, "curve": list(lines)} | more))
+
+
+def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
+    run(tmp_path / "runs", 0, line(100, -0.5, 0.0), line(200, -0.75, 0.5))
+    run(tmp_path / "runs", 1, line(100, 0.1, 0.1))
+    (path,) = gather(tmp_path / "runs", tmp_path / "curves")
+    assert path.name == "ppo.json"
+    curve = read_curve(path)
+    assert len(curve["runs"]) == 2
+    found = panels([curve], "flight-fast3")
+    first, second = found["position_rms_m"]["ppo"]
+    assert first == ([0.0, 100, 200], pytest.approx([0.01, 0.005, 0.0025]))
+    assert second == ([0.0, 100], pytest.approx([0.01, 0.011]))
+    assert found["attitude_rms_rad"]["ppo"][0][1] == pytest.approx([0.02, 0.02, 0.03])
+    assert panels([curve], "flight-fast5") == {}
+
+
+def test_a_run_from_nothing_does_not_start_as_the_controller_that_it_is_compared_with(tmp_path):
+    run(tmp_path / "runs", 0, line(100, 9.0, 4.0), settings={"action_mode": "direct"})
+    (path,) = gather(tmp_path / "runs", tmp_path / "curves")
+    ((steps, values),) = panels([read_curve(path)], "flight-fast3")["position_rms_m"]["ppo"]
+    assert (steps, values) == ([100], pytest.approx([0.1]))
+
+
+def test_the_guide_says_what_every_committed_row_cost():
+    curves = [read_curve(path) for path in sorted((ROOT / "train" / "curves").glob("*.json"))]
+    page = (ROOT / "docs" / "studies" / "learning.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"<!-- table: costs -->\n(.*?)<!-- /table -->", page, re.S)
+    assert shown == format_table(cost_lines(curves), markdown=True) + "\n"
+
+
+def test_costs_are_ranges_over_the_runs(tmp_path):
+    for seed, (steps, seconds) in enumerate(((200_000, 60.0), (200_400, 150.0))):
+        run(tmp_path / "runs", seed, line(steps, -0.5, 0.0), seconds=seconds, chosen={"steps": steps, "score": -0.25})
+    (path,) = gather(tmp_path / "runs", tmp_path / "curves")
+    _, row = cost_lines([read_curve(path)])
+    assert row == ["ppo", "2", "200 k", "1.0 … 2.5", "200 k", "-25.0 %"]
+
+
+def test_a_damaged_curve_is_refused_in_words(tmp_path):
+    run(tmp_path / "runs", 0, line(100, 0.0, 0.0))
+    (tmp_path / "runs" / "ppo" / "seed0" / "curve.json").write_text("{")
+    with pytest.raises(SpidarError, match="is no learning curve"):
+        gather(tmp_path / "runs", tmp_path / "curves")
+    assert not (tmp_path / "curves").exists()
+
+
+def test_a_picture_has_a_panel_for_each_metric(tmp_path):
+    from spidar_gym.viz import learning_curves
+
+    run(tmp_path / "runs", 0, line(100, -0.5, 0.1))
+    (path,) = gather(tmp_path / "runs", tmp_path / "curves")
+    drawn = panels([read_curve(path)], "flight-fast3")
+    lines = {"qp": {"position_rms_m": 0.01, "attitude_rms_rad": 0.02}}
+    learning_curves(drawn, lines, "title", tmp_path / "curve.png")
+    from PIL import Image
+
+    with Image.open(tmp_path / "curve.png") as picture:
+        assert picture.width > 2 * picture.height

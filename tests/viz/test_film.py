@@ -1,0 +1,186 @@
+"""Pins the films: real time, 30 pictures a second, 1280 × 720, a camera that shows the sink, two side by side."""
+
+import ctypes.util
+import re
+import subprocess
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from spidar_gym import viz
+from spidar_gym.cli.main import main
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.hover.task import hover_height
+from spidar_gym.errors import UnknownNameError
+from spidar_gym.robot import FORMS
+from spidar_gym.sim.plant import Plant
+from spidar_gym.sim.stage import Stage, between, extent, standing
+from spidar_gym.viz.film import FPS, SIZE, STRIP
+from spidar_gym.viz.take import flight_phase, tick_at
+
+pytestmark = pytest.mark.skipif(
+    not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
+)
+WINDOW = 0.1, 0.9, 0.2, 0.8
+
+
+def qpos_at(height, form="form2"):
+    plant = Plant()
+    plant.reset(np.array([0.0, 0.0, height]), joint_position=FORMS[form])
+    return plant.data.qpos.copy()
+
+
+@pytest.fixture(scope="module")
+def sinking():
+    """A robot that sinks by 0.4 m in a fifth of a second."""
+    ticks = 8
+    first, last = qpos_at(hover_height() + 0.5), qpos_at(hover_height() + 0.1)
+    qpos = np.array([between(first, last, k / (ticks - 1)) for k in range(ticks)])
+    time = np.arange(1, ticks + 1) / CONTROL_RATE
+    error = np.zeros((ticks, 3))
+    return viz.Take("one", time, qpos, np.full((ticks, 8), 20.0), ["hover"] * ticks,
+                    viz.flight_traces(qpos, error, error))  # fmt: skip
+
+
+def read(path):
+    """Frames a second, width and height, and the frames (n, height, width, 3) of a film."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    command = [ffmpeg, "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-fps_mode", "passthrough", "-"]
+    done = subprocess.run(command, capture_output=True, check=True)
+    (size, fps) = re.search(r"Video: .*?, (\d+x\d+)\D.*?([\d.]+) fps", done.stderr.decode()).groups()
+    width, height = map(int, size.split("x"))
+    return (
+        float(fps),
+        (width, height),
+        np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3).astype(np.int16),
+    )
+
+
+def dark_rows(frame):
+    """Middle height of what is dark above the strip [px from above]: the robot's rods and fans."""
+    picture = frame[80 : SIZE[1] - STRIP - 10]
+    return np.argwhere(picture.max(axis=2) < 70)[:, 0].mean()
+
+
+def test_a_film_is_in_real_time_and_the_sink_goes_down_in_it(sinking, tmp_path):
+    viz.film_take(sinking, tmp_path / "film.mp4")
+    fps, size, frames = read(tmp_path / "film.mp4")
+    assert fps == FPS == 30
+    assert size == SIZE == (1280, 720)
+    assert len(frames) == round(FPS * float(sinking.time[-1]))
+    heights = [dark_rows(frame) for frame in frames]
+    assert all(later > earlier + 5.0 for earlier, later in pairwise(heights))
+    # The moment's mark goes through the plots of the strip from left to right.
+    marks = [next(x for x in range(62, SIZE[0]) if (frame[-100, x] < 90).all()) for frame in frames]
+    assert all(later > earlier for earlier, later in pairwise(marks))
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_two_takes_stand_side_by_side_and_the_film_lasts_as_long_as_the_longer_one(sinking, tmp_path):
+    short = viz.Take("two", sinking.time[:2], sinking.qpos[:2], sinking.thrust[:2], ["hover"] * 2,
+                     {name: trace[:2] for name, trace in sinking.traces.items()})  # fmt: skip
+    with viz.Film(tmp_path / "film.mp4") as film:
+        film.shoot(sinking, short)
+    _, size, frames = read(tmp_path / "film.mp4")
+    assert size == SIZE
+    assert len(frames) == round(FPS * float(sinking.time[-1]))
+    left, right = frames[:, :, : SIZE[0] // 2], frames[:, :, SIZE[0] // 2 :]
+    assert dark_rows(left[-1]) - dark_rows(left[0]) > 30.0
+    assert abs(dark_rows(right[-1]) - dark_rows(right[1])) < 2.0
+    # Both from the same place: where both are at the same height, the pictures are the same but for the words.
+    below = slice(90, SIZE[1] - STRIP - 10), slice(8, -8)
+    assert np.abs(left[0] - right[0])[below].mean() < 2.0 < np.abs(left[0] - left[-1])[below].mean()
+
+
+@pytest.mark.parametrize("fails", ["render", "close"])
+def test_an_interrupted_film_leaves_no_file(sinking, tmp_path, monkeypatch, fails):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Stage, fails, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        viz.film_take(sinking, tmp_path / "film.mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_drawn_anew_gives_the_same_picture_as_drawing_all_of_it(sinking):
+    camera = standing(extent(sinking.qpos), 4 / 3, WINDOW)
+    stage = Stage(camera, 320, 240)
+    contacts = np.array([[0.3, 0.2, 0.0, 5.0, 0.0, 60.0]])
+    try:
+        for form, height in (("form1", 1.2), ("form3", 0.9), ("form2", 2.0), ("form1", 9.0)):
+            for forces in (None, contacts):
+                qpos = qpos_at(height, form)
+                part = stage.render(qpos, thrust=np.full(8, 30.0), contacts=forces).astype(int)
+                whole = stage.render(qpos, thrust=np.full(8, 30.0), contacts=forces, whole=True).astype(int)
+                # Edges may fall on one side of a sample or the other.
+                assert (np.abs(part - whole).max(axis=2) > 8).mean() < 1e-3, (form, height)
+    finally:
+        stage.close()
+        stage.close()
+
+
+def test_the_camera_that_stands_sees_the_whole_way_as_near_as_the_window_allows():
+    rng = np.random.Generator(np.random.PCG64(5))
+    for _ in range(5):
+        points = rng.uniform(-2.0, 2.0, (40, 3)) + rng.uniform(-5.0, 5.0, 3)
+        camera = standing(points, 16 / 9, WINDOW)
+        stage = Stage(camera, 320, 180)
+        try:
+            stage.render(qpos_at(1.0))
+            eye = stage._picture.camera[0], stage._picture.camera[1]
+            place = (np.array(eye[0].pos, float) + eye[1].pos) / 2.0
+            ahead, up = np.array(eye[0].forward, float), np.array(eye[0].up, float)
+        finally:
+            stage.close()
+        seen = points - place
+        scale = 1.0 / np.tan(np.radians(30.0) / 2.0) / (seen @ ahead)
+        across = 0.5 + 0.5 * scale * (seen @ np.cross(ahead, up)) * 9 / 16
+        upwards = 0.5 + 0.5 * scale * (seen @ up)
+        left, right, bottom, top = WINDOW
+        for values, low, high in ((across, left, right), (upwards, bottom, top)):
+            assert low - 1e-3 <= values.min()
+            assert values.max() <= high + 1e-3
+        # Nearer, and one of the two would not fit.
+        assert np.ptp(across) > right - left - 2e-3 or np.ptp(upwards) > top - bottom - 2e-3
+
+
+def test_between_two_ticks_the_robot_turns_at_one_speed():
+    first, second = qpos_at(1.0), qpos_at(1.2, "form3")
+    second[3:7] = np.cos(1.0), 0.0, 0.0, np.sin(1.0)
+    middle = between(first, second, 0.5)
+    np.testing.assert_allclose(middle[3:7], (np.cos(0.5), 0.0, 0.0, np.sin(0.5)), atol=1e-12)
+    np.testing.assert_allclose(middle[:3], (first[:3] + second[:3]) / 2.0, atol=1e-12)
+    np.testing.assert_allclose(between(first, second, 0.0), first, atol=1e-12)
+    np.testing.assert_allclose(between(first, second, 1.0), second, atol=1e-12)
+
+
+def test_the_flights_phases_are_named_from_its_windows(sinking):
+    named = {time: flight_phase(time) for time in (0.025, 4.0, 4.1, 12.0, 28.5, 28.6, 30.0, 30.1, 35.1, 36.6)}
+    assert [time for time, phase in named.items() if "dropped" in phase] == [28.6, 30.0, 35.1]
+    assert [time for time, phase in named.items() if "→" in phase] == [4.1]
+    assert [tick_at(sinking, time) for time in (0.0, 0.025, 0.05, 0.2, 9.0)] == [0, 0, 1, 7, 7]
+
+
+def test_a_stage_without_its_camera_is_refused():
+    with pytest.raises(UnknownNameError, match="chase"):
+        Stage("back", 64, 48)
+
+
+def test_two_policies_play_the_same_episode_into_one_film(tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "class Still:\n    name = 'still'\n    def reset(self, seed):\n        pass\n"
+        "    def act(self, observation):\n        return np.zeros(6)\n"
+        "class Push(Still):\n    name = 'push'\n"
+        "    def act(self, observation):\n        return np.array([0, 0, -1.0, 0, 0, 0])\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    main(["run", "--policy", "mine:Still", "--against", "mine:Push", "--seconds", "0.1", "--out", "two.mp4"])
+    out = capsys.readouterr().out.splitlines()
+    assert [line.split(",")[0] for line in out] == ["still", "push"]
+    assert all("(seed 0)" in line for line in out)
+    _, size, frames = read(tmp_path / "two.mp4")
+    assert size == SIZE
+    assert len(frames) == 3
