@@ -1,0 +1,91 @@
+"""The guide's settings for Sphinx; `spidar docs` builds it, offline and with warnings as errors."""
+
+import re
+from typing import Any
+
+from docutils.nodes import SkipNode
+from docutils.utils.math import MathError, latex2mathml
+from sphinx.util import logging
+
+import spidar_gym
+
+project = "spidar_gym"
+author = "The spidar_gym developers"
+copyright = author
+release = version = spidar_gym.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["results"]
+default_role = "code"
+smartquotes = False
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 88
+python_use_unqualified_type_names = True
+
+add_module_names = False
+
+html_theme = "furo"
+html_title = f"spidar_gym {release}"
+html_static_path = ["static"]
+html_css_files = ["guide.css"]
+html_math_renderer = "mathml"
+html_copy_source = False
+html_show_sphinx = False
+
+
+fields: dict[str, list[str]] = {}
+"""Docstrings of fields on their way past napoleon, which takes what stands before a colon for a type."""
+
+
+def plain(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:  # noqa: ANN401 - Sphinx's
+    """Docstrings are plain text with code in backticks: what reStructuredText would read as markup stays as written."""
+    for k, line in enumerate(lines):
+        parts = re.split(r"(`[^`]*`)", line)
+        parts[::2] = [re.sub(r"([|*]|(?<=\w)_(?!\w))", r"\\\1", part) for part in parts[::2]]
+        lines[k] = "".join(parts)
+    if what in ("attribute", "data", "property"):
+        fields[name] = lines.copy()
+
+
+def restore(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:  # noqa: ANN401 - Sphinx's
+    """Put a field's docstring back."""
+    lines[:] = fields.pop(name, lines)
+
+
+SPELLED = (
+    ("…", r"\\ldots "),
+    ("°", r"^\\circ "),
+    (r"\\(d?dot|bar|hat|tilde|underline) ?(\\[a-zA-Z]+|[a-zA-Z])", r"{\\\1{\2}}"),
+    (r"\\([td]?frac)(\d)(\d)", r"\\\1{\2}{\3}"),
+)
+"""Short forms of TeX that the converter does not know, or takes too much into."""
+
+
+def mathml(translator: Any, node: Any) -> None:  # noqa: ANN401 - Sphinx's
+    """A formula as MathML, which browsers draw without a script from the network."""
+    text, block = node.astext(), node.tagname == "math_block"
+    for short, spelled in SPELLED:
+        text = re.sub(short, spelled, text)
+    try:
+        found = latex2mathml.tex2mathml(text, as_block=block)
+    except MathError as error:
+        logging.getLogger(__name__).warning("%s: %s", text, error, location=node)
+    else:
+        translator.body.append(f'<div class="math">{found}</div>' if block else found)
+    raise SkipNode
+
+
+def setup(app: Any) -> None:  # noqa: ANN401 - Sphinx's application
+    """Connect to Sphinx; to docstrings before and after napoleon."""
+    app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
+    app.connect("autodoc-process-docstring", plain, priority=100)
+    app.connect("autodoc-process-docstring", restore, priority=900)
