@@ -1,25 +1,21 @@
 """Evaluation: shards of one scenario each, done in processes or on a Ray cluster, kept in files so that it resumes."""
 
-import hashlib
-import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.cluster import cluster
-from spidar_gym.benchmark.finished import read_finished, write_finished
-from spidar_gym.benchmark.metrics import METRICS
+from spidar_gym.benchmark.content import check_times
+from spidar_gym.benchmark.metrics import METRICS, check_metrics
+from spidar_gym.benchmark.resume import code_digest, digest_of, finish
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.errors import InvalidValueError, SpidarError, require_least
+from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import Policy, policy_digest, policy_name
-from spidar_gym.processes import Pool
 
 BEHAVIOUR = (
     "so3.py", "state.py", "robot", "model", "control", "native", "sim", "envs",
@@ -79,22 +75,8 @@ class Shard:
 
     def key(self, digest: str) -> str:
         """Name under which its result is kept: it changes with the policy's file, the scenario and the code."""
-        words = json.dumps(
-            [self.policy, digest, self.track, self.split, asdict(self.scenario), self.control, behaviour()]
-        )
-        return hashlib.sha256(words.encode()).hexdigest()[:24]
-
-
-@cache
-def behaviour() -> str:
-    """Digest of the code on which the numbers of an episode rest."""
-    root = Path(__file__).resolve().parent.parent
-    digest = hashlib.sha256()
-    for name in BEHAVIOUR:
-        path = root / name
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()
+        words = self.policy, digest, self.track, self.split, self.scenario, self.control
+        return digest_of(*words, code_digest(*BEHAVIOUR))[:24]
 
 
 def play_shard(shard: Shard) -> dict[str, Any]:
@@ -146,7 +128,7 @@ def evaluate(
     chosen = [every[index] for index in indices]
     if isinstance(policy, str):
         shards = [Shard(policy, track, split, scenario, act_limit_s) for scenario in chosen]
-        results = run_shards(shards, workers=workers, folder=folder, ray=ray, on_scenario=on_scenario)
+        results = run_shards(shards, workers=workers, folder=folder, ray=ray, on_done=lambda *_: on_scenario())
     else:
         if workers > 1 or folder is not None or ray is not None:
             raise InvalidValueError("policy", policy, "module:Class for more than one process, a folder, or Ray")
@@ -191,52 +173,26 @@ def run_shards(
     workers: int = 1,
     folder: Path | None = None,
     ray: str | None = None,
-    on_scenario: Callable[[], object] = lambda: None,
-    on_result: Callable[[int, dict[str, Any]], object] = lambda k, result: None,
+    on_done: Callable[[int, dict[str, Any]], object] = lambda k, result: None,
 ) -> list[dict[str, Any]]:
-    """Do pieces of work, in whatever order; the results come in theirs, to `on_result` as soon as they are there."""
+    """Do pieces of work; arguments and results are those of `finish`."""
     require_least(1, workers=workers)
-    results: dict[int, dict[str, Any]] = {}
-    files: list[Path | None] = [None] * len(shards)
+    names: dict[str, tuple[str, str]] = {}
     if folder is not None:
         policies = {spec: load_policy(spec) for spec in {shard.policy for shard in shards}}
-        for k, shard in enumerate(shards):
-            policy = policies[shard.policy]
-            file = folder / policy_name(policy) / shard.track / f"{shard.key(policy_digest(policy))}.json"
-            files[k], found = file, read_finished(file, flies=TRACKS[shard.track].flies)
-            if found is not None:
-                results[k] = found
-                on_scenario()
-    rest = [k for k in range(len(shards)) if k not in results]
-    work = _on_ray if ray else _in_processes
-    for k, result in work([(k, shards[k]) for k in rest], workers, ray) if rest else ():
-        if (file := files[k]) is not None:
-            write_finished(file, result)
-        # Through JSON, so that a result is the same whether it was kept or has just been made.
-        results[k] = json.loads(json.dumps(result, allow_nan=False))
-        on_result(k, results[k])
-        on_scenario()
-    return [results[k] for k in range(len(shards))]
+        names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
+
+    def name(shard: Shard) -> str:
+        own, digest = names[shard.policy]
+        return f"{own}/{shard.track}/{shard.key(digest)}"
+
+    return finish(
+        play_shard, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
+        label=lambda k: str(shards[k]), on_done=on_done,
+    )  # fmt: skip
 
 
-_Done = Iterator[tuple[int, dict[str, Any]]]
-
-
-def _in_processes(jobs: Iterable[tuple[int, Shard]], workers: int, ray: str | None) -> _Done:
-    numbers, shards = zip(*jobs, strict=True)
-    with Pool(workers) as pool:
-        for k, result in pool.as_done(play_shard, shards, lambda k: str(shards[k])):
-            yield numbers[k], result
-
-
-def _on_ray(jobs: Iterable[tuple[int, Shard]], workers: int, address: str | None) -> _Done:
-    with cluster(address or "local", workers) as ray:
-        remote = ray.remote(play_shard)
-        waiting = {remote.remote(shard): k for k, shard in jobs}
-        while waiting:
-            done, _ = ray.wait(list(waiting), num_returns=1)
-            for reference in done:
-                try:
-                    yield waiting.pop(reference), ray.get(reference)
-                except ray.exceptions.RayTaskError as error:
-                    raise (error.cause if isinstance(error.cause, SpidarError) else error) from None
+def _check_result(shard: Shard, result: dict[str, Any]) -> None:
+    """Refuse what no episode gives."""
+    check_metrics(result["metrics"], flies=TRACKS[shard.track].flies)
+    check_times(result["timing"], "act_s", "step_s")

@@ -83,7 +83,6 @@ def verify(
     workers: int = 1,
     trust: bool = False,
     control: str = CONTROL,
-    on_scenario: Callable[[], object] = lambda: None,
     on_check: Callable[[Check], object] = lambda _: None,
 ) -> list[Check]:
     """Play scenarios of rows again and compare.
@@ -95,8 +94,7 @@ def verify(
         workers: Processes.
         trust: Whether code from outside the package and the checkout's baselines may run.
         control: `python`, with which rows are made, or `core`, whose rounding is another one.
-        on_scenario: Called after every scenario, for progress.
-        on_check: Called with what came out, as soon as it has.
+        on_check: Called with what came out of each scenario, as soon as it has.
 
     Raises:
         RowError: When a policy's file is no longer the one that was evaluated, or may not run.
@@ -115,12 +113,12 @@ def verify(
         require_ours(row, trust=trust)
     checks: dict[int, Check] = {}
 
-    def on_result(place: int, result: dict[str, Any]) -> None:
+    def on_done(place: int, result: dict[str, Any]) -> None:
         row, track, run, k = picks[place]
         checks[place] = _compare(row, track, run, k, result["metrics"], made_apart(row, control))
         on_check(checks[place])
 
-    run_shards(shards, workers=workers, on_scenario=on_scenario, on_result=on_result)
+    run_shards(shards, workers=workers, on_done=on_done)
     return [checks[place] for place in range(len(picks))]
 
 

@@ -232,11 +232,13 @@ def verify(
     found = read_rows(rows)
     rng = np.random.Generator(np.random.PCG64(seed))
     bar = tqdm(total=sample, unit="scenario", desc="verify", file=sys.__stderr__)
+
+    def on_check(check: verifying.Check) -> None:
+        bar.write(check.line, file=sys.stdout)
+        bar.update()
+
     with bar, kept(lambda: f"{bar.n} of {sample} scenarios played again; what came out stands above"):
-        checks = verifying.verify(
-            found, sample, rng, workers=workers, trust=trust, control=control, on_scenario=bar.update,
-            on_check=lambda check: bar.write(check.line, file=sys.stdout),
-        )  # fmt: skip
+        checks = verifying.verify(found, sample, rng, workers=workers, trust=trust, control=control, on_check=on_check)
     verifying.require_verified(checks)
     for line in verifying.paths(checks):
         print(line)

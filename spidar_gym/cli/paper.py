@@ -1,6 +1,7 @@
 """`spidar paper`: the paper's experiments and the comparisons that go beyond them."""
 
 import math
+import shutil
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +23,6 @@ from spidar_gym.paper import crawl_study
 from spidar_gym.paper import flight as experiments
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper.trial import CONDITIONS
-from spidar_gym.paper.unfinished import forget
 from spidar_gym.processes import cpu_count
 from spidar_gym.sim.stage import FIXED, VIEWS
 from spidar_gym.text import format_table
@@ -125,7 +125,7 @@ def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: i
         )  # fmt: skip
     text = json_text({name: rows})
     write_text(folder / f"{name}.json", text)
-    forget(unfinished)
+    shutil.rmtree(unfinished, ignore_errors=True)
     print(text if json else format_table(studies.speed_lines(rows), left=3))
     if not ablation:
         try:
@@ -148,7 +148,7 @@ def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int)
         rows = crawl_study.run_cases(cases, numbers, workers=workers, folder=unfinished, on_run=bar.update)
     text = json_text({name: rows})
     write_text(folder / f"{name}.json", text)
-    forget(unfinished)
+    shutil.rmtree(unfinished, ignore_errors=True)
     print(text if json else crawl_study.study_table(rows))
 
 

@@ -10,12 +10,12 @@ import gymnasium
 import numpy as np
 
 import spidar_gym.envs.registry
+from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.paper.crawl import crawl_robot
-from spidar_gym.paper.unfinished import finish
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.text import format_table
 
@@ -162,7 +162,7 @@ def run_cases(
     Those of an interrupted call are in `folder`, and are not crawled again.
     """
     jobs = [(case, seed) for case in cases for seed in seeds]
-    return finish(_run, jobs, workers=workers, folder=folder, on_done=on_run)
+    return finish(_run, jobs, workers=workers, folder=folder, on_done=lambda *_: on_run())
 
 
 def study_lines(rows: list[dict[str, Any]]) -> list[list[str]]:

@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 
 import spidar_gym.envs.registry
+from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.paper.unfinished import finish
 from spidar_gym.policies.rollout import rollout
 
 SETTLE = 1.0
@@ -98,4 +98,5 @@ def fly_all(
 
     Those of an interrupted call are in `folder`, and are not flown again.
     """
-    return [Outcome(**found) for found in finish(_fly, jobs, workers=workers, folder=folder, on_done=on_done)]
+    found = finish(_fly, jobs, workers=workers, folder=folder, on_done=lambda *_: on_done())
+    return [Outcome(**outcome) for outcome in found]

@@ -4,6 +4,7 @@ import hashlib
 import importlib.util
 import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,6 @@ from spidar_gym.control.flight.margins import AXES, margins
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.paper.trial import CONDITIONS, Outcome, Trial, fly_all
-from spidar_gym.paper.unfinished import forget
 
 FIRST_SEED = 900_000
 """Tuning flies seeds from here on; nothing else may."""
@@ -191,7 +191,7 @@ def tune(
         search.tell(points, costs[:-1].tolist())
         lines.append(_line(generation, costs.tolist(), mean, search))
         write_text(folder / LOG, log_text(settings, lines))
-        forget(unfinished)
+        shutil.rmtree(unfinished, ignore_errors=True)
         on_generation({name: lines[-1][name] for name in ("generation", "cost", "best", "sigma")})
     return lines[-1]
 

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from spidar_gym.benchmark import HOVER, TRACKS, PolicyError, PresetPolicy, Score, evaluate, load_scenarios
-from spidar_gym.benchmark.evaluate import Shard, behaviour
+from spidar_gym.benchmark.evaluate import Shard
 from spidar_gym.benchmark.metrics import METRICS
+from spidar_gym.benchmark.resume import code_digest
 from spidar_gym.benchmark.track import CAP, SCENARIOS
 from spidar_gym.errors import (
     InvalidValueError,
@@ -214,7 +215,7 @@ def test_a_policy_that_fails_in_a_scenario_ends_the_evaluation_and_leaves_whole_
     assert len(kept(folder)) <= 1
     for path in kept(folder):
         assert path.suffix == ".json"
-        assert set(json.loads(path.read_text(encoding="utf-8"))) == {"metrics", "timing", "sha256"}
+        assert set(json.loads(path.read_text(encoding="utf-8"))) == {"result", "sha256"}
 
 
 # What is kept
@@ -261,7 +262,7 @@ def test_an_interrupted_evaluation_goes_on_where_it_was(short, here, played, mon
 @pytest.mark.parametrize(
     "text",
     ["", "{", "null", "[]", "{}", '{"metrics": {}}', '{"metrics": {}, "timing": {}, "more": 1}', "\xff\xfe",
-     '{"metrics": {}, "timing": {}}'],
+     '{"metrics": {}, "timing": {}}', '{"result": {}}'],
 )  # fmt: skip
 def test_a_kept_file_that_is_no_result_is_played_again(text, short, here, played):
     folder = here / "kept"
@@ -272,14 +273,14 @@ def test_a_kept_file_that_is_no_result_is_played_again(text, short, here, played
     again = evaluate("mine:Zero", TRACK, 2, folder=folder)
     assert again.metrics == first.metrics
     assert len(played) == 3
-    assert json.loads(path.read_text(encoding="utf-8"))["metrics"] == whole_text["metrics"]
+    assert json.loads(path.read_text(encoding="utf-8"))["result"]["metrics"] == whole_text["result"]["metrics"]
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda found: found["metrics"].update(error=0.001),
-        lambda found: found["timing"].update(wall_s=1e-9),
+        lambda found: found["result"]["metrics"].update(error=0.001),
+        lambda found: found["result"]["timing"].update(wall_s=1e-9),
         lambda found: found.pop("sha256"),
         lambda found: found.update(kept_file_digest(found, success=7.0)),
         lambda found: found.update(kept_file_digest(found, energy_wh=-1.0)),
@@ -300,9 +301,9 @@ def test_a_kept_file_that_was_edited_by_hand_is_played_again(change, short, here
 
 def kept_file_digest(found, **metrics):
     """The edited content with the digest that belongs to it."""
-    result = {"metrics": found["metrics"] | metrics, "timing": found["timing"]}
+    result = {**found["result"], "metrics": found["result"]["metrics"] | metrics}
     text = json.dumps([found["stem"], result], sort_keys=True)
-    return {**result, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    return {"result": result, "sha256": hashlib.sha256(text.encode()).hexdigest()}
 
 
 def test_a_kept_file_under_another_ones_name_is_played_again(short, here, played):
@@ -329,8 +330,8 @@ def test_what_is_kept_is_of_this_policy_file_scenario_split_and_code():
 
 def test_another_code_keeps_its_own_results(short, here, played, monkeypatch):
     evaluate("mine:Zero", TRACK, 1, folder=here / "kept")
-    assert len(behaviour()) == 64
-    monkeypatch.setattr(module, "behaviour", lambda: "another")
+    assert len(code_digest(*module.BEHAVIOUR)) == 64
+    monkeypatch.setattr(module, "code_digest", lambda *names: "another")
     evaluate("mine:Zero", TRACK, 1, folder=here / "kept")
     assert played == [0, 0]
 

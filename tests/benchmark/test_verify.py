@@ -38,7 +38,7 @@ def replay(monkeypatch):
     def start(row, change=lambda metrics: None):
         asked = []
 
-        def answer(shards, *, workers=1, on_scenario=lambda: None, on_result=lambda k, result: None):
+        def answer(shards, *, workers=1, on_done):
             asked.append((shards, workers))
             results = []
             for shard in shards:
@@ -48,8 +48,7 @@ def replay(monkeypatch):
                 metrics = {name: values[where] for name, values in run.items()}
                 change(metrics)
                 results.append({"metrics": metrics, "timing": {}})
-                on_result(len(results) - 1, results[-1])
-                on_scenario()
+                on_done(len(results) - 1, results[-1])
             return results
 
         monkeypatch.setattr(verifying, "run_shards", answer)
@@ -90,13 +89,13 @@ def test_a_row_that_comes_out_the_same_is_verified(replay):
 
 
 def test_every_row_track_and_scenario_is_drawn_and_named(rows, monkeypatch):
-    def answer(shards, *, on_result, **_):
+    def answer(shards, *, on_done, **_):
         found = []
         for s in shards:
             row = rows["qp" if s.split == "test" else "own"]
             where, run = row.scenarios(s.track).index(s.scenario.index), row.content["tracks"][s.track]["runs"][0]
             found.append({"metrics": {name: values[where] for name, values in run.items()}, "timing": {}})
-            on_result(len(found) - 1, found[-1])
+            on_done(len(found) - 1, found[-1])
         return found
 
     monkeypatch.setattr(verifying, "run_shards", answer)
@@ -121,9 +120,9 @@ def test_runs_are_drawn_each_with_its_own_policy(tmp_path, monkeypatch):
     runs = dict(zip(policies, row.content["tracks"][TRACK]["runs"], strict=True))
     first = {spec: {"metrics": {name: values[0] for name, values in run.items()}} for spec, run in runs.items()}
 
-    def answer(shards, *, on_result, **_):
+    def answer(shards, *, on_done, **_):
         for place, shard in enumerate(shards):
-            on_result(place, first[shard.policy])
+            on_done(place, first[shard.policy])
 
     monkeypatch.setattr(verifying, "run_shards", answer)
     checks = verify({"own": row}, 40, draw(), trust=True)
@@ -150,7 +149,7 @@ def test_a_seed_gives_the_same_sample_and_another_seed_another(rows, replay):
 
 def test_shards_are_those_of_the_row_and_progress_is_told(rows, replay):
     asked, told = replay(rows["qp"]), []
-    verify({"qp": rows["qp"]}, 5, draw(), workers=3, on_scenario=lambda: told.append(None))
+    verify({"qp": rows["qp"]}, 5, draw(), workers=3, on_check=told.append)
     ((shards, workers),) = asked
     assert (len(shards), len(told), workers) == (5, 5, 3)
     assert {shard.policy for shard in shards} == {SPEC}

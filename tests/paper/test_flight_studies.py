@@ -1,8 +1,11 @@
-"""Pins the comparison of controllers: ablations, one row a cell."""
+"""Pins the comparison of controllers: ablations, one row a cell, and that it goes on where it was."""
 
 import json
 from dataclasses import replace
 
+import pytest
+
+from spidar_gym.benchmark.statistics import compare
 from spidar_gym.control.presets import controller_config
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper.trial import Outcome
@@ -31,3 +34,20 @@ def test_a_study_has_a_row_for_every_controller_and_cell(monkeypatch):
     lines = studies.speed_lines(rows)
     assert [line[2] for line in lines].count("tuned") == 4
     assert "0/3" in lines[1]
+
+
+def test_a_study_of_speeds_goes_on_where_it_was(tmp_path, monkeypatch):
+    flown, stops = [], [KeyboardInterrupt()]
+
+    def fly(config, trial):
+        if len(flown) == 5 and stops:
+            raise stops.pop()
+        flown.append(trial)
+        return Outcome(0.01 + trial.seed % 3 * 1e-3, 0.02, 0, 1.0, 0, "")
+
+    monkeypatch.setattr("spidar_gym.paper.trial.fly", fly)
+    monkeypatch.setattr(studies, "compare", lambda a, b, rng: compare(a, b, rng, draws=20))
+    with pytest.raises(KeyboardInterrupt):
+        studies.speed_study(speeds=(0.2, 1.0), count=1, folder=tmp_path)
+    rows = studies.speed_study(speeds=(0.2, 1.0), count=1, folder=tmp_path)
+    assert len(flown) == len(rows) == 8

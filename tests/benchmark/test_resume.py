@@ -1,17 +1,14 @@
 """Pins interrupted work: what is finished is not done again, what was touched is, nothing is taken for another."""
 
-import dataclasses
 import json
 import os
 from dataclasses import dataclass
 
 import pytest
 
-from spidar_gym.benchmark.statistics import compare
-from spidar_gym.paper import crawl_study, unfinished
-from spidar_gym.paper import flight_studies as studies
-from spidar_gym.paper.trial import Outcome
-from spidar_gym.paper.unfinished import finish, forget
+from spidar_gym.benchmark import resume
+from spidar_gym.benchmark.resume import finish
+from spidar_gym.errors import InvalidValueError
 
 DONE = []
 
@@ -49,12 +46,11 @@ def test_what_is_finished_is_not_done_again_and_every_piece_is_counted(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         finish(square, [*ITEMS[:3], Item(9, stop=True), *ITEMS[3:]], folder=tmp_path / "kept")
     assert DONE == [0, 1, 2]
-    found = finish(square, ITEMS, folder=tmp_path / "kept", on_done=lambda: counted.append(1))
+    found = finish(square, ITEMS, folder=tmp_path / "kept", on_done=lambda k, result: counted.append((k, result)))
     assert DONE == [0, 1, 2, 3, 4, 5]
     assert found == finish(square, ITEMS) == [square(item) for item in ITEMS]
-    assert len(counted) == len(ITEMS)
-    forget(tmp_path / "kept")
-    assert [*tmp_path.iterdir()] == []
+    assert counted == list(enumerate(found))
+    assert len([*(tmp_path / "kept").iterdir()]) == len(ITEMS)
 
 
 def test_processes_give_what_one_gives_in_the_order_of_the_items(tmp_path):
@@ -67,7 +63,7 @@ def test_pieces_belong_to_their_work_their_item_and_their_code(tmp_path, monkeyp
     assert finish(cube, ITEMS[:2], folder=tmp_path) == [0, 1]
     finish(square, ITEMS[:2], folder=tmp_path)
     assert DONE == [0, 1]
-    monkeypatch.setattr(unfinished, "_code", lambda: "another")
+    monkeypatch.setattr(resume, "code_digest", lambda: "another")
     finish(square, ITEMS[:1], folder=tmp_path)
     assert DONE == [0, 1, 0]
 
@@ -77,6 +73,7 @@ def test_pieces_belong_to_their_work_their_item_and_their_code(tmp_path, monkeyp
     [
         lambda text: "", lambda text: text[:-9], lambda text: "null", lambda text: "[" * 10**5,
         lambda text: text.replace("1.3333", "1.3334"), lambda text: json.dumps({"result": {"square": 16}}),
+        lambda text: json.dumps({"metrics": {"square": 16}, "timing": {}, "sha256": json.loads(text)["sha256"]}),
     ],
 )  # fmt: skip
 def test_a_piece_that_is_not_as_it_was_written_is_done_again(damage, tmp_path):
@@ -97,35 +94,16 @@ def test_a_piece_of_another_item_is_not_taken_under_its_name(tmp_path):
     assert sorted(DONE) == [0, 0, 1] or sorted(DONE) == [0, 1, 1]
 
 
-def test_a_study_of_speeds_goes_on_where_it_was(tmp_path, monkeypatch):
-    flown, stops = [], [KeyboardInterrupt()]
+def test_a_piece_that_cannot_be_the_result_of_its_item_is_done_again(tmp_path):
+    def check(item, result):
+        if result["square"] != item.number**2 + 1:
+            raise InvalidValueError("square", result["square"], "one more")
 
-    def fly(config, trial):
-        if len(flown) == 5 and stops:
-            raise stops.pop()
-        flown.append(trial)
-        return Outcome(0.01 + trial.seed % 3 * 1e-3, 0.02, 0, 1.0, 0, "")
-
-    monkeypatch.setattr("spidar_gym.paper.trial.fly", fly)
-    monkeypatch.setattr(studies, "compare", lambda a, b, rng: compare(a, b, rng, draws=20))
-    with pytest.raises(KeyboardInterrupt):
-        studies.speed_study(speeds=(0.2, 1.0), count=1, folder=tmp_path)
-    rows = studies.speed_study(speeds=(0.2, 1.0), count=1, folder=tmp_path)
-    assert len(flown) == len(rows) == 8
+    finish(square, ITEMS[:2], folder=tmp_path)
+    finish(square, ITEMS[:2], folder=tmp_path, check=check)
+    assert DONE == [0, 1, 0, 1]
 
 
-def test_a_study_of_crawls_goes_on_where_it_was(tmp_path, monkeypatch):
-    crawled = []
-
-    def run_case(case, seed):
-        crawled.append((case.name, seed))
-        return {"case": case.name, "seed": seed}
-
-    monkeypatch.setattr(crawl_study, "run_case", run_case)
-    cases = crawl_study.CASES[:2]
-    crawl_study.run_cases(cases, [0], folder=tmp_path)
-    rows = crawl_study.run_cases(cases, [0, 1], folder=tmp_path)
-    assert crawled == [(case.name, seed) for seed in (0, 1) for case in cases]
-    assert [(row["case"], row["seed"]) for row in rows] == [(case.name, seed) for case in cases for seed in (0, 1)]
-    crawl_study.run_cases([dataclasses.replace(cases[0], preset="robust")], [0], folder=tmp_path)
-    assert len(crawled) == 5
+def test_a_caller_names_the_files_of_its_pieces(tmp_path):
+    finish(cube, ITEMS[:2], folder=tmp_path, name=lambda item: f"cubes/{item.number}")
+    assert [path.name for path in sorted((tmp_path / "cubes").iterdir())] == ["0.json", "1.json"]

@@ -1,0 +1,126 @@
+"""Long work that goes on where it was interrupted: its finished pieces lie in files, each with a digest."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from spidar_gym.benchmark.cluster import cluster
+from spidar_gym.errors import SpidarError
+from spidar_gym.files import write_text
+from spidar_gym.processes import Pool
+
+PACKAGE = Path(__file__).resolve().parents[1]
+"""Folder of the package's code."""
+
+
+@cache
+def code_digest(*names: str) -> str:
+    """Digest of files and folders of the package, all of it by default: another code's pieces are none of ours."""
+    digest = hashlib.sha256()
+    for path in [PACKAGE / name for name in names] or [PACKAGE]:
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(str(file.relative_to(PACKAGE)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def digest_of(*words: Any) -> str:  # noqa: ANN401 - JSON and dataclasses
+    """Digest of values that are made of dataclasses and JSON."""
+    text = json.dumps(words, default=dataclasses.asdict, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def finish(
+    call: Callable[[Any], Any],
+    items: Iterable[Any],
+    *,
+    workers: int = 1,
+    ray: str | None = None,
+    folder: Path | None = None,
+    name: Callable[[Any], str] | None = None,
+    check: Callable[[Any, Any], object] = lambda item, result: None,
+    label: Callable[[int], str] = lambda k: f"piece {k + 1}",
+    on_done: Callable[[int, Any], object] = lambda k, result: None,
+) -> list[Any]:
+    """Do what is not done yet, in whatever order.
+
+    Args:
+        call: A piece of the work, whose result is JSON; it and the items must be picklable.
+        items: What it is done on, each made of dataclasses and JSON.
+        workers: Processes, or workers of a local Ray cluster.
+        ray: Address of a Ray cluster to do it on, `local` for one here.
+        folder: Where finished pieces are kept; nowhere if None.
+        name: Item → name of its file there, without ending: another one for whatever changes its result. By default a
+            digest of call, item and the package's code.
+        check: Called with an item and what is kept of it; raises where that cannot be its result.
+        label: Index of an item → what it is called when it is lost.
+        on_done: Called with the index and result of each piece, as soon as it is there.
+
+    Returns:
+        Results in the order of the items, the same whether they were kept or have just been made.
+
+    Raises:
+        LostWorkerError: When a worker has been killed.
+        SpidarError: Where there is no cluster.
+    """
+    items, results = list(items), dict[int, Any]()
+    files = dict[int, Path]()
+    if folder is not None:
+        name = name or (lambda item: digest_of(call.__qualname__, item, code_digest())[:24])
+        files = {k: folder / f"{name(item)}.json" for k, item in enumerate(items)}
+    for k, file in files.items():
+        try:
+            results[k] = _read(file)
+            check(items[k], results[k])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, SpidarError):
+            results.pop(k, None)  # not there, not whole, or not as it was written: done once more
+        else:
+            on_done(k, results[k])
+    rest = {k: item for k, item in enumerate(items) if k not in results}
+    for k, made in _on_ray(call, rest, workers, ray) if ray else _in_processes(call, rest, workers, label):
+        if k in files:
+            _write(files[k], made)
+        results[k] = json.loads(json.dumps(made))
+        on_done(k, results[k])
+    return [results[k] for k in range(len(items))]
+
+
+def _write(file: Path, result: Any) -> None:  # noqa: ANN401 - JSON
+    """Write a result with a digest that binds it to this file."""
+    write_text(file, json.dumps({"result": result, "sha256": digest_of(file.stem, result)}))
+
+
+def _read(file: Path) -> Any:  # noqa: ANN401 - JSON
+    """A result as it was written; whatever else lies there raises."""
+    found = json.loads(file.read_text(encoding="utf-8"))
+    if found["sha256"] != digest_of(file.stem, found["result"]):
+        raise ValueError("its digest is another one's")
+    return found["result"]
+
+
+_Done = Iterator[tuple[int, Any]]
+
+
+def _in_processes(call: Callable[[Any], Any], rest: dict[int, Any], workers: int, label: Callable[[int], str]) -> _Done:
+    numbers = list(rest)
+    with Pool(workers) as pool:
+        for place, result in pool.as_done(call, rest.values(), lambda place: label(numbers[place])):
+            yield numbers[place], result
+
+
+def _on_ray(call: Callable[[Any], Any], rest: dict[int, Any], workers: int, address: str) -> _Done:
+    if not rest:
+        return
+    with cluster(address, workers) as ray:
+        remote = ray.remote(call)
+        waiting = {remote.remote(item): k for k, item in rest.items()}
+        while waiting:
+            done, _ = ray.wait(list(waiting), num_returns=1)
+            for reference in done:
+                try:
+                    yield waiting.pop(reference), ray.get(reference)
+                except ray.exceptions.RayTaskError as error:
+                    raise (error.cause if isinstance(error.cause, SpidarError) else error) from None
