@@ -14,7 +14,6 @@ from spidar_gym.files import WholeFile, cannot_write, scratch_folder
 from spidar_gym.native.codegen.header import (
     CORE,
     constants_header,
-    interface_hash,
     model_header,
     presets_header,
     structs_header,
@@ -24,12 +23,12 @@ from spidar_gym.native.compiler import FLAGS, compiler, run_tool
 from spidar_gym.native.library import core_path, seal
 from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.policy import RATE, policy_header
-from spidar_gym.onboard.runner_structs import runner_header
+from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
 from spidar_gym.policies.artifact import read_artifact
 
 ONBOARD = Path(__file__).resolve().parent
 """Sources of everything that runs on the robot around the core."""
-PARTS = {"core": (CORE, "*.[ch]"), "runner": (ONBOARD / "runner", "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg")}
+PARTS = {"core": (CORE, "*.[ch]"), "runner": (RUNNER, "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg")}
 """Exported folder → folder of hand-written sources, and which of their files."""
 NOTHING: Mapping[str, bytes] = MappingProxyType({})
 """No further files."""
@@ -76,7 +75,7 @@ def export_files(
     if golden:
         files |= golden_files()
     manifest = {
-        "interface": interface_hash(),
+        "interface": runner_hash(),
         "versions": {
             "spidar-gym": spidar_gym.__version__,
             **{name: version(name) for name in ("osqp", "pin", "numpy")},

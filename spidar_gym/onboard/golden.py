@@ -9,12 +9,11 @@ import spidar_gym.envs.registry
 from spidar_gym.control.allocation.allocator import Allocation
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.native.codegen.header import interface_hash
 from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.runner_structs import MAGIC, LogKind, log_layouts
+from spidar_gym.onboard.runner_structs import MAGIC, LogKind, log_layouts, runner_hash
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
@@ -74,7 +73,7 @@ class Log:
         head = np.zeros((), log_layouts()["log_head"])
         head["kind"], head["ticks"] = self._kind, len(self._inputs)
         data = bytearray(head.tobytes())
-        data[:40] = (MAGIC + interface_hash()).encode()
+        data[:40] = (MAGIC + runner_hash()).encode()
         return bytes(data) + b"".join(self._front + self._inputs)
 
     def outputs(self) -> bytes:

@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES
-from spidar_gym.native.codegen.header import define, enumeration, header, struct
+from spidar_gym.native.codegen.header import define, enumeration, header, interface_digest, interface_hash, struct
 from spidar_gym.native.constants import MAX_ACTION, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
 from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
 
+RUNNER = Path(__file__).resolve().parent / "runner"
+"""Sources of the runner."""
 MAGIC = "SPIDAR01"
 """First characters of a log."""
 MAX_FORMS, MAX_WINDOWS, MAX_MOVES = 64, 8, 16
@@ -135,7 +138,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("log_head", "Head of a log; see log.h for what follows it.", (
         ("magic", "u1", (len(MAGIC),), "SP_LOG_MAGIC"),
-        ("interface", "u1", (32,), "SP_INTERFACE"),
+        ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
         ("kind ticks", "i4", (), "sp_log_kind; of a run 0 ticks: to the end of the file"),
     )),
     CStruct("log_start", "Flight: what follows the configuration.", (
@@ -215,7 +218,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
     )),
     CStruct("sim_hello", "The first thing that the simulator says.", (
-        ("interface", "u1", (32,), "SP_INTERFACE"),
+        ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
         ("model", "u1", (72,), "SHA-256 of the robot's model"),
         ("names", "u1", (N_NAMES, 24), "of `joint_states`"),
         ("name_count unused", "i4", (), ""),
@@ -231,8 +234,8 @@ def log_layouts() -> dict[str, np.dtype]:
     return dtypes(RUNNER_STRUCTS, core_layouts())
 
 
-def runner_header() -> str:
-    """spidar_runner.h."""
+def _header_lines() -> list[str]:
+    """Text of spidar_runner.h but for its digest."""
     sizes = {"MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES}
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
@@ -243,5 +246,15 @@ def runner_header() -> str:
         f"#define SP_TOPIC_ROWS {{{rows}}}",
         "",
     ]
-    lines += [line for each in RUNNER_STRUCTS for line in struct(each)]
-    return header("SPIDAR_RUNNER", "words, topics and structs of the runner.", lines[:-1], ('"spidar_structs.h"',))
+    return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]
+
+
+def runner_hash() -> str:
+    """Digest of everything that a compiled runner has to agree on: the core, its own words, structs and sources."""
+    return interface_digest("\n".join([interface_hash(), *_header_lines()]).encode(), RUNNER)
+
+
+def runner_header() -> str:
+    """spidar_runner.h."""
+    lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash()}"', *_header_lines()]
+    return header("SPIDAR_RUNNER", "words, topics and structs of the runner.", lines, ('"spidar_structs.h"',))

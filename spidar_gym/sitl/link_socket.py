@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.errors import SpidarError
-from spidar_gym.native.codegen.header import interface_hash
-from spidar_gym.onboard.runner_structs import TOPICS, Action, log_layouts
+from spidar_gym.onboard.runner_structs import TOPICS, Action, log_layouts, runner_hash
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.messages import FEEDBACK, STATE_NAMES, Message
@@ -37,7 +36,7 @@ class SocketLink:
         self._server.settimeout(0.1)
         self._peer: socket.socket | None = None
         self._hello = np.zeros((), log_layouts()["sim_hello"])
-        text = {"interface": interface_hash(), "model": model or model_hash()}
+        text = {"interface": runner_hash(), "model": model or model_hash()}
         for field, word in text.items():
             self._hello[field][: len(word)] = list(word.encode())
         for row, name in zip(self._hello["names"], names, strict=False):

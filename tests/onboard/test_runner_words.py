@@ -12,10 +12,9 @@ from support.needs import needs_compiler
 from support.runner import HOLD, LAND, NAMES, RATES, TOPICS, ZEROS, junk, nan_pose, read_mission, said
 
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.native.codegen.header import interface_hash
 from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.runner_structs import log_layouts
+from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.link_socket import SocketLink
@@ -404,4 +403,4 @@ def test_what_cannot_be_read_written_or_reached_is_refused_in_one_line(runner, t
 
 
 def test_about_says_what_it_was_compiled_for(runner):
-    assert said(runner, "about").stdout == f"interface {interface_hash()}\nmodel {model_hash()}\n"
+    assert said(runner, "about").stdout == f"interface {runner_hash()}\nmodel {model_hash()}\n"

@@ -123,13 +123,18 @@ def structs_header() -> str:
     )  # fmt: skip
 
 
+def interface_digest(front: bytes, sources: Path) -> str:
+    """Digest of what the two sides of an interface have to agree on, and of a folder's C sources."""
+    digest = hashlib.sha256(front)
+    for file in sorted(sources.glob("*.[ch]*")):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:32]
+
+
 @cache
 def interface_hash() -> str:
     """Digest of everything that a compiled core has to agree on: constants, structs, robot, sources."""
-    digest = hashlib.sha256((constants_header() + structs_header()).encode() + mjcf_path().read_bytes())
-    for file in sorted(CORE.glob("*.[ch]")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()[:32]
+    return interface_digest((constants_header() + structs_header()).encode() + mjcf_path().read_bytes(), CORE)
 
 
 def model_header() -> str:

@@ -130,7 +130,7 @@ int main(int count, char **words)
     if (count == 4 && strcmp(words[1], "compare") == 0) return compare(words[2], words[3]);
     if (count == 3 && strcmp(words[1], "bench") == 0) return sp_bench(words[2]);
     if (count == 2 && strcmp(words[1], "about") == 0) {
-        printf("interface %s\nmodel %s\n", SP_INTERFACE, SP_MODEL_SHA256);
+        printf("interface %s\nmodel %s\n", SP_RUNNER_INTERFACE, SP_MODEL_SHA256);
         return 0;
     }
     int done = count > 1 ? run_link(count, words) : -1;

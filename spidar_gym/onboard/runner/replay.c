@@ -3,7 +3,6 @@
 
 #include "log.h"
 #include "loop.h"
-#include "spidar_model.h"
 
 #define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
 
@@ -54,7 +53,7 @@ int sp_replay(FILE *in, FILE *out, int *ticks, int *differ)
     sp_log_input input;
     sp_log_output line;
     if (!READ(head) || memcmp(head.magic, SP_LOG_MAGIC, 8) != 0) return 1;
-    if (memcmp(head.interface, SP_INTERFACE, 32) != 0) return 2;
+    if (memcmp(head.interface, SP_RUNNER_INTERFACE, 32) != 0) return 2;
     if (head.kind == SP_LOG_RUN) return replay_run(in, out, &head, ticks, differ);
     if (head.kind == SP_LOG_FLIGHT) {
         sp_controller_config config;

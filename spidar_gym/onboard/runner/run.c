@@ -7,7 +7,6 @@
 #include <time.h>
 
 #include "log.h"
-#include "spidar_model.h"
 
 #define MOST 65535 /* characters of a mission */
 
@@ -44,7 +43,7 @@ static int begin_log(sp_run *run)
     sp_log_head head;
     memset(&head, 0, sizeof head);
     memcpy(head.magic, SP_LOG_MAGIC, sizeof head.magic);
-    memcpy(head.interface, SP_INTERFACE, sizeof head.interface);
+    memcpy(head.interface, SP_RUNNER_INTERFACE, sizeof head.interface);
     head.kind = SP_LOG_RUN;
     fclose(run->log);
     run->log = fopen(run->path, "wb");

@@ -14,7 +14,6 @@
 
 #include "contract.h"
 #include "run.h"
-#include "spidar_model.h"
 
 /* All of a struct, 1; 0 where the other end has closed. */
 static int receive_all(int link, void *to, size_t size)
@@ -64,6 +63,14 @@ static int connect_to(const char *place)
     return link;
 }
 
+/* Who the robot is; 0 where it speaks another interface, whose hello may have another length. */
+static int receive_hello(int link, sp_sim_hello *hello)
+{
+    const size_t front = sizeof hello->interface;
+    return receive_all(link, hello->interface, front) && memcmp(hello->interface, SP_RUNNER_INTERFACE, front) == 0 &&
+           receive_all(link, (char *)hello + front, sizeof *hello - front);
+}
+
 int sp_sim(const char *place, const char *mission, const char *log, int residual)
 {
     static sp_run run;
@@ -76,8 +83,7 @@ int sp_sim(const char *place, const char *mission, const char *log, int residual
     int link = connect_to(place);
     if (link < 0)
         return sp_reject("", "nobody answers there; valid: the HOST:PORT that `spidar sitl --link socket` says");
-    if (!receive_all(link, &hello, sizeof hello) ||
-        memcmp(hello.interface, SP_INTERFACE, sizeof hello.interface) != 0) {
+    if (!receive_hello(link, &hello)) {
         close(link);
         return sp_reject("", "the simulator speaks another interface; valid: one of this export");
     }
