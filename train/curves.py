@@ -1,4 +1,4 @@
-"""Learning curves: all seeds of a row in one file, and a picture a track with classical controllers as lines.
+"""Learning curves: all seeds of a row in one file, a picture a track, and the guide's table of what the rows cost.
 
 python -m train.curves --runs out/train --out train/curves
 """
@@ -6,12 +6,14 @@ python -m train.curves --runs out/train --out train/curves
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import tyro
 from tqdm import tqdm
 
+from spidar_gym import __version__
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.console import run_cli
 from spidar_gym.errors import SpidarError, require_least
@@ -42,6 +44,8 @@ class Args:
     """Folder with runs: NAME/seedK/curve.json; where it is missing only pictures are drawn anew."""
     out: Path = Path("train/curves")
     """Folder for NAME.json, TRACK.png and TRACK.pdf."""
+    costs: Path = Path("docs/results/learned_costs.json")
+    """File for what the rows cost, from which the guide's table is made."""
     control: str = CONTROL
     """Controller that flies the lines: python, or core."""
     workers: int = cpu_count()
@@ -106,6 +110,12 @@ def cost_lines(curves: Sequence[dict[str, Any]]) -> list[list[str]]:
     return lines
 
 
+def write_costs(curves: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write what the rows cost as a result of the guide."""
+    source = {"command": "python -m train.curves", "version": __version__, "date": date.today().isoformat()}
+    write_text(path, json_text({**source, "lines": cost_lines(curves)}))
+
+
 def _range(values: Sequence[float], form: str, unit: str) -> str:
     """The least and the largest of some numbers, or one where they are written alike."""
     return " … ".join(dict.fromkeys(f"{value:{form}}" for value in (min(values), max(values)))) + unit
@@ -139,6 +149,7 @@ def main() -> None:
             picture = args.out / f"{track}.png"
             learning_curves(drawn[track], lines, f"{track}: validation scenarios", picture)
             bar.write(str(picture))
+    write_costs(curves, args.costs)
     print(format_table(cost_lines(curves)))
 
 

@@ -1,6 +1,5 @@
 """Tables of figures in the guide and README: written from committed JSON between two markers, never by hand."""
 
-import importlib
 import json
 import re
 from collections.abc import Callable
@@ -50,12 +49,6 @@ def _track(root: Path, track: str) -> Lines:
     return track_lines(tabulate(read_rows(root / "baselines" / "scores")), track)
 
 
-def _costs(root: Path) -> Lines:
-    """What the learned rows cost, by `train`, which no line of the library imports."""
-    curves = importlib.import_module("train.curves")
-    return curves.cost_lines([curves.read_curve(path) for path in sorted((root / "train/curves").glob("*.json"))])
-
-
 def _margins(root: Path, preset: str) -> Lines:
     return margin_lines(controller_config(preset))
 
@@ -86,7 +79,6 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "compare": _compared,
     "leaderboard": _overall,
     "leaderboard-track": _track,
-    "costs": _costs,
     "margins": _margins,
     "summary": _summary,
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],

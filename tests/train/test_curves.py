@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+from spidar_gym.cli.tables import read_result
 from spidar_gym.errors import SpidarError
 from spidar_gym.text import format_table
-from train.curves import cost_lines, gather, panels, read_curve
+from train.curves import cost_lines, gather, panels, read_curve, write_costs
 
 pytestmark = pytest.mark.train
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,11 +49,13 @@ def test_a_run_from_nothing_does_not_start_as_the_controller_that_it_is_compared
     assert (steps, values) == ([100], pytest.approx([0.1]))
 
 
-def test_the_guide_says_what_every_committed_row_cost():
+def test_the_guide_says_what_every_committed_row_cost(tmp_path):
     curves = [read_curve(path) for path in sorted((ROOT / "train" / "curves").glob("*.json"))]
+    write_costs(curves, tmp_path / "costs.json")
+    assert read_result(tmp_path / "costs.json")["lines"] == cost_lines(curves)
     page = (ROOT / "docs" / "studies" / "learning.md").read_text(encoding="utf-8")
-    (shown,) = re.findall(r"<!-- table: costs -->\n(.*?)<!-- /table -->", page, re.S)
-    assert shown == format_table(cost_lines(curves), markdown=True) + "\n"
+    (shown,) = re.findall(r"<!-- table: learned_costs -->\n(.*?)\n\n.*?<!-- /table -->", page, re.S)
+    assert shown == format_table(cost_lines(curves), markdown=True)
 
 
 def test_costs_are_ranges_over_the_runs(tmp_path):
