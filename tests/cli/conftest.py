@@ -1,0 +1,50 @@
+"""An empty folder to work in, and experiments of the paper that take no time."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch) -> Path:
+    """An empty working folder without a display."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    return folder
+
+
+@pytest.fixture
+def short_crawl(monkeypatch):
+    """A crawl experiment of one quick cycle."""
+    from spidar_gym.paper import crawl as crawl_experiment
+
+    crawl = crawl_experiment.crawl_paper
+
+    def short(preset, on_tick=None, **options):
+        return crawl(preset, **options | {"distance": 0.1, "joint_speed": 0.6})
+
+    monkeypatch.setattr(crawl_experiment, "crawl_paper", short)
+
+
+@pytest.fixture
+def still(monkeypatch):
+    """A flight experiment that takes no time: 40 s in which nothing moves."""
+    from spidar_gym.paper import flight as experiments
+    from spidar_gym.paper.flight import FlightLog
+
+    n = 1600
+    log = FlightLog(
+        "as_flown", np.arange(1, n + 1) / 40, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 16)), np.zeros((n, 16)),
+        np.zeros((n, 8, 2)), np.full((n, 8), 19.62), np.full(n, 1e-4), np.full(n, "solved"),
+        np.zeros((n, 3)), np.full(n, 3e3), np.zeros((n, 39)),
+    )  # fmt: skip
+    monkeypatch.setattr(
+        experiments,
+        "fly_paper",
+        lambda preset, noise=False, seed=0, on_tick=None: dataclasses.replace(log, preset=preset, noise=noise),
+    )

@@ -1,0 +1,105 @@
+"""Pins the studies at the command line: speeds and ablation, lost rotors, and the search for gains."""
+
+import functools
+import json
+
+import pytest
+from support.commands import files, refused_after_a_bar
+
+from spidar_gym import viz
+from spidar_gym.cli.main import main
+from spidar_gym.errors import MissingDependencyError
+from spidar_gym.paper import flight_studies as studies
+from spidar_gym.paper import tune
+from spidar_gym.paper.trial import Outcome
+from spidar_gym.robot import FORMS
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Flights of the studies that take no time; gives the list of the flights asked for."""
+    asked = []
+
+    def fly_all(jobs, *, workers=1, folder=None, on_done=lambda: None):
+        jobs = list(jobs)
+        asked.extend(jobs)
+        outcomes = []
+        for k, (_, scenario) in enumerate(jobs):
+            on_done()
+            outcomes.append(Outcome(0.001 * (1 + k % 7), 0.002 * scenario.joint_speed, 0, 3.0, 0, ""))
+        return outcomes
+
+    for module in (studies, tune):
+        monkeypatch.setattr(module, "fly_all", fly_all)
+    monkeypatch.setattr(studies, "compare", functools.partial(studies.compare, draws=20))
+    return asked
+
+
+@pytest.mark.parametrize("name", ["speeds", "ablation"])
+def test_the_studies_of_speed_fly_every_cell_and_write_what_they_print(name, quick, here, capfd, monkeypatch):
+    monkeypatch.setattr(viz, "speed_figure", lambda rows, path: path.write_bytes(b"drawn"))
+    main(["paper", "flight", f"--{name}", "--scenarios", "3", "--workers", "1", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)[name]
+    assert sorted(files(here)) == (["o/speeds.json", "o/speeds.png"] if name == "speeds" else ["o/ablation.json"])
+    assert json.loads((here / f"o/{name}.json").read_text(encoding="utf-8")) == {name: rows}
+    assert len(quick) == 3 * len(rows) == sum(row["flights"] for row in rows)
+    speeds = {row["joint_speed"] for row in rows}
+    assert {0.2, 0.6, 1.0} <= speeds
+    assert (len(speeds) > 3) == (name == "speeds")
+    controllers = {row["controller"] for row in rows}
+    assert {"paper", "tuned"} <= controllers
+    assert (len(controllers) > 2) == (name == "ablation")
+    assert {row["condition"] for row in rows} == {"nominal", "randomised"}
+
+
+def test_the_study_of_speed_prints_a_line_for_every_controller_and_cell(quick, here, capfd, monkeypatch):
+    def missing(*_, **__):
+        raise MissingDependencyError("a library", "pip install something")
+
+    monkeypatch.setattr(viz, "speed_figure", missing)
+    main(["paper", "flight", "--speeds", "--scenarios", "1"])
+    out, err = capfd.readouterr()
+    rows = json.loads((here / "out/flight/speeds.json").read_text(encoding="utf-8"))["speeds"]
+    lines = [line for line in out.splitlines() if line.startswith(("nominal", "randomised"))]
+    assert len(lines) == len(rows)
+    assert "pip install something" in err
+
+
+def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypatch):
+    flight = {
+        "position_m": 0.01, "attitude_rad": 0.02, "commands_in_bounds": True, "failure": "", "seconds": 12.0,
+    }  # fmt: skip
+    monkeypatch.setattr(studies, "_fly_lost", lambda preset, form, disturbances: flight)
+    main(["lost", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)["lost_rotors"]
+    assert sorted(files(here)) == ["o/lost.json"]
+    assert {(row["fault"], row["form"], row["rotor"]) for row in rows} == {
+        (fault, form, rotor) for fault in ("thrust", "vectoring") for form in FORMS for rotor in range(1, 9)
+    }
+    assert len(rows) == 2 * 8 * len(FORMS)
+    # What statics allows of form ②: seven rotors carry the robot whichever is lost.
+    assert all(row["feasible"] for row in rows if row["form"] == "form2")
+    main(["lost"])
+    assert sum(line.startswith(("thrust", "vectoring")) for line in capfd.readouterr().out.splitlines()) == len(rows)
+
+
+def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(quick, here, capfd):
+    pytest.importorskip("cma")
+    arguments = ["tune", "--population", "4", "--flights", "2", "--seed", "3"]
+    main([*arguments, "--generations", "1"])
+    assert "cost" in capfd.readouterr().out
+    # Four candidates and the mean of the distribution.
+    assert len(quick) == 5 * 2
+    main([*arguments, "--generations", "2"])
+    assert len(quick) == 2 * 5 * 2
+    out = capfd.readouterr().out
+    assert "after 2 generations" in out
+    assert "gain margin" in out
+    log = json.loads((here / "out/tune/tune.json").read_text(encoding="utf-8"))["log"]
+    assert [line["generation"] for line in log] == [0, 1]
+    assert set(files(here)) == {"out/tune/tune.json"}
+    before = files(here)
+    assert "valid: the same settings, or another folder" in refused_after_a_bar(
+        capfd, "tune", "--population", "5", "--flights", "2", "--seed", "3"
+    )
+    assert files(here) == before

@@ -1,0 +1,40 @@
+"""The command line called in this process: how it refuses, and what it leaves in a folder."""
+
+from pathlib import Path
+
+import pytest
+
+from spidar_gym.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+LEARNED = str(ROOT / "baselines" / "learned" / "supervised_paper" / "seed0.npz")
+"""A committed policy."""
+
+
+def _refused(capfd, arguments) -> list[str]:
+    """The lines on stderr of a command that ends with status 2 and nothing on stdout."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(arguments))
+    out, err = capfd.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    assert err.endswith("\n")
+    lines = err.splitlines()
+    assert lines[-1].startswith("spidar: ")
+    return lines
+
+
+def refused(capfd, *arguments) -> str:
+    """The one line on stderr with which a command is refused."""
+    (line,) = _refused(capfd, arguments)
+    return line
+
+
+def refused_after_a_bar(capfd, *arguments) -> str:
+    """The last line on stderr of a command that is refused when its progress bar is there already."""
+    return _refused(capfd, arguments)[-1]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder: path → bytes."""
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
