@@ -10,6 +10,8 @@ import numpy as np
 
 SHOWN = 200
 """No more characters of a refused value are shown."""
+_REAL = "?bBhHiIlLqQefd"
+"""Kinds of array that a float64 can hold: no text, no objects, nothing complex, nothing longer."""
 
 
 class SpidarError(Exception):
@@ -107,6 +109,17 @@ def require_keys(argument: str, kind: str, value: object, valid: Iterable[str]) 
     for name in value:
         require_name(kind, name, valid)
     return value
+
+
+def require_array(name: str, value: object, expected: str) -> np.ndarray:
+    """A copy of the value as float64 (`InvalidValueError` where it is none, with what was `expected`)."""
+    try:
+        array = np.asarray(value)
+    except Exception:  # `__array__` is foreign code
+        array = np.array(None)
+    if array.dtype.char not in _REAL:
+        raise InvalidValueError(name, value, expected)
+    return array.astype(float)
 
 
 def require_within(low: float, high: float, unit: str = "1", **numbers: object) -> None:

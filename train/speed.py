@@ -22,8 +22,8 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.files import json_text
 from spidar_gym.policies.rollout import rollout
-from spidar_gym.sim.memory import Saved
 from spidar_gym.sim.plant import Plant
+from spidar_gym.sim.plant_memory import Saved
 from spidar_gym.state import Command
 from spidar_gym.text import format_table
 from train import residual

@@ -20,6 +20,7 @@ from spidar_gym.envs.actions import ActionMode, direct_command
 from spidar_gym.errors import (
     InvalidValueError,
     SpidarError,
+    require_array,
     require_flag,
     require_instance,
     require_keys,
@@ -35,7 +36,6 @@ from spidar_gym.sim.energy import endurance_min
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.randomize import check_strength, randomize
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
-from spidar_gym.sim.values import real_array
 from spidar_gym.state import Command, RobotState
 
 
@@ -219,7 +219,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             InvalidValueError: For an action of the wrong shape or with a NaN; nothing has moved.
             SpidarError: When `reset` was never called.
         """
-        action = real_array("action", action, f"numbers of shape ({self._mode.size},)")
+        action = require_array("action", action, f"numbers of shape ({self._mode.size},)")
         if action.shape != (self._mode.size,):
             raise InvalidValueError("action", action.shape, f"an array of shape ({self._mode.size},)")
         if not np.isfinite(action).all():

@@ -12,8 +12,8 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
+from spidar_gym.sim.array_fields import check_arrays, constant
 from spidar_gym.sim.scene import TIMESTEP
-from spidar_gym.sim.values import check_arrays, constant
 
 NOISE_BANDWIDTH = 10.0
 """Corner frequency of the thrust noise [Hz]."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS, N_LINKS, ROBOT
-from spidar_gym.sim.values import check_arrays, constant
+from spidar_gym.sim.array_fields import check_arrays, constant
 
 
 @dataclass(frozen=True)

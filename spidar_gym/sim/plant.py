@@ -19,7 +19,7 @@ from spidar_gym.sim.disturbances import Disturbances, Weather
 from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
 from spidar_gym.sim.events import Event, every, next_arrival
 from spidar_gym.sim.ground import GroundWatch, Touch
-from spidar_gym.sim.memory import PlantMemory, Saved
+from spidar_gym.sim.plant_memory import PlantMemory, Saved
 from spidar_gym.sim.scene import TIMESTEP, quieten, scene
 from spidar_gym.sim.sensors import Sensors
 from spidar_gym.state import Command, Measurement, RobotState

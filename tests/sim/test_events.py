@@ -11,8 +11,8 @@ from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.events import NEVER, every, next_arrival
-from spidar_gym.sim.memory import PlantMemory
 from spidar_gym.sim.plant import EVENTS, Plant
+from spidar_gym.sim.plant_memory import PlantMemory
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command
 

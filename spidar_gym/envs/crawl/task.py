@@ -10,10 +10,9 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.rewards import tolerance
-from spidar_gym.errors import InvalidValueError, require_name, require_within
+from spidar_gym.errors import InvalidValueError, require_array, require_name, require_within
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.sim.ground import MAX_SLOPE, GroundConfig, Touch, uneven, with_blocks
-from spidar_gym.sim.values import real_array
 
 PAPER_WAY = Pose2(0.6, 0.0, 0.0)
 """The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
@@ -110,7 +109,7 @@ class CrawlTask:
     def _check_obstacles(self) -> None:
         """Refuse what is no block, and blocks that leave no goal."""
         expected = "some (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
-        blocks = real_array("obstacles", self.obstacles, expected)
+        blocks = require_array("obstacles", self.obstacles, expected)
         if blocks.shape == (0,):
             return
         if blocks.ndim != 2 or blocks.shape[1] != 3:

@@ -12,10 +12,9 @@ import numpy as np
 from spidar_gym.arrays import JointVector, Vector3, Wrench
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.rewards import norm, tolerance
-from spidar_gym.errors import InvalidValueError, require_flag, require_keys, require_name, require_within
+from spidar_gym.errors import InvalidValueError, require_array, require_flag, require_keys, require_name, require_within
 from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
-from spidar_gym.sim.values import real_array
 
 CLEARANCE = 0.5
 """Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
@@ -113,7 +112,7 @@ _START = "{'goals': [[start s, deadline s, 16 angles], …], 'position': 3 m, 'r
 
 
 def _numbers(name: str, value: object, size: int) -> np.ndarray:
-    array = real_array(name, value, _START)
+    array = require_array(name, value, _START)
     if array.shape != (size,):
         raise InvalidValueError(name, value, _START)
     return array
@@ -142,7 +141,7 @@ SEQUENCES = ("paper", *FORMS, *SAMPLERS, "mixed")
 
 def _windows(value: object) -> tuple[tuple[float, float], ...]:
     """Windows of time as a tuple of pairs, whether they come as tuples or, from JSON, as lists."""
-    windows = real_array("unrestricted", value, _WINDOWS)
+    windows = require_array("unrestricted", value, _WINDOWS)
     if windows.size == 0:
         return ()
     paired = windows.ndim == 2 and windows.shape[1] == 2
