@@ -2,10 +2,10 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from spidar_gym.benchmark.evaluate import Shard
+from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.row import Row
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.scoring import play_scenario
@@ -15,28 +15,10 @@ from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.native.library import core_path
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_arguments
-from spidar_gym.processes import Pool
 from spidar_gym.text import format_table
 
 STATUSES = (*map(str, AllocationStatus), "none")
 """How a tick is answered; `none` where no allocation runs."""
-
-
-@dataclass(frozen=True)
-class Answers:
-    """The ticks of a row on a track, all runs together."""
-
-    row: str
-    """Name of the row."""
-    track: str
-    """Track."""
-    ticks: Mapping[str, int]
-    """Status → ticks."""
-
-    @property
-    def total(self) -> int:
-        """All ticks."""
-        return sum(self.ticks.values())
 
 
 def count_ticks(shard: Shard) -> Counter[str]:
@@ -80,32 +62,33 @@ def answer_shards(
 
 def count_answers(
     shards: Sequence[tuple[str, Shard]], *, workers: int = 1, on_scenario: Callable[[], object] = lambda: None
-) -> list[Answers]:
-    """Ticks by row, track and status.
+) -> list[dict[str, Any]]:
+    """Ticks by row, track and status, ready for JSON; all runs of a row together.
 
     Args:
         shards: What `answer_shards` gives.
         workers: Processes.
         on_scenario: Called after every scenario, for progress.
     """
-    ticks: dict[tuple[str, str], Counter[str]] = {(name, shard.track): Counter() for name, shard in shards}
-    with Pool(workers) as pool:
-        played = [shard for _, shard in shards]
-        for k, counted in pool.as_done(count_ticks, played, lambda k: str(played[k])):
-            ticks[shards[k][0], played[k].track].update(counted)
-            on_scenario()
-    return [Answers(row, track, {s: counted[s] for s in STATUSES}) for (row, track), counted in ticks.items()]
+    counted = finish(
+        count_ticks, [shard for _, shard in shards], workers=workers, label=lambda k: str(shards[k][1]),
+        on_done=lambda *_: on_scenario(),
+    )  # fmt: skip
+    ticks: dict[tuple[str, str], Counter[str]] = {}
+    for (row, shard), own in zip(shards, counted, strict=True):
+        ticks.setdefault((row, shard.track), Counter()).update(own)
+    return [
+        {"row": row, "track": track, "ticks": {status: own[status] for status in STATUSES}}
+        for (row, track), own in ticks.items()
+    ]
 
 
-def answers_json(answers: Sequence[Answers]) -> list[dict[str, Any]]:
-    """The counts, ready for JSON."""
-    return [{"row": a.row, "track": a.track, "ticks": dict(a.ticks)} for a in answers]
-
-
-def answers_text(answers: Sequence[Answers]) -> str:
+def answers_text(answers: Sequence[Mapping[str, Any]]) -> str:
     """A table: ticks, and the share of each status."""
     lines = [["row", "track", "ticks", *STATUSES]]
-    for a in answers:
-        shares = (f"{100.0 * a.ticks[s] / a.total:.3f} %" if a.ticks[s] else "–" for s in STATUSES)
-        lines.append([a.row, a.track, str(a.total), *shares])
+    for counted in answers:
+        ticks = counted["ticks"]
+        total = sum(ticks.values())
+        shares = (f"{100.0 * ticks[status] / total:.3f} %" if ticks[status] else "–" for status in STATUSES)
+        lines.append([counted["row"], counted["track"], str(total), *shares])
     return format_table(lines)

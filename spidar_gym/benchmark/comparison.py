@@ -11,10 +11,9 @@ from spidar_gym.benchmark.statistics import (
     Change,
     Interval,
     Numbers,
-    iqm,
+    compare,
     named_generator,
     one,
-    paired_difference,
     stratified_bootstrap,
 )
 from spidar_gym.benchmark.track import TRACKS
@@ -64,13 +63,11 @@ def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
         return base.column(track, metric)[0][places[1]], row.column(track, metric)[:, places[0]]
 
     changes = {}
-    for metric in COMPARED["flight" if TRACKS[track].flies else "ground"]:
+    for metric in COMPARED[TRACKS[track].group]:
         before, after = columns(metric)
-        generator = named_generator(row.name, base.name, track, metric)
-        interval = stratified_bootstrap([(before, after)], one(paired_difference), generator)
-        changes[metric] = Change(
-            float(iqm(before)), float(iqm(after.mean(axis=0))), interval.value, interval.low, interval.high
-        )
+        if (before <= 0.0).any():
+            raise InvalidValueError(f"{metric} of {base.name} on {track}", float(before.min()), "numbers above 0")
+        changes[metric] = compare(before, after, named_generator(row.name, base.name, track, metric))
     before, after = columns("success")
     generator = named_generator(row.name, base.name, track, "success")
     success = stratified_bootstrap([(before, after)], one(_gain), generator)
@@ -81,7 +78,7 @@ def compare_rows(row: Row, base: Row) -> list[Comparison]:
     """Compare on every track that both have, the row's runs with the base's first; intervals are seeded.
 
     Raises:
-        InvalidValueError: When they have no scenario in common.
+        InvalidValueError: When they have no scenario in common, or the base has a 0, to which nothing is relative.
     """
     found = []
     for track in row.tracks:
@@ -101,7 +98,7 @@ def comparison_tables(comparisons: Sequence[Comparison]) -> list[list[list[str]]
     """A table for flights and one for crawls, where there are any: heading and a line a track."""
     tables = []
     for group, shown in COMPARED.items():
-        own = [c for c in comparisons if TRACKS[c.track].flies == (group == "flight")]
+        own = [c for c in comparisons if TRACKS[c.track].group == group]
         if own:
             heads = ["track", *(heading for heading, *_ in shown.values()), "success"]
             tables.append([heads, *([c.track, *_cells(c, shown)] for c in own)])

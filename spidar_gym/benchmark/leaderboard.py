@@ -22,7 +22,7 @@ from spidar_gym.benchmark.statistics import (
 )
 from spidar_gym.benchmark.track import TRACKS
 
-GROUPS = {"flight": [n for n, t in TRACKS.items() if t.flies], "ground": [n for n, t in TRACKS.items() if not t.flies]}
+GROUPS = {group: [name for name, track in TRACKS.items() if track.group == group] for group in ("flight", "ground")}
 """Tracks that are summed up in one score."""
 SHOWN = {
     "flight": (
@@ -71,10 +71,8 @@ class Cell:
 class Board:
     """All rows on all tracks."""
 
-    names: list[str]
-    """Rows, the reference first."""
     rows: Mapping[str, Row]
-    """Rows by name."""
+    """Rows by name, the reference first."""
     tracks: list[str]
     """Tracks with at least one row."""
     cells: Mapping[tuple[str, str], Cell]
@@ -96,7 +94,7 @@ def tabulate(rows: Mapping[str, Row]) -> Board:
         if (interval := overall_interval(row, base, group)) is not None
     }
     tracks = [track for track in TRACKS if any((name, track) in cells for name in rows)]
-    return Board(list(rows), rows, tracks, cells, overall)
+    return Board(rows, tracks, cells, overall)
 
 
 def common_tracks(row: Row, base: Row) -> list[str]:
@@ -124,7 +122,7 @@ def cell(row: Row, base: Row, track: str) -> Cell:
         return stratified_bootstrap(strata, one(statistic), named_generator(row.name, track))
 
     metrics = {}
-    for name, *_ in SHOWN["flight" if TRACKS[track].flies else "ground"]:
+    for name, *_ in SHOWN[TRACKS[track].group]:
         column = row.column(track, name)
         finite = column[np.isfinite(column)]
         middle = np.mean if name in COUNTED else np.median
@@ -156,7 +154,7 @@ def is_ranked(board: Board, name: str) -> bool:
 
 def ranking(board: Board, track: str) -> list[str]:
     """Rows on a track, the best first."""
-    own = [name for name in board.names if (name, track) in board.cells]
+    own = [name for name in board.rows if (name, track) in board.cells]
     return sorted(own, key=lambda name: -board.cells[name, track].score.value)
 
 

@@ -105,13 +105,19 @@ class Change:
     relative: float
     """IQM of the paired differences over `before`; −0.5 is half the error."""
     low: float
-    """Lower end of its 95 % bootstrap interval over scenarios."""
+    """Lower end of its 95 % bootstrap interval over scenarios and runs."""
     high: float
     """Upper end."""
 
 
 def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator, *, draws: int = DRAWS) -> Change:
-    """Paired comparison of errors on the same scenarios."""
-    before, after = np.asarray(before, float), np.asarray(after, float)
-    change = stratified_bootstrap([(before, after[None])], one(paired_difference), rng, draws=draws)
-    return Change(float(iqm(before)), float(iqm(after)), change.value, change.low, change.high)
+    """Paired comparison on the same scenarios, with intervals over them and over one's own runs.
+
+    Args:
+        before: Errors of the other one, shape (scenarios,).
+        after: Errors, shape (runs, scenarios).
+        rng: Source of the draws.
+        draws: How many.
+    """
+    change = stratified_bootstrap([(before, after)], one(paired_difference), rng, draws=draws)
+    return Change(float(iqm(before)), float(iqm(after.mean(axis=0))), change.value, change.low, change.high)

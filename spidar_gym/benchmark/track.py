@@ -50,6 +50,11 @@ class Track:
         return self.env_id == HOVER
 
     @property
+    def group(self) -> str:
+        """`flight` or `ground`."""
+        return "flight" if self.flies else "ground"
+
+    @property
     def formula(self) -> str:
         """Error of a scenario, in words."""
         return FLIGHT_ERROR if self.flies else GROUND_ERROR

@@ -14,8 +14,7 @@ from spidar_gym.benchmark import verify as verifying
 from spidar_gym.benchmark.comparison import compare_rows, comparison_json, comparison_text
 from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.leaderboard import as_json, summary, tabulate
-from spidar_gym.benchmark.leaderboard_page import markdown
-from spidar_gym.benchmark.leaderboard_text import report, text
+from spidar_gym.benchmark.leaderboard_tables import markdown, report, text
 from spidar_gym.benchmark.migrate import migrate as migrate_row
 from spidar_gym.benchmark.row import (
     ROWS,
@@ -143,7 +142,7 @@ def build(rows: FolderArg = Path(ROWS), out: Path = Path("baselines")) -> None:
     board = tabulate(read_rows(rows))
     write_text(out / "LEADERBOARD.md", markdown(board))
     viz.leaderboard_picture(board, out / "leaderboard.png")
-    print(f"{len(board.names)} rows in {out / 'LEADERBOARD.md'}")
+    print(f"{len(board.rows)} rows in {out / 'LEADERBOARD.md'}")
 
 
 @board_app.command
@@ -276,7 +275,7 @@ def answers(
     with tqdm(total=len(shards), unit="scenario", desc="answers", file=sys.__stderr__) as bar:
         counts = answering.count_answers(shards, workers=workers, on_scenario=bar.update)
     if json:
-        print(json_text({"answers": answering.answers_json(counts)}))
+        print(json_text({"answers": counts}))
         return
     print(answering.answers_text(counts))
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
 from spidar_gym.benchmark.leaderboard import tabulate
-from spidar_gym.benchmark.leaderboard_text import overall_lines, track_lines
+from spidar_gym.benchmark.leaderboard_tables import overall_lines, track_lines
 from spidar_gym.benchmark.row import read_row, read_rows
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.control.presets import controller_config

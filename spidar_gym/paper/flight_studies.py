@@ -91,8 +91,8 @@ def speed_study(
 
 def _row(flown: dict[str, list[Outcome]], name: str, rng: np.random.Generator) -> dict[str, Any]:
     own, base = flown[name], flown["paper"]
-    position = compare(np.array([o.position for o in base]), np.array([o.position for o in own]), rng)
-    attitude = compare(np.array([o.attitude for o in base]), np.array([o.attitude for o in own]), rng)
+    position = compare(np.array([o.position for o in base]), np.array([[o.position for o in own]]), rng)
+    attitude = compare(np.array([o.attitude for o in base]), np.array([[o.attitude for o in own]]), rng)
     return {
         "position_mm": 1e3 * position.after,
         "attitude_mrad": 1e3 * attitude.after,

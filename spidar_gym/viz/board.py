@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from spidar_gym.benchmark.leaderboard import GROUPS, Board
+from spidar_gym.benchmark.leaderboard import GROUPS, Board, ranking
 from spidar_gym.benchmark.row import REFERENCE
 from spidar_gym.policies.policy import KINDS
 from spidar_gym.viz.style import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION, pyplot, save
@@ -20,7 +20,7 @@ def leaderboard_picture(board: Board, path: Path) -> None:
     """Scores with their 95 % intervals, written as PNG and PDF: the best of a track at the top of its panel."""
     plt = pyplot()
     groups = [own for tracks in GROUPS.values() if (own := [track for track in tracks if track in board.tracks])]
-    ranked = {track: _ranked(board, track) for track in board.tracks}
+    ranked = {track: ranking(board, track) for track in board.tracks}
     lines = [tracks[k : k + COLUMNS] for tracks in groups for k in range(0, len(tracks), COLUMNS)]
     heights = [max(len(ranked[track]) for track in line) for line in lines]
     figure = plt.figure(figsize=(10.0, 1.1 + 0.55 * len(lines) + 0.155 * sum(heights)))
@@ -56,12 +56,6 @@ def leaderboard_picture(board: Board, path: Path) -> None:
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=8)
     save(figure, path)
-
-
-def _ranked(board: Board, track: str) -> list[str]:
-    """Names of a track's rows, the best first."""
-    own = [name for name in board.names if (name, track) in board.cells]
-    return sorted(own, key=lambda name: -board.cells[name, track].score.value)
 
 
 def _limits(board: Board, tracks: list[str]) -> tuple[float, float]:

@@ -9,8 +9,7 @@ import numpy as np
 from support.rows import TRACK, made_row, score
 
 from spidar_gym.benchmark.leaderboard import as_json, tabulate
-from spidar_gym.benchmark.leaderboard_page import markdown
-from spidar_gym.benchmark.leaderboard_text import text
+from spidar_gym.benchmark.leaderboard_tables import markdown, text
 from spidar_gym.benchmark.metrics import METRICS
 from spidar_gym.benchmark.row import RowError, read_row, row_hash, row_text
 from spidar_gym.benchmark.track import CAP, TRACKS

@@ -8,8 +8,7 @@ import pytest
 
 from spidar_gym.benchmark import TRACKS
 from spidar_gym.benchmark.leaderboard import GROUPS, tabulate
-from spidar_gym.benchmark.leaderboard_page import markdown
-from spidar_gym.benchmark.leaderboard_text import overall_lines, track_lines
+from spidar_gym.benchmark.leaderboard_tables import markdown, overall_lines, track_lines
 from spidar_gym.benchmark.row import read_rows
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.cli.evaluate import BASELINES
@@ -84,7 +83,7 @@ def test_in_the_picture_each_panel_names_its_rows_the_best_at_the_top(monkeypatc
     kinds = {}
     for track, ax in panels.items():
         names = [label.get_text() for label in ax.get_yticklabels()]
-        assert sorted(names) == sorted(name for name in board().names if (name, track) in board().cells)
+        assert sorted(names) == sorted(name for name in board().rows if (name, track) in board().cells)
         scores = [board().cells[name, track].score for name in names]
         assert [score.value for score in scores] == sorted((score.value for score in scores), reverse=True)
         low, high = ax.get_xlim()

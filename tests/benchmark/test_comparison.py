@@ -67,6 +67,21 @@ def test_rows_without_a_common_scenario_are_refused():
         compare_rows(made_row({FLIGHT: [flown([0.1])]}, "own"), base)
 
 
+def test_a_base_of_zeros_is_refused_in_a_line(tmp_path, capfd):
+    base = made_row({FLIGHT: [flown([0.0, 0.0])]})
+    own = made_row({FLIGHT: [flown([0.1, 0.1])]}, "own")
+    with pytest.raises(InvalidValueError, match=f"position_rms_m of qp on {FLIGHT} = 0.0 is not valid.*above 0"):
+        compare_rows(own, base)
+    write_row(base, tmp_path / "rows")
+    path = write_row(own, tmp_path)
+    for more in ([], ["--json"]):
+        with pytest.raises(SystemExit):
+            main(["leaderboard", "compare", "--row", str(path), "--rows", str(tmp_path / "rows"), *more])
+        out, err = capfd.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "position_rms_m" in err
+
+
 def test_flights_and_crawls_have_a_table_each_with_their_units():
     scores = {FLIGHT: [flown([0.1, 0.2])], GROUND: [score(GROUND, [0.1, 0.2], duration_s=[20.0, 22.0])]}
     own, base = made_row(scores, "own"), made_row(scores)

@@ -11,8 +11,7 @@ from support.rows import made_row, score
 
 from spidar_gym.benchmark import leaderboard
 from spidar_gym.benchmark.leaderboard import GROUPS, as_json, cell, summary, tabulate
-from spidar_gym.benchmark.leaderboard_page import markdown
-from spidar_gym.benchmark.leaderboard_text import FEWEST_RUNS, report, text
+from spidar_gym.benchmark.leaderboard_tables import FEWEST_RUNS, markdown, report, text
 from spidar_gym.benchmark.row import RowError, read_rows, write_row
 from spidar_gym.benchmark.statistics import stratified_bootstrap
 from spidar_gym.benchmark.track import CAP, TRACKS
@@ -253,7 +252,7 @@ def test_the_page_has_every_row_and_every_track_and_says_how_to_make_the_row_ane
     page, shown = markdown(full), text(full, full.tracks)
     assert full.tracks == list(TRACKS)
     for track in TRACKS:
-        assert {line["policy"] for line in table(page, track)} == {n for n in full.names if (n, track) in full.cells}
+        assert {line["policy"] for line in table(page, track)} == {n for n in full.rows if (n, track) in full.cells}
         assert TRACKS[track].doc in shown
         assert TRACKS[track].formula in page
     for name, row in full.rows.items():

@@ -248,11 +248,11 @@ def test_no_track_counts_more_for_its_unit_or_its_number_of_scenarios():
 
 
 def test_a_comparison_of_two_controllers_gives_both_means_and_the_paired_change():
-    change = compare(BASE, 0.5 * BASE, rng())
+    change = compare(BASE, 0.5 * BASE[None], rng())
     assert (change.before, change.after) == (2.5, 1.25)
     np.testing.assert_allclose([change.relative, change.low, change.high], -0.5, rtol=1e-12)
     a, b = dyadic(20), dyadic(20, 1)
-    change = compare(a, b, rng())
+    change = compare(a, b[None], rng())
     assert change.low < change.relative < change.high
     assert change.relative == pytest.approx(float(iqm(b - a)) / float(iqm(a)), rel=1e-12)
-    assert compare(a, b, rng()) == change
+    assert compare(a, b[None], rng()) == change

@@ -1,10 +1,11 @@
-"""The leaderboard's tables as cells, and what a terminal shows of them."""
+"""The leaderboard's tables: their cells, what a terminal shows of them, and the page LEADERBOARD.md."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
 from spidar_gym.benchmark.leaderboard import (
     GROUPS,
     SHOWN,
@@ -15,11 +16,12 @@ from spidar_gym.benchmark.leaderboard import (
     overall_interval,
     ranking,
 )
+from spidar_gym.benchmark.metrics import METRICS
 from spidar_gym.benchmark.row import REFERENCE, Row
 from spidar_gym.benchmark.statistics import Interval, iqm
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import CAP, TRACKS
 from spidar_gym.policies.policy import LEARNED
-from spidar_gym.text import escaped, format_table
+from spidar_gym.text import code, escaped, format_table
 
 FEWEST_RUNS = 5
 """A learned row with fewer training seeds is flagged."""
@@ -43,7 +45,7 @@ def overall_lines(board: Board) -> list[list[str]]:
     """The policies that are defined on all tracks of flight or ground, best first: heading and a line a policy."""
     lines = [["policy", "class", "runs", "flight", "ground", "success", "… on ground", "what it is"]]
     order = sorted(
-        (name for name in board.names if is_ranked(board, name)),
+        (name for name in board.rows if is_ranked(board, name)),
         key=lambda n: -max(board.overall[n, g].value for g in GROUPS if (n, g) in board.overall),
     )
     for name in order:
@@ -72,34 +74,22 @@ def partial_lines(board: Board, tracks: Sequence[str]) -> list[list[str]]:
 
 def track_lines(board: Board, track: str) -> list[list[str]]:
     """The policies of a track, best first: heading and a line a policy."""
-    shown = SHOWN["flight" if TRACKS[track].flies else "ground"]
-    lines = [
-        [
-            "policy",
-            "score",
-            "error, IQM",
-            "against qp",
-            "P(better)",
-            "success",
-            "failed",
-            *(head for _, head, *_ in shown),
-        ]
-    ]
+    shown = SHOWN[TRACKS[track].group]
+    heads = ["policy", "score", "error, IQM", "against qp", "P(better)", "success", "failed"]
+    lines = [[*heads, *(head for _, head, *_ in shown)]]
     for name in ranking(board, track):
         c = board.cells[name, track]
-        better = "" if name == REFERENCE else format_interval(c.difference, percent=True)
-        chance = (
-            ""
-            if name == REFERENCE
-            else f"{c.improvement.value:.2f} [{c.improvement.low:.2f}, {c.improvement.high:.2f}]"
-        )
+        against = [
+            format_interval(c.difference, percent=True),
+            f"{c.improvement.value:.2f} [{c.improvement.low:.2f}, {c.improvement.high:.2f}]",
+        ]
         numbers = [
             "–" if math.isnan(c.metrics[key]) else f"{factor * c.metrics[key]:.{digits}f}"
             for key, _, factor, digits in shown
         ]
         lines.append(
-            [f"{name}{flag(board.rows[name])}", format_interval(c.score), f"{c.error:.3f}", better, chance,
-             f"{c.success:.0%}", f"{c.failed:.0%}", *numbers]
+            [f"{name}{flag(board.rows[name])}", format_interval(c.score), f"{c.error:.3f}",
+             *(["", ""] if name == REFERENCE else against), f"{c.success:.0%}", f"{c.failed:.0%}", *numbers]
         )  # fmt: skip
     return lines
 
@@ -123,18 +113,8 @@ def report(row: Row, base: Row | None) -> str:
             numbers = [row.column(track, name).mean() for name in ("success", "failed")]
             lines.append([track, f"{iqm(row.errors(track).reshape(-1)):.3f}", *(f"{number:.0%}" for number in numbers)])
         return f"{row.name}; there is no row {REFERENCE} to compare it with\n{format_table(lines)}"
-    lines = [
-        [
-            "track",
-            "score",
-            "error, IQM",
-            f"against {REFERENCE}",
-            "P(better)",
-            "success",
-            "failed",
-            f"{REFERENCE}: success",
-        ]
-    ]
+    heads = ["track", "score", "error, IQM", f"against {REFERENCE}", "P(better)", "success", "failed"]
+    lines = [[*heads, f"{REFERENCE}: success"]]
     for track in common_tracks(row, base):
         c = cell(row, base, track)
         against, theirs = format_interval(c.difference, percent=True), base.column(track, "success").mean()
@@ -148,3 +128,92 @@ def report(row: Row, base: Row | None) -> str:
             lines.append([f"all {group}", format_interval(interval), *[""] * 6])
     few = f"\n† fewer than {FEWEST_RUNS} training runs" if flag(row) else ""
     return f"{row.name}{flag(row)}: {row.doc}\n{format_table(lines)}{few}"
+
+
+def markdown(board: Board) -> str:
+    """LEADERBOARD.md."""
+    lines = [
+        "# Leaderboard",
+        "",
+        "Written by `spidar leaderboard build` from the rows in `scores/`; nothing here is typed. A score is the mean",
+        f"error of `{REFERENCE}`, the paper's controller, over the policy's own on the same scenarios: 1 is the",
+        "paper's controller, above 1 is beyond the paper. A failed scenario costs an error of "
+        f"{CAP:g}. In brackets: 95 %",
+        "bootstrap intervals over scenarios (and training runs, where there are several).",
+        "",
+        "![scores with intervals by track](leaderboard.png)",
+        "",
+        "## All tracks",
+        "",
+        "Geometric mean of the tracks' scores; – where a policy is not defined on all of them.",
+        "",
+        format_table(overall_lines(board), markdown=True),
+    ]
+    partial = partial_lines(board, board.tracks)
+    if len(partial) > 1:
+        lines += ["", "Policies that are defined on some tracks only, and their place there:", ""]
+        lines.append(format_table(partial, markdown=True))
+    lines += _added_lines(board)
+    if any(flag(row) for row in board.rows.values()):
+        lines += ["", f"† fewer than {FEWEST_RUNS} training runs."]
+    for track in board.tracks:
+        scenarios = board.cells[REFERENCE, track].scenarios
+        lines += [
+            "",
+            f"## {track}",
+            "",
+            f"{TRACKS[track].doc[0].upper()}{TRACKS[track].doc[1:]}.",
+            f"Error: {TRACKS[track].formula}. {scenarios} scenarios.",
+            "",
+            format_table(track_lines(board, track), markdown=True),
+        ]
+    headings = dict.fromkeys((name, heading) for shown in SHOWN.values() for name, heading, *_ in shown)
+    versions = board.rows[REFERENCE].content["versions"]
+    lines += [
+        "",
+        "## How to read it",
+        "",
+        "- error, IQM: interquartile mean of the scenarios' errors.",
+        f"- against {REFERENCE}: interquartile mean of the paired differences over that of `{REFERENCE}`; below 0 is",
+        "  better.",
+        "- P(better): probability that the error on a scenario is below the reference's.",
+        "- The other columns are medians, but for violations and unsolved QPs, which are means a scenario.",
+        *(f"- {heading}: {METRICS[name].doc}." for name, heading in headings),
+        "",
+        "## Rows",
+        "",
+        *(
+            f"- {code(name)}: {code(row.content['command'])}" + _trained(row) + f", {row.content['sha256'][:12]}"
+            for name, row in board.rows.items()
+        ),
+        "",
+        "Versions: " + escaped(", ".join(" ".join(entry) for entry in versions.items())) + ".",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _added_lines(board: Board) -> list[str]:
+    """What learning adds: every residual against the controller that it adds to."""
+    lines = []
+    for row in board.rows.values():
+        if row.base not in board.rows:
+            continue
+        for cells in comparison_tables(compare_rows(row, board.rows[row.base])):
+            lines += ["", f"{code(row.name)}{flag(row)} against `{row.base}`:", "", format_table(cells, markdown=True)]
+    if not lines:
+        return []
+    head = (
+        "IQM of the paired differences over that of the base, with 95 % intervals over scenarios and runs; below 0 is"
+    )
+    return ["", "## What learning adds", "", head, "better.", *lines]
+
+
+def _trained(row: Row) -> str:
+    """What the training cost, as its artifact says."""
+    first = next((entry for entry in row.content["training"] or () if entry), None)
+    if first is None:
+        return ""
+    steps = first.get("steps")
+    verb = "trained" if row.kind in LEARNED else "tuned"
+    return f"; {verb} with {code(first.get('command', ''))}" + (f", {steps:,} steps a run" if steps else "")
