@@ -130,7 +130,8 @@ class _Tally:
         else:
             assert isinstance(env, CrawlEnv)
             self.attitude.append(info["tilt_rad"] ** 2)
-            broken = broken and env.controller.memory.mode != "rest"  # where the floor carries the legs
+            last = env.controller.last_step
+            broken = broken and last is not None and last.mode != "rest"  # where the floor carries the legs
             wanted = env.controller.memory.joint_position
         off = wanted - env.state.joint_position
         self.joints.append(float(off @ off) / len(off))

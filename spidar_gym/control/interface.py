@@ -1,41 +1,30 @@
 """What a controller is: state in, command out, once a control period, whatever computes it.
 
-In flight `FlightController` (readable) and `CoreFlightController` (compiled for the robot) are a `FlightControl`, on
-the ground `Crawler` and `CoreCrawler` a `CrawlControl`. An environment holds one of these and never asks which.
+Two kinds, each readable (Python) and compiled (the core of the robot): in flight `FlightController` and
+`CoreFlightController`, on the ground `Crawler` and `CoreCrawler`. An environment holds one and never asks which. What
+arguments mean is said where the readable ones define the methods.
 """
 
 from collections.abc import Iterable
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, RotorVector, Vectoring, Wrench
-from spidar_gym.control.allocation.allocator import Allocation
+from spidar_gym.arrays import JointVector, Vectoring, Wrench
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import GaitCommand
 from spidar_gym.control.crawl.memory import CrawlRecord
-from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.crawl.observation import CrawlObservables
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.memory import ControlState, FlightRecord
-from spidar_gym.control.flight.observation import LegMomentum, Preview
+from spidar_gym.control.flight.observation import FlightObservables
 from spidar_gym.model.dynamics import Model
-from spidar_gym.model.interference import Interference
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
 
 
 @runtime_checkable
-class Settings(Protocol):
-    """What every controller's configuration says."""
-
-    @property
-    def joint_speed(self) -> float:
-        """Speed of the planned joint motion [rad/s]."""
-        ...
-
-
-@runtime_checkable
 class LastCommand(Protocol):
-    """What every controller remembers of its last command."""
+    """What every controller remembers: the angles that it commanded last."""
 
     @property
     def vectoring(self) -> Vectoring:
@@ -49,40 +38,15 @@ class LastCommand(Protocol):
 
 
 @runtime_checkable
-class LastStep(Protocol):
-    """What every controller tells of its last step."""
-
-    @property
-    def allocation(self) -> Allocation:
-        """The answer of the allocation."""
-        ...
-
-
-ConfigT = TypeVar("ConfigT", bound=Settings, covariant=True)
-MemoryT = TypeVar("MemoryT", bound=LastCommand, covariant=True)
-RecordT = TypeVar("RecordT", bound=LastStep, covariant=True)
-
-
-@runtime_checkable
-class Controller(Protocol[ConfigT, MemoryT, RecordT]):
-    """What flight and crawl share."""
+class Controller(Protocol):
+    """What flight and ground have in common."""
 
     model: Model
     """The robot as described."""
 
     @property
-    def config(self) -> ConfigT:
-        """Everything that was chosen about it."""
-        ...
-
-    @property
-    def memory(self) -> MemoryT:
+    def memory(self) -> LastCommand:
         """What is remembered from one tick to the next."""
-        ...
-
-    @property
-    def last_step(self) -> RecordT | None:
-        """What the last step did; None before the first."""
         ...
 
     def set_last_command(self, command: Command) -> None:
@@ -93,21 +57,19 @@ class Controller(Protocol[ConfigT, MemoryT, RecordT]):
 
 
 @runtime_checkable
-class FlightMemoryView(LastCommand, Protocol):
-    """What a flight controller remembers besides."""
+class FlightControl(Controller, Protocol):
+    """In flight: it follows a reference."""
+
+    config: ControllerConfig
+    """Allocation, gains, limits."""
 
     @property
-    def interference(self) -> Interference:
-        """Restricted rotors and chosen sides."""
+    def last_step(self) -> FlightRecord | None:
+        """What the last step did; None before the first."""
         ...
 
-
-@runtime_checkable
-class FlightControl(Controller[ControllerConfig, FlightMemoryView, FlightRecord], Protocol):
-    """A controller in flight: it follows a reference."""
-
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
-        """Forget everything; see `FlightController.reset`."""
+        """Forget everything."""
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
         """(φ, θ) that a hover in the form q comes to rest near [rad]."""
@@ -124,22 +86,11 @@ class FlightControl(Controller[ControllerConfig, FlightMemoryView, FlightRecord]
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
     ) -> Command:
-        """One control tick; see `FlightController.step`."""
+        """One control tick."""
         ...
 
-    def observe(
-        self,
-        state: RobotState,
-        control_state: ControlState,
-        thrust_command: RotorVector,
-        joint_velocity: JointVector,
-        legs: LegMomentum,
-        preview: Preview,
-        previous_action: np.ndarray,
-        *,
-        bound: np.ndarray,
-    ) -> np.ndarray:
-        """What a policy sees; see `control.flight.observation`."""
+    def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
+        """What a policy sees."""
         ...
 
 
@@ -159,18 +110,16 @@ class GaitProgress(Protocol):
 
 
 @runtime_checkable
-class CrawlMemoryView(LastCommand, Protocol):
-    """What a crawler remembers besides."""
+class CrawlControl(Controller, Protocol):
+    """On the ground: it carries out the commands that it was given."""
+
+    config: CrawlerConfig
+    """Gait, allocation, limits."""
 
     @property
-    def mode(self) -> str:
-        """Allocation mode of the last tick."""
+    def last_step(self) -> CrawlRecord | None:
+        """What the last step did; None before the first."""
         ...
-
-
-@runtime_checkable
-class CrawlControl(Controller[CrawlerConfig, CrawlMemoryView, CrawlRecord], Protocol):
-    """A controller on the ground: it carries out the commands that it was given."""
 
     @property
     def gait(self) -> GaitProgress:
@@ -186,12 +135,9 @@ class CrawlControl(Controller[CrawlerConfig, CrawlMemoryView, CrawlRecord], Prot
         """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick; see `Crawler.step`."""
+        """One control tick."""
         ...
 
-    def observe(
-        self, state: RobotState, goal: Pose2, thrust_command: RotorVector, previous_action: np.ndarray, *,
-        bound: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
-        """What a policy sees; see `control.crawl.observation`."""
+    def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
+        """What a policy sees."""
         ...

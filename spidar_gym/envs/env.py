@@ -15,7 +15,7 @@ from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.control.interface import Controller, LastCommand, LastStep, Settings
+from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.envs.actions import ActionMode, direct_command
 from spidar_gym.errors import (
     InvalidValueError,
@@ -50,7 +50,7 @@ class Task(Protocol):
 
 
 TaskT = TypeVar("TaskT", bound=Task)
-ControllerT = TypeVar("ControllerT", bound=Controller[Settings, LastCommand, LastStep])
+ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl)
 
 
 class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT]):

@@ -6,12 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from spidar_gym.arrays import RotorVector
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import GaitCommand, Lift, Move, plan_cycles
 from spidar_gym.control.crawl.memory import CrawlRecord
+from spidar_gym.control.crawl.observation import CrawlObservables
 from spidar_gym.control.crawl.phases import PHASES
-from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import MAX_STEPS, PROGRAMS
@@ -134,15 +133,13 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         self._last_step = None
         return self._answer()
 
-    def observe(
-        self, state: RobotState, goal: Pose2, thrust_command: RotorVector, previous_action: np.ndarray, *,
-        bound: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
+    def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
         """The observation; as `control.crawl.observation.observe_crawl`."""
-        self.write_state(state)
+        goal, action = observables.goal, observables.previous_action
+        self.write_state(observables.state)
         pose = np.array([goal.x, goal.y, goal.yaw])
         size = self.library.sp_observe_crawl(
-            self._crawl.pointer, self._state.pointer, pointer(pose), pointer(thrust_command), pointer(previous_action),
-            len(previous_action), pointer(bound), pointer(self._observation),
+            self._crawl.pointer, self._state.pointer, pointer(pose), pointer(observables.thrust_command),
+            pointer(action), len(action), pointer(bound), pointer(self._observation),
         )  # fmt: skip
         return self._observation[:size].copy()

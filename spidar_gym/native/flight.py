@@ -5,11 +5,11 @@ import time
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, RotorVector, Vectoring, Wrench
+from spidar_gym.arrays import JointVector, Vectoring, Wrench
 from spidar_gym.control.flight.centroidal import Integrals, MotionError
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.memory import ControlState, FlightRecord
-from spidar_gym.control.flight.observation import LegMomentum, Preview
+from spidar_gym.control.flight.observation import FlightObservables
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.model.interference import Interference
 from spidar_gym.native.library import Core, LastCommand, Struct, pointer, read_allocation
@@ -75,8 +75,9 @@ class CoreFlightController(Core[CoreMemory]):
         if self._last_step is None and self._flight["ticked"]:
             allocation = read_allocation(self._answered, self._solve_time)
             f = self._flight
+            restricted = self.memory.interference.restricted
             self._last_step = FlightRecord(
-                self._own.control_state, f["wrench_desired"], allocation, f["joint_velocity"]
+                self._own.control_state, f["wrench_desired"], allocation, f["joint_velocity"], restricted
             )
         return self._last_step
 
@@ -130,25 +131,18 @@ class CoreFlightController(Core[CoreMemory]):
         self._last_step = None
         return self._answer()
 
-    def observe(
-        self,
-        state: RobotState,
-        control_state: ControlState,
-        thrust_command: RotorVector,
-        joint_velocity: JointVector,
-        legs: LegMomentum,
-        preview: Preview,
-        previous_action: np.ndarray,
-        *,
-        bound: np.ndarray,
-    ) -> np.ndarray:
+    def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
         """The observation; as `control.flight.observation.observe`."""
-        self.write_state(state)
-        view = next(view for view in self._views if view.control_state is control_state)
-        arrays = (thrust_command, joint_velocity, legs.value, legs.rate, preview.joint_target, preview.next_form)
+        seen = observables
+        self.write_state(seen.state)
+        view = next(view for view in self._views if view.control_state is seen.control_state)
+        arrays = (
+            seen.thrust_command, seen.joint_command_velocity, seen.leg_momentum, seen.leg_momentum_rate,
+            seen.joint_target, seen.next_form,
+        )  # fmt: skip
         size = self.library.sp_observe(
             self._flight.pointer, self._state.pointer, view.struct.pointer, *map(pointer, arrays),
-            ctypes.c_double(preview.time_to_next), pointer(previous_action), len(previous_action), pointer(bound),
-            pointer(self._observation),
+            ctypes.c_double(seen.time_to_next_form), pointer(seen.previous_action), len(seen.previous_action),
+            pointer(bound), pointer(self._observation),
         )  # fmt: skip
         return self._observation[:size].copy()

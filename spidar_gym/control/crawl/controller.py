@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Matrix3, RotorVector
+from spidar_gym.arrays import JointVector, Matrix3
 from spidar_gym.control.allocation.allocator import LEAST_NORM, Allocation, AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.blocks import torque_map
 from spidar_gym.control.allocation.contact import MAX_PEG_FRICTION, effort_weights
@@ -15,8 +15,7 @@ from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Demand
 from spidar_gym.control.crawl.footsteps import GaitCommand, GaitConfig
 from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.crawl.memory import CrawlMemory, CrawlRecord, fresh_crawl_memory
-from spidar_gym.control.crawl.observation import observe_crawl
-from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.crawl.observation import CrawlObservables, observe_crawl
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.rotors import ALL_FREE
 from spidar_gym.errors import InvalidValueError, require_not_negative
@@ -177,12 +176,9 @@ class Crawler:
         """Whether every command is carried out and the forces of the last mode have faded."""
         return self.gait.done and self.memory.gap == 0.0
 
-    def observe(
-        self, state: RobotState, goal: Pose2, thrust_command: RotorVector, previous_action: np.ndarray, *,
-        bound: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
+    def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
         """What a policy sees; see `observation.observe_crawl`."""
-        return observe_crawl(state, goal, self.gait.memory, self.memory, thrust_command, previous_action, bound=bound)
+        return observe_crawl(observables, self.gait.memory, self.memory, bound=bound)
 
     def close(self) -> None:
         """Nothing is held that has to be released."""

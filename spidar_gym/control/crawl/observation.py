@@ -1,6 +1,7 @@
 """What a policy sees of a crawl: a named layout and one pure function; no contact force, as on the robot."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,27 +42,23 @@ def crawl_layout(action_size: int) -> tuple[Field, ...]:
     )
 
 
-def observe_crawl(
-    state: RobotState,
-    goal: Pose2,
-    gait: GaitMemory,
-    memory: CrawlMemory,
-    thrust_command: RotorVector,
-    previous_action: np.ndarray,
-    *,
-    bound: np.ndarray,
-) -> np.ndarray:
-    """The observation in the order of `crawl_layout`, clipped to ± `bound`, float32.
+@dataclass(frozen=True, slots=True)
+class CrawlObservables:
+    """What an observation is made of, beside the memories of gait and crawler."""
 
-    Args:
-        state: Measured state.
-        goal: Where the torso is to lie, world.
-        gait: The gait's memory.
-        memory: The crawler's memory.
-        thrust_command: Thrust last commanded [N].
-        previous_action: The last action.
-        bound: Bounds of the layout, one per number.
-    """
+    state: RobotState
+    """Measured state."""
+    goal: Pose2
+    """Where the torso is to lie, world."""
+    thrust_command: RotorVector
+    """Thrust last commanded [N]."""
+    previous_action: np.ndarray
+    """The last action."""
+
+
+def observe_crawl(seen: CrawlObservables, gait: GaitMemory, memory: CrawlMemory, *, bound: np.ndarray) -> np.ndarray:
+    """The observation in the order of `crawl_layout`, clipped to ± `bound` (one per number), float32."""
+    state, goal = seen.state, seen.goal
     R_wb = quat_to_matrix(state.quat_wb)
     heading = math.atan2(R_wb[1, 0], R_wb[0, 0])
     c, s = math.cos(heading), math.sin(heading)
@@ -84,12 +81,12 @@ def observe_crawl(
             gait.target - gait.plan,
             sine[:half],
             cosine[:half],
-            thrust_command,
+            seen.thrust_command,
             sine[half:],
             cosine[half:],
             phase,
             (gait.time, gait.share, len(gait.steps)),
-            previous_action,
+            seen.previous_action,
         )
     )
     return np.minimum(np.maximum(values, -bound), bound).astype(np.float32)

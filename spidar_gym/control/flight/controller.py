@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Matrix3, RotorVector, Vectoring, Wrench
+from spidar_gym.arrays import JointVector, Matrix3, Vectoring, Wrench
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand
@@ -27,7 +27,7 @@ from spidar_gym.control.flight.compensation import (
     servo_response,
 )
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
-from spidar_gym.control.flight.observation import LegMomentum, Preview, observe
+from spidar_gym.control.flight.observation import FlightObservables, observe
 from spidar_gym.control.rotors import ALL_FREE, flight_demand
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model, Snapshot
@@ -202,7 +202,7 @@ class FlightController:
                 forces, snapshot, state.omega_b, compensation.servo_velocity, lead=options.vectoring_lead
             )
         vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
-        self.last_step = FlightRecord(control_state, wrench, allocation, speed, demand)
+        self.last_step = FlightRecord(control_state, wrench, allocation, speed, bounds.restricted, demand)
         unallocated = allocation.unallocated_wrench
         self.memory = FlightMemory(
             lock, bounds, vectoring, allocation.forces_l, integrals, joints, R_wb @ unallocated[:3], unallocated[3:],
@@ -210,23 +210,9 @@ class FlightController:
         )  # fmt: skip
         return Command(allocation.thrust, vectoring, joints, self._torque_limit)
 
-    def observe(
-        self,
-        state: RobotState,
-        control_state: ControlState,
-        thrust_command: RotorVector,
-        joint_velocity: JointVector,
-        legs: LegMomentum,
-        preview: Preview,
-        previous_action: np.ndarray,
-        *,
-        bound: np.ndarray,
-    ) -> np.ndarray:
+    def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
         """What a policy sees; see `observation.observe`."""
-        return observe(
-            state, control_state, self.memory, thrust_command, joint_velocity, legs, preview, previous_action,
-            bound=bound,
-        )  # fmt: skip
+        return observe(observables, self.memory, bound=bound)
 
     def close(self) -> None:
         """Nothing is held that has to be released."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Vectoring, Wrench
+from spidar_gym.arrays import JointVector, Matrix3, RotorForces, RotorMask, Vector3, Vectoring, Wrench
 from spidar_gym.control.allocation.allocator import Allocation
 from spidar_gym.control.allocation.problem import Demand
 from spidar_gym.control.flight.centroidal import Integrals, MotionError
@@ -70,5 +70,7 @@ class FlightRecord:
     """What the allocation answered."""
     joint_velocity: JointVector
     """Commanded joint velocity [rad/s]."""
+    restricted: RotorMask
+    """Rotors restricted by interference."""
     demand: Demand | None = None
     """What the allocation was asked; None where compiled code asked it."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, RotorVector
+from spidar_gym.arrays import JointVector, RotorVector, Vector3
 from spidar_gym.control.flight.memory import ControlState, FlightMemory
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.state import RobotState
@@ -64,54 +64,34 @@ def layout(action_size: int) -> tuple[Field, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Preview:
-    """What is known of the plan."""
+class FlightObservables:
+    """What an observation is made of, beside the controller's memory."""
 
+    state: RobotState
+    """Measured state."""
+    control_state: ControlState
+    """What the controller makes of it."""
+    thrust_command: RotorVector
+    """Thrust last commanded [N]."""
+    joint_command_velocity: JointVector
+    """Joint velocity last commanded [rad/s]."""
+    leg_momentum: Vector3
+    """Angular momentum of the legs about the CoG, torso axes [Nms]."""
+    leg_momentum_rate: Vector3
+    """Its change since the last tick [Nm]."""
     joint_target: JointVector
     """Form to reach now [rad]."""
     next_form: JointVector
     """Form after it [rad]."""
-    time_to_next: float
-    """Seconds until then."""
+    time_to_next_form: float
+    """Time until then [s]."""
+    previous_action: np.ndarray
+    """The last action."""
 
 
-@dataclass(frozen=True, slots=True)
-class LegMomentum:
-    """Angular momentum of the legs about the CoG, torso axes."""
-
-    value: np.ndarray
-    """h [Nms]."""
-    rate: np.ndarray
-    """ḣ [Nm]."""
-
-
-def observe(
-    state: RobotState,
-    control_state: ControlState,
-    memory: FlightMemory,
-    thrust_command: RotorVector,
-    joint_velocity: JointVector,
-    legs: LegMomentum,
-    preview: Preview,
-    previous_action: np.ndarray,
-    *,
-    bound: np.ndarray,
-) -> np.ndarray:
-    """The observation in the order of `layout`, clipped to ± `bound`, float32.
-
-    Args:
-        state: Measured state.
-        control_state: The controller's view of it.
-        memory: The controller's memory.
-        thrust_command: Thrust last commanded [N].
-        joint_velocity: Commanded joint velocity [rad/s].
-        legs: Angular momentum of the legs.
-        preview: The plan.
-        previous_action: The last action.
-        bound: Bounds of the layout, one per number.
-    """
-    error = control_state.error
-    rotation = control_state.R_wb
+def observe(seen: FlightObservables, memory: FlightMemory, *, bound: np.ndarray) -> np.ndarray:
+    """The observation in the order of `layout`, clipped to ± `bound` (one per number), float32."""
+    state, error, rotation = seen.state, seen.control_state.error, seen.control_state.R_wb
     angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
     sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS
     values = np.concatenate(
@@ -125,19 +105,19 @@ def observe(
             sine[:half],
             cosine[:half],
             state.vectoring_velocity.reshape(-1),
-            preview.joint_target - memory.joint_position,
-            joint_velocity,
-            legs.value,
-            legs.rate,
+            seen.joint_target - memory.joint_position,
+            seen.joint_command_velocity,
+            seen.leg_momentum,
+            seen.leg_momentum_rate,
             memory.integrals.position_w,
             memory.integrals.attitude,
-            thrust_command,
+            seen.thrust_command,
             sine[half:],
             cosine[half:],
             memory.interference.restricted,
-            preview.next_form,
-            (preview.time_to_next,),
-            previous_action,
+            seen.next_form,
+            (seen.time_to_next_form,),
+            seen.previous_action,
         )
     )
     return np.minimum(np.maximum(values, -bound), bound).astype(np.float32)

@@ -10,7 +10,7 @@ from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import Move, lying_pose
 from spidar_gym.control.crawl.gait import nominal_time
-from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.crawl.observation import CrawlObservables, crawl_layout
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
@@ -155,7 +155,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
 
     def _observation(self) -> np.ndarray:
         thrust = self._seen.thrust if self._command is None else self._command.thrust
-        return self.controller.observe(self._seen, self.progress.goal, thrust, self._action, bound=self._bound)
+        observables = CrawlObservables(self._seen, self.progress.goal, thrust, self._action)
+        return self.controller.observe(observables, bound=self._bound)
 
     def _task_info(self, failure: str) -> dict[str, Any]:
         progress, touch, memory = self.progress, self._touch, self.plant.memory

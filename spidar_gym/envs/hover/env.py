@@ -9,7 +9,7 @@ import numpy as np
 from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.flight.memory import ControlState
-from spidar_gym.control.flight.observation import NO_NEXT_FORM, LegMomentum, Preview, layout
+from spidar_gym.control.flight.observation import NO_NEXT_FORM, FlightObservables, layout
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.actions import find_action_mode
@@ -106,7 +106,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
             trim = self.trim(q)
         self.preload = trim
         self.controller.reset(self._seen, q, trim)
-        self._legs = LegMomentum(_STILL, _STILL)
+        self._leg_momentum = self._leg_momentum_rate = _STILL
         self._joint_velocity = _NO_JOINTS
         self._update_errors()
 
@@ -179,8 +179,9 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
 
     def _advance(self) -> str:
         self._update_errors()
-        h = self._control_state.snapshot.momentum_map[3:] @ self._joint_velocity
-        self._legs = LegMomentum(h, (h - self._legs.value) * CONTROL_RATE)
+        before = self._leg_momentum
+        self._leg_momentum = self._control_state.snapshot.momentum_map[3:] @ self._joint_velocity
+        self._leg_momentum_rate = (self._leg_momentum - before) * CONTROL_RATE
         errors = self._errors()
         self.progress.advance(*errors, self.state.joint_position)
         tilt = math.acos(max(-1.0, min(1.0, float(self._truth.R_wb[2, 2]))))
@@ -189,16 +190,19 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
     def _observation(self) -> np.ndarray:
         progress = self.progress
         goal, upcoming = progress.goal, progress.next_goal
-        preview = Preview(
+        observables = FlightObservables(
+            state=self._seen,
+            control_state=self._control_state,
+            thrust_command=self._seen.thrust if self._command is None else self._command.thrust,
+            joint_command_velocity=self._joint_velocity,
+            leg_momentum=self._leg_momentum,
+            leg_momentum_rate=self._leg_momentum_rate,
             joint_target=goal.joint_target,
             next_form=goal.joint_target if upcoming is None else upcoming.joint_target,
-            time_to_next=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
+            time_to_next_form=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
+            previous_action=self._action,
         )
-        thrust = self._seen.thrust if self._command is None else self._command.thrust
-        return self.controller.observe(
-            self._seen, self._control_state, thrust, self._joint_velocity, self._legs, preview, self._action,
-            bound=self._bound,
-        )  # fmt: skip
+        return self.controller.observe(observables, bound=self._bound)
 
     def _task_info(self, failure: str) -> dict[str, Any]:
         errors = self._errors()
@@ -211,7 +215,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
             "attitude_error": errors[1].copy(),
             "vectoring_command": memory.vectoring.copy(),
             "wrench_desired": np.zeros(6) if last is None else last.wrench_desired.copy(),
-            "restricted_rotors": memory.interference.restricted.copy(),
+            "restricted_rotors": np.zeros(N_ROTORS, bool) if last is None else last.restricted.copy(),
             **{f"reward_{name}": value for name, value in terms.items()},
             "is_success": failure == "" and progress.succeeded(self.horizon),
         }

@@ -12,7 +12,7 @@ from support.states import model, resting, staying
 from spidar_gym.control.flight.centroidal import Integrals
 from spidar_gym.control.flight.compensation import fresh_compensation
 from spidar_gym.control.flight.controller import FlightController, FlightMemory
-from spidar_gym.control.flight.observation import LegMomentum, Preview, layout, observe
+from spidar_gym.control.flight.observation import FlightObservables, layout, observe
 from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.model.interference import no_interference
 from spidar_gym.model.rotor import Lock
@@ -45,19 +45,15 @@ def seen(controller, state, reference=None, **parts) -> dict[str, np.ndarray]:
         Integrals(np.zeros(3), np.zeros(3)), np.zeros(16), np.zeros(3), np.zeros(3), np.zeros(16),
         fresh_compensation(np.zeros(16), np.zeros(6)),
     )  # fmt: skip
-    observation = observe(
-        state,
-        controller.compute_state(state, staying(state) if reference is None else reference),
-        replace(memory, **parts.pop("memory", {})),
-        thrust_command=parts.pop("thrust_command", np.zeros(8)),
-        joint_velocity=parts.pop("joint_velocity", np.zeros(16)),
-        legs=parts.pop("legs", LegMomentum(np.zeros(3), np.zeros(3))),
-        preview=parts.pop("preview", Preview(np.zeros(16), np.zeros(16), 60.0)),
-        previous_action=parts.pop("previous_action", np.zeros(N_ACTION)),
-        bound=BOUND,
-    )
+    memory = replace(memory, **parts.pop("memory", {}))
+    zero = {
+        "thrust_command": np.zeros(8), "joint_command_velocity": np.zeros(16), "leg_momentum": np.zeros(3),
+        "leg_momentum_rate": np.zeros(3), "joint_target": np.zeros(16), "next_form": np.zeros(16),
+        "time_to_next_form": 60.0, "previous_action": np.zeros(N_ACTION),
+    }  # fmt: skip
+    control_state = controller.compute_state(state, staying(state) if reference is None else reference)
+    observation = observe(FlightObservables(state, control_state, **{**zero, **parts}), memory, bound=BOUND)
     assert observation.dtype == np.float32
-    assert not parts
     return split(observation)
 
 
@@ -146,9 +142,12 @@ def test_commands_integrals_plan_and_last_action_appear_under_their_names(contro
             "interference": replace(no_interference(), restricted=restricted),
         },
         thrust_command=thrust,
-        joint_velocity=speed,
-        legs=LegMomentum(np.array([0.1, 0.2, 0.3]), np.array([7.0, 8.0, 9.0])),
-        preview=Preview(target, following, 3.5),
+        joint_command_velocity=speed,
+        leg_momentum=np.array([0.1, 0.2, 0.3]),
+        leg_momentum_rate=np.array([7.0, 8.0, 9.0]),
+        joint_target=target,
+        next_form=following,
+        time_to_next_form=3.5,
         previous_action=np.arange(6) / 10,
     )  # fmt: skip
     expected = {
@@ -180,8 +179,7 @@ def test_nothing_is_seen_that_the_robot_does_not_measure(controller):
 
 def test_numbers_beyond_their_bound_are_seen_at_the_bound(controller):
     fast = hovering(joint_velocity=np.full(16, -99.0), vectoring_velocity=np.full((8, 2), 99.0))
-    far = Preview(FORMS["form1"], FORMS["form1"], 99.0)
-    view = seen(controller, fast, thrust_command=np.full(8, 99.0), preview=far)
+    view = seen(controller, fast, thrust_command=np.full(8, 99.0), time_to_next_form=99.0)
     assert np.all(view["joint_velocity"] == -5.0)
     assert np.all(view["vectoring_velocity"] == 20.0)
     assert np.all(view["thrust_command"] == ROBOT.max_thrust)
