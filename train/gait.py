@@ -3,9 +3,9 @@
     python -m train.gait crawl --seed 0
 
 What is learned are 16 numbers: vertical force at the feet in every phase that moves, raise angle and lift height, once
-for the cycles on the way and once for the last one, which decides where the robot ends. (Phase rate and stride are
+for the last cycle and once for those before it, which decides where the robot ends. (Phase rate and stride are
 best as they are.) An episode's cost is known at its end alone; so the numbers are changed together, up and down one
-direction on the very same robot, floor and way, and moved along the directions by the differences of the costs
+direction on the very same robot, floor and goal, and moved along the directions by the differences of the costs
 (augmented random search, Mania 2018).
 """
 
@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from spidar_gym.benchmark.track import CRAWL, find_track
 from spidar_gym.cli.console import kept, run_cli
@@ -29,12 +28,12 @@ from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.processes import cpu_count
-from train.lib.config import CONTROL, OutputConfig, flatten, parse
+from train.lib.config import TrackRecipe, parse
 from train.lib.envs import Scaling, make_track_env, training_seed
 from train.lib.evaluate import Base, PairedEvaluator, Verdict
 from train.lib.learner import Layers
 from train.lib.report import report
-from train.lib.run import Run, State, curve_line, make_artifact
+from train.lib.run import Run, State, curve_line, make_artifact, require_frameworks
 from train.lib.stages import Stages
 
 ACTION_MODE = "residual_gait_force"
@@ -98,37 +97,21 @@ class EvaluationConfig:
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(TrackRecipe):
     """Learn the gait's parameters by phase."""
 
-    name: str
-    """Name of the row: letters, digits, _ and -."""
-    doc: str
-    """What is learned, in one line."""
-    tracks: tuple[str, ...]
-    """Tracks in whose kinds of crawls it learns, and on whose validation scenarios it is evaluated."""
-    base: str
-    """Preset of the crawler that it adds to."""
-    seed: int = 0
-    """Seed of everything that is drawn."""
-    control: str = CONTROL
-    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
+    action_mode = ACTION_MODE
+
     search: SearchConfig = field(default_factory=SearchConfig)
     cost: CostConfig = field(default_factory=CostConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    output: OutputConfig = field(default_factory=OutputConfig)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be learned."""
-        require_least(0, seed=self.seed)
+        super().__post_init__()
         for track in self.tracks:
             if find_track(track).flies:
                 raise InvalidValueError("tracks", track, "crawls: a flight has no gait")
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Arguments of `gym.make`."""
-        return {"action_mode": ACTION_MODE, "preset": self.base}
 
 
 PRESETS: dict[str, Args] = {
@@ -256,8 +239,8 @@ def update(
 
 def learn(args: Args) -> Path:
     """One run, from its beginning or from where it was interrupted; the path of its artifact."""
-    torch.set_num_threads(1)
-    run = Run(args.output.out / args.name / f"seed{args.seed}", flatten(args), CRAWL, args.arguments)
+    require_frameworks()
+    run = Run.of(args, CRAWL, args.arguments)
     state = run.load() or State()
     with (
         kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command goes on"),
@@ -274,7 +257,7 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
         args.tracks, Base(args.arguments), evaluation.scenarios, control=args.control, on_scenario=stages.count
     )
     state.base, state.scaling = evaluator.means, vars(scaling())
-    # `way` is the direction of the last update.
+    # In the file, `way` is the direction of the last update.
     fresh = {"numbers": zeros(), "way": zeros(), "best": zeros(), "ticks": 0, "updates": 0}
     learner = dict(state.learner) or fresh
     run.require_alike(learner, fresh)
@@ -322,7 +305,7 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
 def main() -> None:
     """Entry point."""
     args = parse(PRESETS, "python -m train.gait", __doc__)
-    report(learn(args), args.name, args.seed, CRAWL, args.tracks, args.base, args.output, workers=cpu_count())
+    report(learn(args), args, CRAWL, args.tracks, args.base, workers=cpu_count())
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 A run is a chain of segments. Each begins with fresh episodes and seeds of its own, so it depends on the state before
 it and on nothing else: an interrupted run goes on with the same command, and ends as it would have ended.
 
-Read `Args`, then `learn`; how the agent is made and what an update is stands in `train/lib/learner.py`.
+Read `Args`, then `learn`; how the agent is made and what an update is stands in `train/lib/agent.py`.
 """
 
 import math
@@ -15,37 +15,28 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.cli.console import kept, run_cli
 from spidar_gym.errors import require_least
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.processes import cpu_count
-from train.lib.config import OutputConfig, flatten, parse
+from train.lib.config import Recipe, parse
 from train.lib.envs import NOMINAL, EnvConfig, Scaling, baseline_scaling, make_training_env, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
-from train.lib.learner import (
-    ActorSchedule,
-    Layers,
-    LearnerConfig,
-    PPOConfig,
-    actor_layers,
-    build,
-    learn_segment,
-    load_state,
-    save_state,
-)
+from train.lib.learner import Layers, LearnerConfig, PPOConfig
 from train.lib.report import report
 from train.lib.rewards import RewardConfig
-from train.lib.run import Run, State, curve_line, layer_arrays, make_artifact
+from train.lib.run import Run, State, curve_line, layer_arrays, make_artifact, require_frameworks
 from train.lib.stages import Stages, scalars
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from train.lib.agent import Agent
 
 
 @dataclass(frozen=True)
@@ -81,25 +72,14 @@ class EvaluationConfig:
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Recipe):
     """Learn what to add to a controller."""
 
-    name: str
-    """Name of the row: letters, digits, _ and -."""
-    doc: str
-    """What is learned, in one line."""
     env: EnvConfig
     reward: RewardConfig = field(default_factory=lambda: RewardConfig("pose"))
     learner: LearnerConfig = field(default_factory=LearnerConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    output: OutputConfig = field(default_factory=OutputConfig)
-    seed: int = 0
-    """Seed of everything that is drawn."""
-
-    def __post_init__(self) -> None:
-        """Refuse a seed that is none."""
-        require_least(0, seed=self.seed)
 
 
 MOMENTUM = ("leg_momentum", "leg_momentum_rate")
@@ -173,7 +153,7 @@ PRESETS: dict[str, Args] = {
             "robust_overlapped",
             "residual_gait_force",
             sees=("phase", "phase_time", "share", "steps_left", "goal_position", "goal_heading"),
-            still=(2,),  # the stride: what it changes of the way is missing at the goal
+            still=(2,),  # the stride: what it adds to the path is missing at the goal
             hold=10,
         ),
         RewardConfig("economy", reward_scale=10.0),
@@ -202,7 +182,9 @@ PRESETS: dict[str, Args] = {
 """Settings by name."""
 
 
-def make_envs(args: Args, scaling: Scaling, relative_errors: Mapping[str, float] = MappingProxyType({})) -> DummyVecEnv:
+def make_envs(
+    args: Args, scaling: Scaling, relative_errors: Mapping[str, float] = MappingProxyType({})
+) -> "DummyVecEnv":
     """The environments side by side; the tracks take turns.
 
     Args:
@@ -210,6 +192,9 @@ def make_envs(args: Args, scaling: Scaling, relative_errors: Mapping[str, float]
         scaling: Scaling of the observations.
         relative_errors: Those of `PairedEvaluator.relative_errors`; 1 where a track has none.
     """
+    # Loaded by those who learn, as torch is: whoever asks for help need not have them.
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
 
     def monitored(track: str) -> Monitor:
         return Monitor(make_training_env(args.env, args.reward, track, scaling, relative_errors.get(track, 1.0)))
@@ -218,8 +203,10 @@ def make_envs(args: Args, scaling: Scaling, relative_errors: Mapping[str, float]
     return DummyVecEnv([partial(monitored, tracks[k % len(tracks)]) for k in range(args.schedule.envs)])
 
 
-def make_agent(args: Args, envs: DummyVecEnv, logs: str | None = None) -> PPO | SAC:
+def make_agent(args: Args, envs: "DummyVecEnv", logs: str | None = None) -> "Agent":
     """An agent that adds nothing yet."""
+    from train.lib.agent import build
+
     hidden, still = args.env.hidden_entries(), args.env.still_entries()
     return build(args.learner, envs, args.seed, logs=logs, hidden=hidden, still=still)
 
@@ -256,8 +243,8 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
     Returns:
         The path of the artifact.
     """
-    torch.set_num_threads(1)
-    run = Run(args.output.out / args.name / f"seed{args.seed}", flatten(args), args.env.env_id, args.env.arguments)
+    require_frameworks()
+    run = Run.of(args, args.env.env_id, args.env.arguments)
     state = run.load() or State()
     with (
         kept(lambda: f"{state.segment * args.schedule.segment} ticks kept in {run.folder}; the same command goes on"),
@@ -270,6 +257,8 @@ def _learn(
     args: Args, run: Run, state: State, stages: Stages, on_segment: Callable[[dict[str, Any]], object]
 ) -> Path:  # fmt: skip
     """Learn from a state on; the path of the artifact."""
+    from train.lib import agent
+
     env, learner, schedule = args.env, args.learner, args.schedule
     segments = max(1, round(schedule.steps / schedule.segment))
 
@@ -292,12 +281,12 @@ def _learn(
     model = make_agent(args, envs, str(run.folder / "tensorboard"))
     if state.learner:
         for name, layers in (("mean", state.mean), ("best", state.best)):
-            run.require_alike(layer_arrays(name, layers), layer_arrays(name, actor_layers(model)))
+            run.require_alike(layer_arrays(name, layers), layer_arrays(name, agent.actor_layers(model)))
             artifact(args, layers, scaling, state)  # it refuses what is no network
-        run.require_alike(state.learner, save_state(model))
-        load_state(model, state.learner)
+        run.require_alike(state.learner, agent.save_state(model))
+        agent.load_state(model, state.learner)
     else:
-        state.mean = state.best = actor_layers(model)
+        state.mean = state.best = agent.actor_layers(model)
         if env.adds:
             evaluator.require_same_as_base(artifact(args, state.mean, scaling, state))
 
@@ -306,17 +295,17 @@ def _learn(
         stages.say("learning" if model.num_timesteps >= learner.critic_first else "warming up the critic")
 
     stages.begin("learning", segments * schedule.segment, "tick", state.segment * schedule.segment)
-    actor = ActorSchedule(learner, state.mean, on_steps)
+    actor = agent.ActorSchedule(learner, state.mean, on_steps)
     while state.segment < segments:
         began = time.perf_counter()
-        learn_segment(
+        agent.learn_segment(
             model, envs, actor,
             steps=schedule.segment // env.hold,
             seed=training_seed(args.seed, 1, state.segment),
             lr=learner.lr + (learner.lr_end - learner.lr) * (state.segment / segments),
             first=state.segment == 0,
         )  # fmt: skip
-        state.segment, state.mean, state.learner = state.segment + 1, actor.mean, save_state(model)
+        state.segment, state.mean, state.learner = state.segment + 1, actor.mean, agent.save_state(model)
         steps = state.segment * schedule.segment
 
         stages.say("playing against the base")
@@ -338,7 +327,7 @@ def _learn(
     return run.publish(artifact(args, state.best, scaling, state))
 
 
-def _reward(model: PPO | SAC) -> float | None:
+def _reward(model: "Agent") -> float | None:
     """Training reward of a decision, mean over the last episodes."""
     episodes = [episode["r"] / episode["l"] for episode in model.ep_info_buffer or ()]
     return float(np.mean(episodes)) if episodes else None
@@ -347,8 +336,7 @@ def _reward(model: PPO | SAC) -> float | None:
 def main() -> None:
     """Entry point."""
     args = parse(PRESETS, "python -m train.residual", __doc__)
-    env = args.env
-    report(learn(args), args.name, args.seed, env.env_id, env.tracks, env.base, args.output, workers=cpu_count())
+    report(learn(args), args, args.env.env_id, args.env.tracks, args.env.base, workers=cpu_count())
 
 
 if __name__ == "__main__":

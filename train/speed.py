@@ -12,7 +12,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import torch
 import tyro
 from tqdm import tqdm
 
@@ -29,8 +28,7 @@ from spidar_gym.text import format_table
 from train import residual
 from train.lib.config import CONTROL, override
 from train.lib.envs import NOMINAL, make_track_env, training_seed
-from train.lib.learner import ActorSchedule, actor_layers, learn_segment
-from train.lib.run import learner_versions
+from train.lib.run import FRAMEWORKS, require_frameworks
 from train.residual import make_agent, make_envs, make_scaling
 
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -84,14 +82,16 @@ def replay(plant: Plant, saved: Saved, commands: Sequence[Command]) -> float:
 
 def make_learner(args: residual.Args) -> Callable[[int], float]:
     """A function that learns for one segment and returns how long that took [s]; it is given the segment's index."""
+    from train.lib import agent  # with torch, which help does without
+
     envs = make_envs(args, make_scaling(args))
     model = make_agent(args, envs)
-    actor = ActorSchedule(args.learner, actor_layers(model))
+    actor = agent.ActorSchedule(args.learner, agent.actor_layers(model))
     steps, lr = args.schedule.segment // args.env.hold, args.learner.lr
 
     def learn(k: int) -> float:
         seed, began = training_seed(args.seed, 1, k), time.perf_counter()
-        learn_segment(model, envs, actor, steps=steps, seed=seed, lr=lr, first=k == 0)
+        agent.learn_segment(model, envs, actor, steps=steps, seed=seed, lr=lr, first=k == 0)
         return time.perf_counter() - began
 
     return learn
@@ -133,7 +133,6 @@ def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda
         seconds: About how long the environment is stepped in a round [s]; a learner takes a batch, however long.
         on_step: Called with a row's name, `PARTS` times.
     """
-    torch.set_num_threads(1)
     ticks, rows = max(4, round(800 * seconds)), {}
     for name, (preset, tracks) in ROWS.items():
         args = settings(preset, tracks)
@@ -144,7 +143,7 @@ def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda
             "learner_control": args.env.control,
             "ticks_per_s": found,
         }
-    return {"machine": machine() | learner_versions(), "rounds": ROUNDS, "ticks_a_round": ticks, "speed": rows}
+    return {"machine": machine(*FRAMEWORKS), "rounds": ROUNDS, "ticks_a_round": ticks, "speed": rows}
 
 
 def speed_table(result: dict[str, Any]) -> str:
@@ -184,6 +183,7 @@ class Args:
 def main() -> None:
     """Entry point."""
     args = tyro.cli(Args, description=__doc__, prog="python -m train.speed")
+    require_frameworks()
     with tqdm(total=PARTS, unit="part", desc="speed", file=sys.__stderr__, leave=False) as bar:
 
         def on_step(name: str) -> None:

@@ -14,12 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch import nn
-from torch.utils.tensorboard import SummaryWriter
 
 from spidar_gym.benchmark.track import HOVER, find_track
 from spidar_gym.cli.console import kept, run_cli
@@ -29,14 +26,17 @@ from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.processes import Pool, cpu_count
-from train.lib.config import CONTROL, OutputConfig, flatten, parse
+from train.lib.config import TrackRecipe, parse
 from train.lib.envs import FLIGHTS, Scaling, make_track_env, scaling_of, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
 from train.lib.learner import Layers
 from train.lib.report import report
 from train.lib.response import POSE, RESPONSE_TICKS, SETTLE, pose_error, pulse_response, respond
-from train.lib.run import Run, State, curve_line, make_artifact
+from train.lib.run import Run, State, curve_line, make_artifact, require_frameworks
 from train.lib.stages import Stages, scalars
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
 
 
 @dataclass(frozen=True)
@@ -64,19 +64,11 @@ class FitConfig:
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(TrackRecipe):
     """Learn a residual by regression."""
 
-    name: str
-    """Name of the row: letters, digits, _ and -."""
-    doc: str
-    """What is learned, in one line."""
-    tracks: tuple[str, ...]
-    """Tracks in whose kinds of flights it learns, and on whose validation scenarios it is evaluated."""
-    base: str
-    """Preset of the controller that it adds to."""
-    seed: int = 0
-    """Seed of everything that is drawn."""
+    action_mode = "residual_wrench"
+
     rounds: int = 2
     """How often it flies and learns; the base alone flies in the first round."""
     flights: int = 72
@@ -85,26 +77,18 @@ class Args:
     """Forms in which the response to a pulse is measured."""
     scenarios: int = 6
     """Validation scenarios of each track."""
-    control: str = CONTROL
-    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
     workers: int = cpu_count()
     """Processes that fly."""
     fit: FitConfig = field(default_factory=FitConfig)
-    output: OutputConfig = field(default_factory=OutputConfig)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be learned."""
+        super().__post_init__()
         least = ("rounds", "flights", "forms", "scenarios", "workers")
         require_least(1, **{name: getattr(self, name) for name in least})
-        require_least(0, seed=self.seed)
         for track in self.tracks:
             if not find_track(track).flies:
                 raise InvalidValueError("tracks", track, "flights: a crawl has no pose to hold")
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Arguments of `gym.make`."""
-        return {"action_mode": "residual_wrench", "preset": self.base}
 
 
 PRESETS: dict[str, Args] = {
@@ -199,6 +183,10 @@ def fit(
         scaling: Scaling of the observations.
         on_update: Called with the loss of every step.
     """
+    # Loaded by those who learn: whoever asks for help need not have it.
+    import torch
+    from torch import nn
+
     network = nn.Sequential(
         nn.Linear(len(scaling.mean), config.hidden), nn.Tanh(),
         nn.Linear(config.hidden, config.hidden), nn.Tanh(),
@@ -253,11 +241,12 @@ def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Arti
 
 def learn(args: Args) -> Path:
     """One run; the path of its artifact."""
-    torch.set_num_threads(1)
+    require_frameworks()
+    import torch
+    from torch.utils.tensorboard import SummaryWriter
+
     torch.manual_seed(training_seed(args.seed, 3))
-    # However many processes fly, it ends the same.
-    settings = {name: value for name, value in flatten(args).items() if name != "workers"}
-    run = Run(args.output.out / args.name / f"seed{args.seed}", settings, HOVER, args.arguments)
+    run = Run.of(args, HOVER, args.arguments)
     state = State()
     with (
         kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
@@ -268,7 +257,7 @@ def learn(args: Args) -> Path:
         return _learn(args, run, state, pool, stages, board)
 
 
-def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board: SummaryWriter) -> Path:
+def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board: "SummaryWriter") -> Path:
     """Fly, fit and evaluate, round by round; the path of the artifact."""
     began, updates = time.perf_counter(), itertools.count()
     validations = len(args.tracks) * args.scenarios
@@ -327,7 +316,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
 def main() -> None:
     """Entry point."""
     args = parse(PRESETS, "python -m train.supervised", __doc__)
-    report(learn(args), args.name, args.seed, HOVER, args.tracks, args.base, args.output, workers=args.workers)
+    report(learn(args), args, HOVER, args.tracks, args.base, workers=args.workers)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from spidar_gym.text import format_table
 from train import residual
 from train.curves import read_curve
 from train.lib.config import override
-from train.lib.run import command_line
+from train.lib.run import command_line, require_frameworks
 
 FOUND = ("chosen", "score", "worst", "success", "steps", "seconds")
 """What a trial reports: the paired score of the agent that it would publish, and the last line of its curve."""
@@ -51,7 +51,7 @@ class Args:
     washout: tuple[float, ...] = ()
     """Time constants of the washout [s]."""
     penalty: tuple[float, ...] = ()
-    """Shares of the reward that the largest action costs."""
+    """Fractions of the reward that the largest action costs."""
     steps: int = 0
     """Control ticks of each trial; the preset's if 0."""
     segment: int = 0
@@ -97,6 +97,7 @@ def sweep(args: Args) -> list[dict[str, Any]]:
     """Run all trials; a line of results each, best first, those that failed last."""
     if importlib.util.find_spec("ray") is None or importlib.util.find_spec("ray.tune") is None:
         raise MissingDependencyError("Ray Tune", "pip install 'spidar-gym[ray,train]'")
+    require_frameworks()
     folder = output_folder(args.out).absolute()
     command = command_line().split()[2:]
 

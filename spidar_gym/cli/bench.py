@@ -236,9 +236,9 @@ def _core(seconds: float) -> dict[str, Any]:
     return result
 
 
-def machine() -> dict[str, str]:
-    """Processor, Python and the packages that the figures depend on."""
-    packages = ("gymnasium", "mujoco", "numpy", "osqp", "pin")
+def machine(*more: str) -> dict[str, str]:
+    """Processor, Python and the packages that the figures depend on, and `more` of them."""
+    packages = ("gymnasium", "mujoco", "numpy", "osqp", "pin", *more)
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.is_file():

@@ -10,18 +10,29 @@ TRAIN = Path(__file__).resolve().parents[2] / "train"
 FILES = {".".join(path.relative_to(TRAIN.parent).with_suffix("").parts): path for path in sorted(TRAIN.rglob("*.py"))}
 
 
-def imported(path):
-    """Modules of `train` that a file imports, each with whether that is inside a function or a condition."""
+AGENT = "train.lib.agent"
+"""The file that loads torch and Stable-Baselines3 as it is imported."""
+FRAMEWORKS = {"torch", "stable_baselines3", "tensorboard", "ray"}
+
+
+def imported(path, *packages):
+    """Modules of packages that a file imports, each with whether that is inside a function or a condition."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "train":
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
-            for name in [name for name in names if name in FILES] or [node.module]:
+            names = [name for name in names if name in FILES] or [node.module]
+        else:
+            continue
+        for name in names:
+            if name.split(".")[0] in packages:
                 yield name, node not in tree.body
 
 
 def test_nothing_is_imported_in_a_circle_and_the_library_knows_no_recipe():
-    graph = {name: {module for module, _ in imported(path)} for name, path in FILES.items()}
+    graph = {name: {module for module, _ in imported(path, "train")} for name, path in FILES.items()}
     assert graph["train.presets"] == {"train.residual"}
     TopologicalSorter(graph).prepare()  # raises on a circle
     for name, modules in graph.items():
@@ -34,4 +45,11 @@ def test_every_file_imports_the_others_openly_says_what_it_is_for_and_fits_a_rea
     text = FILES[name].read_text(encoding="utf-8")
     assert ast.get_docstring(ast.parse(text))
     assert len(text.splitlines()) <= 420
-    assert not [module for module, inside in imported(FILES[name]) if inside]
+    assert {module for module, inside in imported(FILES[name], "train") if inside} <= {AGENT}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_help_does_without_is_imported_where_a_run_begins(name):
+    loaded = {module for module, inside in imported(FILES[name], "train", *FRAMEWORKS) if not inside}
+    assert AGENT not in loaded
+    assert name == AGENT or not {module.split(".")[0] for module in loaded} & FRAMEWORKS

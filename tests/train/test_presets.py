@@ -87,14 +87,3 @@ def test_stable_baselines_takes_every_value(algorithm, env_id):
     if algorithm == "ppo":
         assert model.policy.log_std.detach().unique().tolist() == pytest.approx([kwargs["log_std_init"]])
     envs.close()
-
-
-@pytest.mark.parametrize("script", ["residual", "supervised", "gait", "sweep"])
-def test_a_script_without_its_extra_says_in_one_line_what_to_install(script):
-    code = "import runpy, sys; sys.modules['torch'] = None; runpy.run_module(sys.argv[1], run_name='__main__')"
-    command = [sys.executable, "-c", code, f"train.{script}", "--help"]
-    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert told.returncode != 0
-    (line,) = told.stderr.splitlines()
-    assert line.startswith("train: torch is not available")
-    assert ".[train]" in line

@@ -76,7 +76,7 @@ def test_without_a_learning_framework_it_is_refused_in_one_line(tmp_path):
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     command = [sys.executable, "-m", "train.speed"]
     found = subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stdout) == (1, "")
+    assert (found.returncode, found.stdout) == (2, "")
     (line,) = found.stderr.splitlines()
-    assert line.startswith("train: ")
+    assert line.startswith("train.speed: ")
     assert "pip install -e '.[train]'" in line

@@ -2,13 +2,13 @@
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import tyro
 
-from spidar_gym.errors import require_name
+from spidar_gym.errors import require_least, require_name
 from spidar_gym.native.library import core_path
 
 CONTROL = "core" if core_path().is_file() else "python"
@@ -25,13 +25,43 @@ class OutputConfig:
     """Evaluate on the test scenarios in the end and write a row of this seed."""
 
 
-class Recipe(Protocol):
+@dataclass(frozen=True)
+class Recipe:
     """What the settings of every recipe have."""
 
+    name: str
+    """Name of the row: letters, digits, _ and -."""
+    doc: str
+    """What is learned, in one line."""
+    _: KW_ONLY
+    seed: int = 0
+    """Seed of everything that is drawn."""
+    output: OutputConfig = dataclasses.field(default_factory=OutputConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse a seed that is none."""
+        require_least(0, seed=self.seed)
+
+
+@dataclass(frozen=True)
+class TrackRecipe(Recipe):
+    """What the settings of a recipe for one kind of tracks and one action mode have."""
+
+    action_mode: ClassVar[str]
+    """Action mode that it learns in."""
+
+    tracks: tuple[str, ...]
+    """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is evaluated."""
+    base: str
+    """Preset of the controller that it adds to."""
+    _: KW_ONLY
+    control: str = CONTROL
+    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
+
     @property
-    def doc(self) -> str:
-        """What is learned, in one line."""
-        ...
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `gym.make`."""
+        return {"action_mode": self.action_mode, "preset": self.base}
 
 
 T = TypeVar("T")

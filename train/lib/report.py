@@ -13,31 +13,26 @@ from spidar_gym.benchmark.row import BASES, committed_row, eval_command, make_ro
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_name
-from train.lib.config import OutputConfig
+from train.lib.config import Recipe
 
 HEADINGS = {metric: heading for group in COMPARED.values() for metric, (heading, *_) in group.items()}
 """Metric → its name in reports."""
 
 
-def report(
-    path: Path, name: str, seed: int, env_id: str, tracks: Sequence[str], base: str, output: OutputConfig, *,
-    workers: int,
-) -> None:  # fmt: skip
+def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base: str, *, workers: int) -> None:
     """Print what a run has learned, and evaluate it for a row where that is wanted.
 
     Args:
         path: The artifact, beside its run's curve.
-        name: Name of the row.
-        seed: Seed of the run.
+        recipe: Settings of the run, which say whether a row is wanted, and where it goes.
         env_id: Environment.
         tracks: Tracks on which it was evaluated.
         base: Preset of the controller that it adds to, or that it is to replace.
-        output: Whether a row is wanted, and where it goes.
         workers: Processes.
     """
-    print(f"{path}: {name}, seed {seed}\n{conclusion(path, base, env_id, tracks)}")
-    if output.row:
-        print(evaluate_row(path, tracks, output.out / "scores", base, workers=workers))
+    print(f"{path}: {recipe.name}, seed {recipe.seed}\n{conclusion(path, base, env_id, tracks)}")
+    if recipe.output.row:
+        print(evaluate_row(path, tracks, recipe.output.out / "scores", base, workers=workers))
 
 
 def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str:
@@ -71,9 +66,7 @@ def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str
     ])  # fmt: skip
 
 
-def evaluate_row(
-    path: Path, tracks: Sequence[str], folder: Path, base: str, *, scenarios: int = SCENARIOS, workers: int
-) -> str:
+def evaluate_row(path: Path, tracks: Sequence[str], folder: Path, base: str, *, workers: int) -> str:
     """Play the test scenarios, write the row, and say how it compares with its base.
 
     Args:
@@ -81,18 +74,17 @@ def evaluate_row(
         tracks: Tracks.
         folder: Folder of the row.
         base: Preset of the controller that it adds to, or that it is to replace.
-        scenarios: How many of each track.
         workers: Processes.
     """
     spec = str(path)
     policy = load_policy(spec)
     with tqdm(
-        total=len(tracks) * scenarios, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
+        total=len(tracks) * SCENARIOS, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
     ) as bar:
         scores = evaluate_runs(
-            [spec], tracks, scenarios, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
+            [spec], tracks, SCENARIOS, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
             on_track=bar.set_postfix_str,
         )  # fmt: skip
-    row = make_row([policy], [spec], scores, command=eval_command([spec], tracks, scenarios=scenarios))
+    row = make_row([policy], [spec], scores, command=eval_command([spec], tracks))
     written, against = f"written to {write_row(row, folder)}", committed_row(BASES[base])
     return written if against is None else f"{comparison_text(row, against)}\n{written}"

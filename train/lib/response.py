@@ -1,11 +1,10 @@
 """How a pose responds to a residual wrench: measured by pulses on the closed loop, whatever controller closes it."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-import torch
 
 import spidar_gym.envs.registry
 from spidar_gym.benchmark.track import HOVER
@@ -13,6 +12,9 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.hover.task import FlightStart, FormGoal, HoverTask
 from spidar_gym.policies.rollout import rollout
 from train.lib.envs import training_seed
+
+if TYPE_CHECKING:
+    import torch
 
 SETTLE = 40
 """Ticks of hovering before a pulse."""
@@ -77,12 +79,14 @@ class _Pulse:
         return action
 
 
-def respond(response: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+def respond(response: "torch.Tensor", wrench: "torch.Tensor") -> "torch.Tensor":
     """Pose error (ticks, 6) that a residual wrench (ticks, 6) causes: its convolution with the response.
 
     Args:
         response: Pulse response of shape (6, 6, length), last tick first.
         wrench: Residual wrench in its own unit.
     """
-    padded = torch.nn.functional.pad(wrench.T[None], (response.shape[2] - 1, 0))
-    return torch.nn.functional.conv1d(padded, response)[0].T
+    from torch.nn import functional  # by those who learn, and not for help
+
+    padded = functional.pad(wrench.T[None], (response.shape[2] - 1, 0))
+    return functional.conv1d(padded, response)[0].T

@@ -10,18 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import stable_baselines3
-import torch
 
 from spidar_gym.border import BorderError, pack, read_file, require_form, unpack
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import MissingDependencyError, SpidarError
 from spidar_gym.files import cannot_write, json_text, output_folder, write_bytes, write_text
 from spidar_gym.policies.artifact import Artifact, interface, write_artifact
 from spidar_gym.policies.provenance import processor, versions
+from train.lib.config import Recipe, flatten
 from train.lib.envs import Scaling
 from train.lib.evaluate import Verdict
 from train.lib.learner import Layers
 
+FRAMEWORKS = ("torch", "stable-baselines3")
+"""Packages that learn."""
 FORMAT = 2
 """Version of the checkpoints' format."""
 TITLE = "checkpoint.json"
@@ -70,9 +71,16 @@ class State:
     """Wall time so far, validation included [s]."""
 
 
-def learner_versions() -> dict[str, str]:
-    """Versions of the learning frameworks."""
-    return {"torch": torch.__version__, "stable-baselines3": stable_baselines3.__version__}
+def require_frameworks() -> None:
+    """Load what every run needs and no help does (`MissingDependencyError` without the extra `train`)."""
+    try:
+        import stable_baselines3  # noqa: F401
+        import tensorboard  # noqa: F401
+        import torch
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(str(error.name), "pip install -e '.[train]'") from error
+    # Several runs side by side, each on a core.
+    torch.set_num_threads(1)
 
 
 class Run:
@@ -88,23 +96,23 @@ class Run:
             arguments: Arguments of `gym.make`.
         """
         self.folder = output_folder(folder)
+        self.checkpoint = folder / "checkpoint.npz"
+        """File of the state."""
+        self.previous = folder / "previous.npz"
+        """The checkpoint before that, for the day on which the last one is damaged."""
         self._settings = json.loads(json.dumps(dict(settings)))
         self._identity = {
             "settings": self._settings,
             "env_id": env_id,
             "interface": interface(env_id, arguments),
-            "versions": versions() | learner_versions(),
+            "versions": versions(*FRAMEWORKS),
         }
 
-    @property
-    def checkpoint(self) -> Path:
-        """File of the state."""
-        return self.folder / "checkpoint.npz"
-
-    @property
-    def previous(self) -> Path:
-        """The checkpoint before that, for the day on which the last one is damaged."""
-        return self.folder / "previous.npz"
+    @classmethod
+    def of(cls, recipe: Recipe, env_id: str, arguments: Mapping[str, Any]) -> "Run":
+        """The run of a recipe's settings; however many processes fly, it ends the same."""
+        settings = {name: value for name, value in flatten(recipe).items() if name != "workers"}
+        return cls(recipe.output.out / recipe.name / f"seed{recipe.seed}", settings, env_id, arguments)
 
     def save(self, state: State) -> None:
         """Write the checkpoint and the curve, each whole or not at all."""
@@ -194,7 +202,7 @@ class Run:
             "seconds": round(state.seconds, 1),
             "processor": processor(),
             "python": platform.python_version(),
-            "versions": learner_versions(),
+            "versions": {name: self._identity["versions"][name] for name in FRAMEWORKS},
             "chosen": {"steps": state.best_steps, "score": state.best_score},
             "base": state.base,
             "curve": state.curve,

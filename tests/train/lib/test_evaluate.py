@@ -8,10 +8,10 @@ from support.training import TINY
 
 from spidar_gym.errors import SpidarError
 from train.lib import evaluate
+from train.lib.agent import actor_layers
 from train.lib.config import CONTROL
 from train.lib.envs import make_training_env, scaling_of
 from train.lib.evaluate import Base, PairedEvaluator
-from train.lib.learner import actor_layers
 from train.lib.run import State
 from train.residual import artifact, make_agent, make_envs
 

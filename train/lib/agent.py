@@ -1,0 +1,251 @@
+"""A PPO or SAC agent that begins as its base; how it learns, and its state as plain arrays.
+
+In reading order: the agent, a segment of learning with the schedule of its actor, and its state. Of all files this one
+alone loads torch and Stable-Baselines3 at once, so it is imported where a run begins and not for help.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+from spidar_gym.errors import InvalidValueError
+from train.lib.learner import Layers, LearnerConfig
+
+Agent = PPO | SAC
+"""A learner of Stable-Baselines3."""
+
+
+class BaseFirstSAC(SAC):
+    """SAC whose buffer is first filled by its base with a little noise, instead of by actions drawn evenly."""
+
+    noise = 0.1
+    """Standard deviation of the first actions."""
+
+    def _sample_action(self, learning_starts: int, action_noise: Any = None, n_envs: int = 1) -> Any:  # noqa: ANN401 - SB3's signature
+        if self.num_timesteps >= learning_starts:
+            return super()._sample_action(learning_starts, action_noise, n_envs)
+        drawn = torch.randn(n_envs, *(self.action_space.shape or ())).numpy()
+        action = np.clip(self.noise * drawn, -1.0, 1.0)
+        return action, action
+
+
+def build(
+    config: LearnerConfig, envs: VecEnv, seed: int, *, logs: str | None, hidden: np.ndarray, still: np.ndarray
+) -> Agent:  # fmt: skip
+    """An agent on the CPU whose mean action is exactly zero.
+
+    Args:
+        config: Hyperparameters.
+        envs: Environments.
+        seed: Seed of its first weights.
+        logs: Folder for TensorBoard; none if None.
+        hidden: Mask of the observation's numbers that the actor does not see, though the critic does.
+        still: Mask of the action's entries that stay 0.
+    """
+    actor, critic = [config.hidden] * 2, [config.critic_hidden] * 2
+    shared: dict[str, Any] = {
+        "learning_rate": config.lr, "gamma": config.gamma, "seed": seed, "device": "cpu",
+        "tensorboard_log": logs, "batch_size": config.batch_size,
+    }  # fmt: skip
+    if config.algorithm == "ppo":
+        ppo = config.ppo
+        kwargs = {"net_arch": {"pi": actor, "vf": critic}, "activation_fn": nn.Tanh, "log_std_init": config.log_std}
+        model = PPO(
+            "MlpPolicy", envs, n_steps=ppo.n_steps, n_epochs=ppo.epochs, gae_lambda=ppo.gae_lambda,
+            clip_range=ppo.clip_range, target_kl=ppo.target_kl or None, ent_coef=ppo.entropy,
+            policy_kwargs=kwargs, **shared,
+        )  # fmt: skip
+    else:
+        sac = config.sac
+        kwargs = {"net_arch": {"pi": actor, "qf": critic}, "activation_fn": nn.ReLU, "log_std_init": config.log_std}
+        model = BaseFirstSAC(
+            "MlpPolicy", envs, buffer_size=sac.buffer, learning_starts=sac.warmup,
+            gradient_steps=sac.updates, train_freq=1, policy_kwargs=kwargs, **shared,
+        )  # fmt: skip
+        log_std = model.actor.log_std
+        assert isinstance(log_std, nn.Linear)
+        with torch.no_grad():
+            log_std.weight.zero_()
+            log_std.bias.fill_(config.log_std)
+    first, last = _actor(model)[0], _actor(model)[-1]
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.zero_()
+        seen, free = (torch.tensor(~mask, dtype=torch.float32) for mask in (hidden, still))
+        first.weight.mul_(seen)
+        # A weight that begins at zero and whose gradient is zero stays there.
+        first.weight.register_hook(lambda gradient: gradient * seen)
+        last.weight.register_hook(lambda gradient: gradient * free[:, None])
+        last.bias.register_hook(lambda gradient: gradient * free)
+    return model
+
+
+def learn_segment(
+    model: Agent, envs: VecEnv, schedule: "ActorSchedule", *, steps: int, seed: int, lr: float, first: bool
+) -> None:
+    """Learn for `steps` decisions from fresh episodes: the outcome depends on the state, the seed and nothing else.
+
+    An update of PPO is Stable-Baselines3's: all environments play `n_steps` decisions; the advantages of generalised
+    advantage estimation (λ = `gae_lambda`) are normalised in every batch of `batch_size`; `epochs` passes of Adam
+    follow the clipped objective, the critic's squared error and the entropy, until `target_kl` is exceeded. Before and
+    after each rollout `ActorSchedule` says whether the actor learns, and averages its weights.
+
+    Args:
+        model: The agent.
+        envs: Its environments.
+        schedule: When the actor learns.
+        steps: How many decisions.
+        seed: Seed of everything that is drawn in this segment.
+        lr: Learning rate.
+        first: Whether it is the run's first segment.
+    """
+    model.set_env(envs, force_reset=True)
+    model.set_random_seed(seed)
+    model.learning_rate = lr
+    model._setup_lr_schedule()
+    model.learn(steps, callback=schedule, reset_num_timesteps=first, log_interval=1, tb_log_name="log")
+    schedule.update_average()
+
+
+class ActorSchedule(BaseCallback):
+    """Keeps the actor still while the critic learns first, averages the actor's weights, and reports progress."""
+
+    def __init__(self, config: LearnerConfig, mean: Layers, on_steps: Callable[[int], object] = lambda _: None) -> None:
+        """Take the state of a run.
+
+        Args:
+            config: For how many decisions only the critic learns, and how the average is taken.
+            mean: The averaged actor so far.
+            on_steps: Called with the number of new decisions.
+        """
+        super().__init__()
+        self.mean = mean
+        self._config, self._on_steps = config, on_steps
+        self._reported = 0
+
+    def _on_training_start(self) -> None:
+        self._reported = self.num_timesteps
+        self._free_or_freeze()
+
+    def _on_rollout_start(self) -> None:
+        # What was learned from the rollout before is in the weights now.
+        self.update_average()
+        self._free_or_freeze()
+
+    def _on_step(self) -> bool:
+        self._on_steps(self.num_timesteps - self._reported)
+        self._reported = self.num_timesteps
+        return True
+
+    def _free_or_freeze(self) -> None:
+        """Let the actor learn once the critic has learned for long enough."""
+        free = self.num_timesteps >= self._config.critic_first
+        for parameter in _actor_parameters(self._agent()):
+            parameter.requires_grad_(free)
+
+    def update_average(self) -> None:
+        """Take the present weights into the average."""
+        keep = self._config.average
+        now = actor_layers(self._agent())
+        self.mean = tuple(
+            (keep * w + (1.0 - keep) * v, keep * b + (1.0 - keep) * c)
+            for (w, b), (v, c) in zip(self.mean, now, strict=True)
+        )
+
+    def _agent(self) -> Agent:
+        assert isinstance(self.model, Agent)
+        return self.model
+
+
+def _actor(model: Agent) -> list[nn.Linear]:
+    """The layers of the mean action."""
+    if isinstance(model, PPO):
+        parts = [model.policy.mlp_extractor.policy_net, model.policy.action_net]
+    else:
+        parts = [model.actor.latent_pi, model.actor.mu]
+    return [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
+
+
+def actor_layers(model: Agent) -> Layers:
+    """Weights and biases of the mean action, copied."""
+    return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in _actor(model))
+
+
+def _actor_parameters(model: Agent) -> Iterator[nn.Parameter]:
+    """Everything that only the actor has: what `ActorSchedule` freezes."""
+    if isinstance(model, PPO):
+        yield from model.policy.mlp_extractor.policy_net.parameters()
+        yield from model.policy.action_net.parameters()
+        yield model.policy.log_std
+    else:
+        yield from model.actor.parameters()
+
+
+BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+"""Arrays of SB3's replay buffer."""
+
+
+def _tensors(model: Agent) -> Iterator[tuple[str, torch.Tensor]]:
+    """Every tensor that learning changes, by name: networks, their optimisers' moments, the entropy's weight."""
+    parts, variables = model._get_torch_save_params()
+    for part in parts:
+        owner: Any = model
+        for name in part.split("."):
+            owner = getattr(owner, name)
+        if isinstance(owner, nn.Module):
+            yield from ((f"{part}/{name}", tensor) for name, tensor in owner.state_dict().items())
+            continue
+        assert isinstance(owner, torch.optim.Adam)
+        for k, parameter in enumerate(p for group in owner.param_groups for p in group["params"]):
+            moments = owner.state[parameter]
+            if not moments:  # as Adam itself begins, for a parameter that has not been learned yet
+                moments["step"] = torch.tensor(0.0)
+                moments["exp_avg"], moments["exp_avg_sq"] = (torch.zeros_like(parameter) for _ in range(2))
+            yield from ((f"{part}/{k}/{name}", moments[name]) for name in ("step", "exp_avg", "exp_avg_sq"))
+    yield from ((name, getattr(model, name)) for name in variables or ())
+
+
+def save_state(model: Agent) -> dict[str, np.ndarray]:
+    """All that the learner has learned and remembers, as arrays of its own by name."""
+    state = {name: tensor.detach().numpy().copy() for name, tensor in _tensors(model)}
+    counters = [model.num_timesteps, model._n_updates]
+    if isinstance(model, SAC):
+        buffer = model.replay_buffer
+        assert buffer is not None
+        end = buffer.buffer_size if buffer.full else buffer.pos
+        state |= {f"buffer/{name}": getattr(buffer, name)[:end] for name in BUFFER}
+        counters += [buffer.pos, int(buffer.full)]
+    return {**state, "counters": np.array(counters)}
+
+
+def load_state(model: Agent, state: Mapping[str, np.ndarray]) -> None:
+    """Become what was saved.
+
+    Args:
+        model: As `build` made it.
+        state: With the names, types and shapes that `save_state` gives.
+
+    Raises:
+        InvalidValueError: When its counters are not those of its arrays.
+    """
+    with torch.no_grad():
+        for name, tensor in _tensors(model):
+            tensor.copy_(torch.from_numpy(state[name]))
+    counters = state["counters"].tolist()
+    model.num_timesteps, model._n_updates = counters[:2]
+    if isinstance(model, SAC):
+        buffer, ends = model.replay_buffer, {len(state[f"buffer/{name}"]) for name in BUFFER}
+        assert buffer is not None
+        buffer.pos, buffer.full = counters[2], counters[3] == 1
+        if ends != {buffer.buffer_size if buffer.full else buffer.pos} or not 0 <= buffer.pos < buffer.buffer_size:
+            raise InvalidValueError("counters", counters, "those of the replay buffer")
+        for name in BUFFER:
+            getattr(buffer, name)[: max(ends)] = state[f"buffer/{name}"]
+    if min(counters) < 0:
+        raise InvalidValueError("counters", counters, "whole numbers of at least 0")
