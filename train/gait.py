@@ -3,7 +3,7 @@
     python -m train.gait crawl --seed 0
 
 What is learned are 16 numbers: vertical force at the feet in every phase that moves, raise angle and lift height, once
-for the last cycle and once for those before it, which decides where the robot ends. (Phase rate and stride are
+for the last cycle, which decides where the robot ends, and once for those before it. (Phase rate and stride are
 best as they are.) An episode's cost is known at its end alone; so the numbers are changed together, up and down one
 direction on the very same robot, floor and goal, and moved along the directions by the differences of the costs
 (augmented random search, Mania 2018).

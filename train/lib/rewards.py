@@ -81,7 +81,7 @@ def _pose(config: RewardConfig, tick: Tick) -> float:
 
 
 def _economy(config: RewardConfig, tick: Tick) -> float:
-    """Fraction of the distance that was made, less its energy (20 Wh/m cost as much as all of it) and slip; −1 if it fails.
+    """Fraction of the distance that was made, less its energy (20 Wh/m cost as much as all of it) and slip; −1: failed.
 
     Nothing for a success: whether a goal is met within 10 mm is decided at the end of some 80 actions, and a critic
     that is to foresee it sees nothing else.

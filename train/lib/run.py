@@ -52,7 +52,7 @@ class State:
     segment: int = 0
     """Segments done."""
     learner: Mapping[str, Any] = field(default_factory=dict)
-    """Arrays and whole numbers of what learns, by name, such as `train.lib.learner.save_state` gives."""
+    """Arrays and whole numbers of what learns, by name, such as `train.lib.agent.save_state` gives."""
     scaling: Mapping[str, Any] = field(default_factory=dict)
     """Mean and variance of the observations."""
     mean: Layers = ()
