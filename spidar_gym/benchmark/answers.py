@@ -7,10 +7,9 @@ from typing import Any
 from spidar_gym.benchmark.evaluate import Shard
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.row import Row
-from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.benchmark.verify import require_ours
+from spidar_gym.benchmark.verify import require_ours, shard_of
 from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.native.library import core_path
 from spidar_gym.policies.load import load_policy
@@ -53,10 +52,8 @@ def answer_shards(
     for name, row in rows.items():
         require_ours(row, trust=trust)
         for track in (t for t in tracks if t in row.tracks):
-            split = row.content["tracks"][track]["split"]
-            every = load_scenarios(track, split)[0]
-            chosen = [every[index] for index in row.scenarios(track)[:scenarios]]
-            found += [(name, Shard(spec, track, split, scenario)) for spec in row.policies for scenario in chosen]
+            count = min(scenarios, len(row.scenarios(track)))
+            found += [(name, shard_of(row, track, run, k)) for run in range(len(row.policies)) for k in range(count)]
     return found
 
 

@@ -82,11 +82,10 @@ def compare_rows(row: Row, base: Row) -> list[Comparison]:
     """
     found = []
     for track in row.tracks:
-        mine, theirs = (r.content["tracks"].get(track) for r in (row, base))
-        if theirs is None or mine["split"] != theirs["split"]:
+        if track not in base.tracks or row.split(track) != base.split(track):
             continue
-        where = {index: k for k, index in enumerate(theirs["scenarios"])}
-        both = [(k, where[index]) for k, index in enumerate(mine["scenarios"]) if index in where]
+        where = {index: k for k, index in enumerate(base.scenarios(track))}
+        both = [(k, where[index]) for k, index in enumerate(row.scenarios(track)) if index in where]
         if both:
             found.append(_compare(row, base, track, np.array(both).T))
     if not found:

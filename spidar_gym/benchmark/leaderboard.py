@@ -103,7 +103,7 @@ def common_tracks(row: Row, base: Row) -> list[str]:
         track
         for track in row.tracks
         if track in base.tracks
-        and row.content["tracks"][track]["split"] == base.content["tracks"][track]["split"]
+        and row.split(track) == base.split(track)
         and set(row.scenarios(track)) <= set(base.scenarios(track))
     ]
 

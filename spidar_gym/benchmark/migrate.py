@@ -36,7 +36,8 @@ def migrate(path: Path) -> bool:
     content = read_content(path)
     try:
         new = content if content["format"] == FORMAT else _from_format_1(content)
-        new = {**new, "policies_sha256": [_moved(*run) for run in zip(*_origin(new), strict=True)]}
+        runs = zip(new["policies"], new["policies_sha256"], strict=True)
+        new = {**new, "policies_sha256": [_moved(spec, digest) for spec, digest in runs]}
         if new == content:
             return False
         check_content(new)
@@ -57,10 +58,6 @@ def _from_format_1(content: dict[str, Any]) -> dict[str, Any]:
     # In the order in which an evaluation writes them.
     return {**before, "format": FORMAT, "processor": timing["processor"], "model_sha256": model, "tracks": tracks,
             "timing": timing["tracks"]}  # fmt: skip
-
-
-def _origin(content: dict[str, Any]) -> tuple[list[str], list[str]]:
-    return content["policies"], content["policies_sha256"]
 
 
 def _moved(spec: str, digest: str) -> str:

@@ -74,6 +74,10 @@ class Row:
         """A metric of every run on every scenario, NaN where it has no meaning."""
         return np.array([run[metric] for run in self.content["tracks"][track]["runs"]], float)
 
+    def split(self, track: str) -> str:
+        """Which scenarios of a track."""
+        return self.content["tracks"][track]["split"]
+
     def scenarios(self, track: str) -> list[int]:
         """Indices of the scenarios that were played."""
         return self.content["tracks"][track]["scenarios"]
@@ -96,12 +100,11 @@ def make_row(
     """
     first = policies[0]
     require_one_policy(policies, specs)
-    for track, runs in scores.items():
-        if len({(run.split, run.indices) for run in runs}) > 1 or len(runs) != len(policies):
-            raise InvalidValueError("scores", track, "a score for each run, on the same scenarios")
     training = [getattr(policy, "training", None) for policy in policies]
     tracks, times = {}, {}
     for track, runs in scores.items():
+        if len({(run.split, run.indices) for run in runs}) > 1 or len(runs) != len(policies):
+            raise InvalidValueError("scores", track, "a score for each run, on the same scenarios")
         steps = np.array([t["step_s"] for run in runs for t in run.timing])
         acts = np.array([t["act_s"] for run in runs for t in run.timing])
         tracks[track] = {
@@ -256,17 +259,19 @@ def read_rows(folder: Path) -> dict[str, Row]:
 
 def committed_rows() -> dict[str, Row]:
     """The committed rows of a checkout, or what of them the installed wheel has: the row that scores refer to."""
-    candidates = (Path(ROWS), assets_dir() / "scores", assets_dir().parent / ROWS)
-    folder = next((folder for folder in candidates if (folder / f"{REFERENCE}.json").is_file()), None)
-    return {} if folder is None else read_rows(folder)
+    path = _committed_file(REFERENCE)
+    return {} if path is None else read_rows(path.parent)
 
 
 def committed_row(name: str = REFERENCE) -> Row | None:
     """A committed row, the one that scores refer to; None if there is none."""
-    candidates = (Path(ROWS) / f"{name}.json", assets_dir() / "scores" / f"{name}.json",
-                  assets_dir().parent / ROWS / f"{name}.json")  # fmt: skip
-    path = next((path for path in candidates if path.is_file()), None)
+    path = _committed_file(name)
     return None if path is None else read_row(path)
+
+
+def _committed_file(name: str) -> Path | None:
+    folders = (Path(ROWS), assets_dir() / "scores", assets_dir().parent / ROWS)
+    return next((path for folder in folders if (path := folder / f"{name}.json").is_file()), None)
 
 
 def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:

@@ -11,7 +11,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS, Track, find_track
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.flight.controller import CONTROL_RATE
@@ -134,7 +133,6 @@ def robot_digest(env: SpidarEnv) -> str:
 
 def make_env(track: Track, scenario: Scenario, arguments: Mapping[str, Any]) -> SpidarEnv:
     """The environment of a scenario with a policy's arguments, without wrappers."""
-    spidar_gym.envs.registry.register()
     env = gymnasium.make(
         track.env_id, **{**track.options, **scenario.options, **arguments}, horizon_s=track.seconds,
         max_episode_steps=round(track.seconds * CONTROL_RATE), disable_env_checker=True,

@@ -62,6 +62,13 @@ def require_ours(row: Row, *, trust: bool) -> None:
             raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated anew")
 
 
+def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> Shard:
+    """What has to be played again for a run of a row on the k-th of its scenarios of a track."""
+    split = row.split(track)
+    scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
+    return Shard(row.policies[run], track, split, scenario, control=control)
+
+
 def made_apart(row: Row, control: str = CONTROL) -> str:
     """In what a row was made otherwise than it would be here, in words; empty where its numbers have to be equal."""
     present = versions()
@@ -105,10 +112,8 @@ def verify(
         row = rows[names[rng.integers(len(names))]]
         track = row.tracks[rng.integers(len(row.tracks))]
         run, k = int(rng.integers(len(row.policies))), int(rng.integers(len(row.scenarios(track))))
-        split = row.content["tracks"][track]["split"]
-        scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
         picks.append((row, track, run, k))
-        shards.append(Shard(row.policies[run], track, split, scenario, control=control))
+        shards.append(shard_of(row, track, run, k, control))
     for row in {id(row): row for row, *_ in picks}.values():
         require_ours(row, trust=trust)
     checks: dict[int, Check] = {}

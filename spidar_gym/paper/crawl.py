@@ -2,15 +2,11 @@
 
 import math
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
-from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.crawl.footsteps import Move
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import torso_pose2
@@ -19,6 +15,7 @@ from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.paper.flight import qp_figures
 from spidar_gym.policies.rollout import columns, rollout
 from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.sim.actuators import ActuatorConfig
@@ -150,47 +147,41 @@ def crawl_paper(
     """
     check_way(preset, distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
     config = replace(crawler_config(preset), power=power)
-    spidar_gym.envs.registry.register()
-    robot = plant
     if noise and plant is None:
-        robot = crawl_robot(np.random.Generator(np.random.PCG64(seed)))
-    wrapped = gymnasium.make(
-        "spidar_gym/Crawl-v0", distance=distance, direction=direction, turn=turn, joint_speed=joint_speed,
-        controller=config, plant=robot, horizon_s=LIMIT,
-        disable_env_checker=True,
+        plant = crawl_robot(np.random.Generator(np.random.PCG64(seed)))
+    env = CrawlEnv(
+        distance=distance, direction=direction, turn=turn, joint_speed=joint_speed, controller=config, plant=plant,
+        horizon_s=LIMIT,
     )  # fmt: skip
-    env = wrapped.unwrapped
-    assert isinstance(env, CrawlEnv)
     rows: list[dict[str, Any]] = []
     contacts: list[np.ndarray] = []
     info: dict[str, Any] = {}
-    with closing(wrapped):
-        for step in rollout(wrapped, seed=seed):
-            info = step.info
-            if step.terminated or step.truncated:
-                raise SpidarError(f"the crawl ended after {info['time_s']:.2f} s: {info['failure'] or 'out of time'}")
-            tick, state = env.controller.last_step, env.state
-            assert tick is not None
-            rows.append(
-                {
-                    "time": len(rows) / CONTROL_RATE + 1.0 / CONTROL_RATE,
-                    "phase": tick.phase,
-                    "position_w": state.position_w,
-                    "euler": euler_angles(quat_to_matrix(state.quat_wb)),
-                    "joint_position": state.joint_position,
-                    "joint_torque": state.joint_torque,
-                    "vectoring": state.vectoring,
-                    "thrust": state.thrust,
-                    "thrust_command": info["thrust_command"],
-                    "power": info["power_w"],
-                    "solve_time": tick.allocation.solve_time,
-                    "status": info["qp_status"],
-                    "qpos": env.plant.data.qpos.copy(),
-                }
-            )
-            contacts.append(env.plant.contact_forces())
-            on_tick(round(env.progress.nominal_time * CONTROL_RATE))
-        goal, reached = env.progress.goal, torso_pose2(env.state.position_w, quat_to_matrix(env.state.quat_wb))
+    for step in rollout(env, seed=seed):
+        info = step.info
+        if step.terminated or env.ticks >= env.horizon:
+            raise SpidarError(f"the crawl ended after {info['time_s']:.2f} s: {info['failure'] or 'out of time'}")
+        tick, state = env.controller.last_step, env.state
+        assert tick is not None
+        rows.append(
+            {
+                "time": len(rows) / CONTROL_RATE + 1.0 / CONTROL_RATE,
+                "phase": tick.phase,
+                "position_w": state.position_w,
+                "euler": euler_angles(quat_to_matrix(state.quat_wb)),
+                "joint_position": state.joint_position,
+                "joint_torque": state.joint_torque,
+                "vectoring": state.vectoring,
+                "thrust": state.thrust,
+                "thrust_command": info["thrust_command"],
+                "power": info["power_w"],
+                "solve_time": tick.allocation.solve_time,
+                "status": info["qp_status"],
+                "qpos": env.plant.data.qpos.copy(),
+            }
+        )
+        contacts.append(env.plant.contact_forces())
+        on_tick(round(env.progress.nominal_time * CONTROL_RATE))
+    goal, reached = env.progress.goal, torso_pose2(env.state.position_w, quat_to_matrix(env.state.quat_wb))
     error = np.array([goal.x - reached.x, goal.y - reached.y, math.remainder(goal.yaw - reached.yaw, 2.0 * math.pi)])
     speed = env.controller.config.joint_speed
     return CrawlLog(preset, speed, noise, **columns(rows), contacts=contacts, goal_error=error, info=info)
@@ -213,9 +204,7 @@ def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str
     legs, torso = np.isin(log.phase, LEGS_UP), np.isin(log.phase, TORSO_PHASES)
     roll_pitch = np.abs(log.euler[:, :2]).max(axis=1)
     height = float(log.position_w[-1, 2] - log.position_w[0, 2])
-    info, solve_us = log.info, 1e6 * log.solve_time
-    answered = np.isin(log.status, ANSWERED)
-    command = log.thrust_command.sum(axis=1)
+    info, command = log.info, log.thrust_command.sum(axis=1)
     return {
         "preset": log.preset,
         "joint_speed_rad_s": log.joint_speed,
@@ -243,12 +232,7 @@ def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str
         "endurance_min": endurance_min(float(log.power.mean())),
         "joint_rate_swing_rad_s": _ripple(log),
         "is_success": bool(info["is_success"]),
-        "qp": {
-            "median_us": float(np.median(solve_us)),
-            "p99_us": float(np.percentile(solve_us, 99)),
-            "max_us": float(solve_us.max()),
-            "unsolved": int((~answered).sum()),
-        },
+        "qp": qp_figures(log.solve_time, log.status),
     }
 
 

@@ -6,23 +6,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.allocation.allocator import ANSWERED
-from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.paper.crawl import crawl_robot
+from spidar_gym.paper.crawl import LIMIT, crawl_robot
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.text import format_table
 
 AHEAD = {"distance": 0.6, "direction": 0.0, "turn": 0.0}
 """The paper's way."""
-LIMIT = 300.0
-"""A crawl that takes longer has failed [s]."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,6 @@ RANDOM_CASES = tuple(Case(f"randomised, {p}", p, {}, randomised=True) for p in (
 
 def run_case(case: Case, seed: int) -> dict[str, Any]:
     """Crawl one case once; the figures of `crawl_experiment`, and what failed."""
-    spidar_gym.envs.registry.register()
     config = crawler_config(case.preset)
     config = replace(config, **case.crawler, gait=replace(config.gait, **case.gait))
     robot: dict[str, Any] = {"sensors": True, "randomization": 1.0}
@@ -95,15 +89,10 @@ def run_case(case: Case, seed: int) -> dict[str, Any]:
         plant = crawl_robot(np.random.Generator(np.random.PCG64(seed)))
         plant = replace(plant, body=replace(plant.body, **case.body))
         robot = {"plant": replace(plant, actuators=replace(plant.actuators, **case.actuators))}
-    env = gymnasium.make(
-        "spidar_gym/Crawl-v0", **case.options, **robot, controller=config, horizon_s=LIMIT,
-        max_episode_steps=round(LIMIT * CONTROL_RATE), disable_env_checker=True,
-    )  # fmt: skip
-    inner = env.unwrapped
-    assert isinstance(inner, CrawlEnv)
+    env = CrawlEnv(**case.options, **robot, controller=config, horizon_s=LIMIT)
     power, rates, unsolved, largest, last, named = [], [], 0, 0.0, 0.0, True
     info: dict[str, Any] = {}
-    for step in rollout(env, seed=seed):
+    for step in rollout(env, seed=seed, ticks=env.horizon):
         info = step.info
         power.append(info["power_w"])
         unsolved += info["qp_status"] not in ANSWERED
@@ -111,10 +100,8 @@ def run_case(case: Case, seed: int) -> dict[str, Any]:
         thrust = float(info["thrust_command"].sum())
         largest, last = max(largest, abs(thrust - last)), thrust
         if info["phase"] == "swing":
-            rates.append(inner.state.joint_velocity[1::4])
-    env.close()
+            rates.append(env.state.joint_velocity[1::4])
     x, y, yaw = info["goal_error"].tolist()
-    progress = inner.progress
     return {
         "case": case.name,
         "preset": case.preset,
@@ -126,8 +113,8 @@ def run_case(case: Case, seed: int) -> dict[str, Any]:
         "error_y_m": y,
         "error_m": math.hypot(x, y),
         "yaw_rad": abs(yaw),
-        "roll_pitch_legs_rad": progress.tilt_legs,
-        "roll_pitch_torso_rad": progress.tilt_torso,
+        "roll_pitch_legs_rad": env.progress.tilt_legs,
+        "roll_pitch_torso_rad": env.progress.tilt_torso,
         "slip_m": info["foot_slip_m"],
         "peg_slip_m": info["peg_slip_m"],
         "saturation": info["saturation_share"],

@@ -2,17 +2,13 @@
 
 import math
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.policies.rollout import columns, rollout
@@ -121,45 +117,38 @@ def fly_paper(
     Raises:
         SpidarError: When the flight ends early.
     """
-    controller_config(preset)
-    spidar_gym.envs.registry.register()
-    wrapped = gymnasium.make(
-        "spidar_gym/Hover-v0",
+    env = HoverEnv(
         forms="paper",
         preset=preset,
         perturbation=0.0,
         unrestricted=UNRESTRICTED,
         plant=noisy_robot(np.random.Generator(np.random.PCG64(seed))) if noise else None,
         horizon_s=FLIGHT_SECONDS,
-        max_episode_steps=FLIGHT_TICKS,
     )
-    env = wrapped.unwrapped
-    assert isinstance(env, HoverEnv)
     rows: list[dict[str, Any]] = []
-    with closing(wrapped):
-        for step in rollout(wrapped, seed=seed):
-            info, time = step.info, (len(rows) + 1) / CONTROL_RATE
-            if step.terminated:
-                raise SpidarError(f"the flight ended after {time:.2f} s: {info['failure']}")
-            tick = env.controller.last_step
-            assert tick is not None
-            rows.append(
-                {
-                    "time": time,
-                    "position_error": info["position_error"],
-                    "attitude_error": info["attitude_error"],
-                    "joint_position": env.state.joint_position,
-                    "joint_torque": info["joint_torque_allocated"],
-                    "vectoring": info["vectoring"],
-                    "thrust": info["thrust"],
-                    "solve_time": tick.allocation.solve_time,
-                    "status": info["qp_status"],
-                    "air_force": info["air_force"],
-                    "power": info["power_w"],
-                    "qpos": env.plant.data.qpos.copy(),
-                }
-            )
-            on_tick()
+    for step in rollout(env, seed=seed, ticks=FLIGHT_TICKS):
+        info, time = step.info, (len(rows) + 1) / CONTROL_RATE
+        if step.terminated:
+            raise SpidarError(f"the flight ended after {time:.2f} s: {info['failure']}")
+        tick = env.controller.last_step
+        assert tick is not None
+        rows.append(
+            {
+                "time": time,
+                "position_error": info["position_error"],
+                "attitude_error": info["attitude_error"],
+                "joint_position": env.state.joint_position,
+                "joint_torque": info["joint_torque_allocated"],
+                "vectoring": info["vectoring"],
+                "thrust": info["thrust"],
+                "solve_time": tick.allocation.solve_time,
+                "status": info["qp_status"],
+                "air_force": info["air_force"],
+                "power": info["power_w"],
+                "qpos": env.plant.data.qpos.copy(),
+            }
+        )
+        on_tick()
     return FlightLog(preset, **columns(rows), noise=noise)
 
 
@@ -181,8 +170,6 @@ def recovery(log: FlightLog, start: float, end: float) -> float:
 def flight_figures(log: FlightLog) -> dict[str, Any]:
     """The experiment's figures, ready for JSON; keys carry their units."""
     form3_vectoring = log.window(log.vectoring, FORM3_WINDOW).mean(axis=0)
-    solve_us = 1e6 * log.solve_time
-    answered = np.isin(log.status, ANSWERED)
     recoveries = (
         recovery(log, UNRESTRICTED[0][1], UNRESTRICTED[1][0]),
         recovery(log, UNRESTRICTED[1][1], FLIGHT_SECONDS),
@@ -202,12 +189,23 @@ def flight_figures(log: FlightLog) -> dict[str, Any]:
         "recovery_s": [None if math.isinf(t) else t for t in recoveries],  # JSON has no infinity
         "wake_loss_constrained": float(-log.window(log.air_force, FORM3_WINDOW)[:, 2].mean() / ROBOT.weight),
         "endurance_min": endurance_min(float(log.window(log.power, FORM1_WINDOW).mean())),
-        "qp": {
-            "median_us": float(np.median(solve_us)),
-            "p99_us": float(np.percentile(solve_us, 99)),
-            "max_us": float(solve_us.max()),
-            "unsolved": int((~answered).sum()),
-        },
+        "qp": qp_figures(log.solve_time, log.status),
+    }
+
+
+def qp_figures(solve_time: np.ndarray, status: np.ndarray) -> dict[str, Any]:
+    """How long the QP took in each tick, and in how many of them it had no optimum.
+
+    Args:
+        solve_time: Time of each tick, shape (n,) [s].
+        status: What became of it, (n,) words.
+    """
+    solve_us = 1e6 * solve_time
+    return {
+        "median_us": float(np.median(solve_us)),
+        "p99_us": float(np.percentile(solve_us, 99)),
+        "max_us": float(solve_us.max()),
+        "unsolved": int((~np.isin(status, ANSWERED)).sum()),
     }
 
 

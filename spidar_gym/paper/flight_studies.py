@@ -6,10 +6,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.benchmark.statistics import compare
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
@@ -143,7 +141,6 @@ def lost_rotors(preset: str = "paper", *, on_flight: Callable[[], object] = lamb
 
     The allocation is told which one. Statics: the allocation of a level hover in that form, all constraints at once.
     """
-    spidar_gym.envs.registry.register()
     rows = []
     controller = FlightController(controller_config(preset))
     for fault, form, rotor in product(FAULTS, FORMS, range(1, N_ROTORS + 1)):
@@ -170,21 +167,17 @@ def lost_rotors(preset: str = "paper", *, on_flight: Callable[[], object] = lamb
 
 
 def _fly_lost(preset: str, form: str, disturbances: dict[str, Any]) -> dict[str, Any]:
-    ticks = round(FAULT_SECONDS * CONTROL_RATE)
-    env = gymnasium.make(
-        "spidar_gym/Hover-v0", forms=form, preset=preset, perturbation=0.0, disturbances=disturbances,
-        horizon_s=FAULT_SECONDS, max_episode_steps=ticks,
+    env = HoverEnv(
+        forms=form, preset=preset, perturbation=0.0, disturbances=disturbances, horizon_s=FAULT_SECONDS
     )  # fmt: skip
-    assert isinstance(env.unwrapped, HoverEnv)
     position, attitude, bounded, flown = 0.0, 0.0, True, 0
     info: dict[str, Any] = {}
-    for step in rollout(env, seed=0):
+    for step in rollout(env, seed=0, ticks=env.horizon):
         info, flown = step.info, flown + 1
         position = max(position, float(np.linalg.norm(info["position_error"])))
         attitude = max(attitude, float(np.linalg.norm(info["attitude_error"])))
         thrust = info["thrust_command"]
         bounded &= bool(np.isfinite(thrust).all() and thrust.min() >= 0.0 and thrust.max() <= ROBOT.max_thrust + 1e-9)
-    env.close()
     return {
         "position_m": position,
         "attitude_rad": attitude,

@@ -5,10 +5,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.envs.hover.env import HoverEnv
@@ -57,13 +55,10 @@ class Outcome:
 
 def make_env(config: ControllerConfig, trial: Trial) -> HoverEnv:
     """The environment of a trial with a controller; its joint speed is the trial's."""
-    spidar_gym.envs.registry.register()
-    env = gymnasium.make(
-        "spidar_gym/Hover-v0", forms="independent", joint_speed=trial.joint_speed, perturbation=0.0, controller=config,
-        max_episode_steps=10**9, disable_env_checker=True, **CONDITIONS[trial.condition],
-    ).unwrapped  # fmt: skip
-    assert isinstance(env, HoverEnv)
-    return env
+    return HoverEnv(
+        forms="independent", joint_speed=trial.joint_speed, perturbation=0.0, controller=config,
+        **CONDITIONS[trial.condition],
+    )  # fmt: skip
 
 
 def fly(config: ControllerConfig, trial: Trial) -> Outcome:

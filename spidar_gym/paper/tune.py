@@ -71,11 +71,14 @@ def _gains(axis: str, p: float, i: float, d: float) -> tuple[Parameter, ...]:
     )
 
 
-PARAMETERS: tuple[Parameter, ...] = (
+GAINS: tuple[Parameter, ...] = (
     *_gains("xy", 4.7, 0.16, 6.0),
     *_gains("z", 8.0, 1.5, 6.0),
     *_gains("roll_pitch", 18.0, 2.0, 9.0),
     *_gains("yaw", 14.0, 1.3, 8.0),
+)
+"""Gains of the PIDs."""
+COMPENSATIONS: tuple[Parameter, ...] = (
     Parameter("momentum_gain", 1.0, 0.5, 1.5),
     Parameter("momentum_filter", 0.02, 0.002, 0.1),
     Parameter("servo_bandwidth", 40.0, 8.0, 120.0),
@@ -84,7 +87,9 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("observer_time", 0.5, 0.1, 2.0),
     Parameter("observer_lag", 0.05, 0.01, 0.2),
 )
-"""What is tuned; the ramp of the joints is fixed, because it is bounded by the deadlines, not by the errors."""
+"""Fields of `CompensationConfig`; the ramp of the joints is fixed: the deadlines bound it, not the errors."""
+PARAMETERS = GAINS + COMPENSATIONS
+"""What is tuned."""
 JOINT_RAMP = 0.4
 """Ramp of the commanded joints [s]."""
 
@@ -96,10 +101,9 @@ def configuration(values: dict[str, float]) -> ControllerConfig:
         return values[f"{axis}_p"], values[f"{axis}_i"], values[f"{axis}_d"]
 
     xy, tilt = pid("xy"), pid("roll_pitch")
-    names = [p.name for p in PARAMETERS if "_" in p.name and p.name[-2:] not in ("_p", "_i", "_d")]
     return ControllerConfig(
         centroidal=CentroidalConfig(position_gains=(xy, xy, pid("z")), attitude_gains=(tilt, tilt, pid("yaw"))),
-        compensation=CompensationConfig(joint_ramp=JOINT_RAMP, **{name: values[name] for name in names}),
+        compensation=CompensationConfig(joint_ramp=JOINT_RAMP, **{p.name: values[p.name] for p in COMPENSATIONS}),
     )
 
 
@@ -107,8 +111,7 @@ def decode(x: np.ndarray) -> dict[str, float]:
     """Parameters of a point of the search: 0 is the start, ± 1 the bounds in logarithms, beyond them reflected."""
     values = {}
     for parameter, u in zip(PARAMETERS, np.asarray(x, float).tolist(), strict=True):
-        u = abs((u + 1.0) % 4.0 - 2.0) - 1.0  # a triangle wave through (−1, 1), (1, −1)
-        u = -u
+        u = 1.0 - abs((u + 1.0) % 4.0 - 2.0)  # a triangle wave through (−1, −1), (1, 1)
         end = parameter.high if u > 0.0 else parameter.low
         values[parameter.name] = parameter.start * (end / parameter.start) ** abs(u)
     return values

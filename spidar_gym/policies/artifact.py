@@ -9,7 +9,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.border import MOST_WORDS, BorderError, pack, read_file, require_form, unpack
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
@@ -26,6 +25,8 @@ ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))
 """Valid activations of the hidden layers."""
 OUTPUTS = ("clip", "tanh")
 """How the last layer becomes an action: clipped to ± 1 (PPO), or squashed (SAC)."""
+VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
+"""Fields of an artifact that are vectors in its file, and what they are part of."""
 TITLE = "policy.json"
 """The words in the file."""
 MOST_LAYERS, MOST_WIDTH = 8, 1024
@@ -45,6 +46,8 @@ FORM = {
     "training": dict,
 }  # fmt: skip
 """What stands in the words."""
+LINES = ("name", "kind", "doc", "env_id", "activation", "output")
+"""Which of them are a line each."""
 TRAINING = {"command": str, "seed": int, "steps": int, "chosen_at": int, "curve": [[float, float]]}
 """What stands in `training`, of which nothing has to be there, and beside which anything may be."""
 
@@ -126,7 +129,7 @@ class Artifact:
         check_name(self.name)
         if not (isinstance(self.clip, int | float) and 0.0 < self.clip < math.inf):
             raise InvalidValueError("clip", self.clip, "a number above 0")
-        arrays = {"mean": self.mean, "variance": self.variance, "washout": self.washout}
+        arrays = {name: getattr(self, name) for name in VECTORS}
         arrays |= {f"weights[{k}]": w for k, w in enumerate(self.weights)}
         arrays |= {f"biases[{k}]": b for k, b in enumerate(self.biases)}
         for name, array in arrays.items():
@@ -161,7 +164,6 @@ class Artifact:
 
 def interface(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """What an environment shows and takes: names and sizes of the observation's pieces, length of the action."""
-    spidar_gym.envs.registry.register()
     env = gymnasium.make(env_id, **arguments, disable_env_checker=True).unwrapped
     assert isinstance(env, SpidarEnv)
     fields = [[f.name, f.size, f.bound] for f in env.layout]
@@ -188,11 +190,7 @@ def write_artifact(artifact: Artifact, path: Path) -> None:
         "versions": versions(),
         "training": dict(artifact.training),
     }
-    arrays: dict[str, np.ndarray] = {
-        "mean": artifact.mean.astype(np.float64),
-        "variance": artifact.variance.astype(np.float64),
-        "washout": artifact.washout.astype(np.float64),
-    }
+    arrays: dict[str, np.ndarray] = {name: getattr(artifact, name).astype(np.float64) for name in VECTORS}
     for k, (w, b) in enumerate(zip(artifact.weights, artifact.biases, strict=True)):
         arrays[f"weight{k}"], arrays[f"bias{k}"] = w.astype(np.float32), b.astype(np.float32)
     write_bytes(path, pack(TITLE, meta, arrays))
@@ -224,7 +222,7 @@ def read_artifact(path: Path) -> Artifact:
 
 def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Artifact:
     """The artifact of a file's parts, where they fit the environments, the robot and each other."""
-    for name in ("name", "kind", "doc", "env_id", "activation", "output"):
+    for name in LINES:
         if not (len(meta[name]) <= MOST_LETTERS and meta[name].isprintable()):
             raise BorderError(f"its {name} is no line of at most {MOST_LETTERS} letters")
     _check_origin(path, meta)
@@ -233,17 +231,15 @@ def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarr
     if not 1 <= meta["layers"] <= MOST_LAYERS:
         raise InvalidValueError("layers", meta["layers"], f"1 … {MOST_LAYERS}")
     layers = range(meta["layers"])
-    needed = ["mean", "variance", "washout", *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
+    needed = [*VECTORS, *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
     missing = [name for name in needed if name not in arrays]
     if missing:
-        what = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}.get(missing[0], "network")
+        what = VECTORS.get(missing[0], "network")
         raise ArtifactError(f"{path} lacks {missing[0]} of its {what}; valid: an artifact with all its parts")
     weights, biases = (tuple(arrays[f"{part}{k}"] for k in layers) for part in ("weight", "bias"))
-    known = {name: meta[name] for name in ("name", "kind", "doc", "env_id", "arguments", "activation", "output")}
-    artifact = Artifact(
-        **known, clip=float(meta["clip"]), weights=weights, biases=biases, mean=arrays["mean"],
-        variance=arrays["variance"], washout=arrays["washout"], training=meta["training"],
-    )  # fmt: skip
+    known: dict[str, Any] = {name: meta[name] for name in (*LINES, "arguments", "training")}
+    known |= {name: arrays[name] for name in VECTORS}
+    artifact = Artifact(**known, clip=float(meta["clip"]), weights=weights, biases=biases)
     sizes = sum(size for _, size, _ in meta["interface"]["observation"]), meta["interface"]["action"]
     if (len(artifact.mean), len(artifact.biases[-1])) != sizes:
         raise ArtifactError(
