@@ -6,18 +6,8 @@ from types import ModuleType
 
 from spidar_gym import so3, state
 from spidar_gym.control import rotors
-from spidar_gym.control.allocation import allocator, cone, contact, modes, problem, solver
+from spidar_gym.control.allocation import allocator, blocks, cone, contact, problem, solver
 from spidar_gym.control.allocation.allocator import AllocationStatus
-from spidar_gym.control.allocation.blocks import (
-    InterferenceBound,
-    JointTorqueEffort,
-    JointTorqueLimit,
-    ThrustBox,
-    ThrustEffort,
-    VectoringLock,
-    WrenchBalance,
-)
-from spidar_gym.control.allocation.contact import ContactWrenchRange, FootEffort, FrictionPyramid, PowerEffort
 from spidar_gym.control.allocation.modes import ALLOCATIONS, PROJECTION, ground_modes
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Mode
 from spidar_gym.control.crawl import controller as crawl_controller
@@ -31,6 +21,8 @@ from spidar_gym.model import rotor
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
+ONBOARD_ITERATIONS = 300
+"""Iteration cap of the robot's computer: what fits into 5 ms there."""
 MAX_N = MAX_M = 80
 """Unknowns and rows of the largest program, softened ones included."""
 MAX_SIDES = 2 * MAX_M + N_ROTORS
@@ -45,10 +37,10 @@ SIZES = {
     "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
     "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "POSE_FRAMES": POSE_FRAMES,
-    "IMU_SAMPLES": IMU_SAMPLES,
+    "IMU_SAMPLES": IMU_SAMPLES, "MODE_COSTS": 4, "MODE_ROWS": 6,
 }  # fmt: skip
 """Whole numbers by their names in C without `SP_`."""
-NUMBERS: tuple[tuple[str, ModuleType | type, tuple[str, ...]], ...] = (
+NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", flight_controller, ("CONTROL_RATE",)),
     ("", observation, ("NO_NEXT_FORM",)),
     ("", state, ("LEAST_QUATERNION",)),
@@ -59,11 +51,8 @@ NUMBERS: tuple[tuple[str, ModuleType | type, tuple[str, ...]], ...] = (
     ("", compensation, ("MAX_EXTERNAL_FORCE", "MAX_EXTERNAL_TORQUE")),
     ("", problem, ("FORCE_SCALE", "WRENCH_SCALE", "TORQUE_SCALE", "INFINITY")),
     ("", solver, ("DUAL_TOLERANCE", "RHO", "OTHER_RHO", "ROUNDS", "MORE_ROUNDS", "ROW_TOLERANCE")),
-    ("", allocator, ("LEAST_NORM", "SIDE_TOLERANCE", "SPHERE_TOLERANCE")),
+    ("", allocator, ("SIDE_TOLERANCE", "SPHERE_TOLERANCE")),
     ("CONE_", cone, ("MAX_STEPS", "ROWS", "PRODUCT", "GRADIENT", "LOOSE", "PROOF", "FAR", "SHORT", "TINY")),
-    ("", modes, ("AS_FLOWN_THRUST",)),
-    ("FOOT_EFFORT_", contact.FootEffort, ("weight",)),
-    ("FRICTION_PYRAMID_", contact.FrictionPyramid, ("min_normal",)),
     ("", contact, ("LEAST_THRUST",)),
     ("", crawl_controller, ("EFFORT_SHARE",)),
     ("", footsteps, ("MOST_STRIDE", "BISECTIONS")),
@@ -87,10 +76,11 @@ def program_modes() -> dict[str, Mode]:
 
 PROGRAMS = tuple(program_modes())
 """Programs of the core in its order; on the ground they are the allocation modes' names."""
-COSTS = (ThrustEffort, PowerEffort, JointTorqueEffort, FootEffort)
+COSTS = (blocks.ThrustEffort, contact.PowerEffort, blocks.JointTorqueEffort, contact.FootEffort)
 """Blocks of cost in the core's order."""
 ROWS = (
-    WrenchBalance, ThrustBox, JointTorqueLimit, VectoringLock, InterferenceBound, ContactWrenchRange, FrictionPyramid,
+    blocks.WrenchBalance, blocks.ThrustBox, blocks.JointTorqueLimit, blocks.VectoringLock, blocks.InterferenceBound,
+    contact.ContactWrenchRange, contact.FrictionPyramid,
 )  # fmt: skip
 """Blocks of rows in the core's order."""
 STEPS = {"cycle": CYCLE, "lift": LIFT, "stand": STAND}

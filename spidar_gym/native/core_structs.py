@@ -16,6 +16,7 @@ from spidar_gym.native.constants import (
     MAX_STEPS,
     N_ANGLES,
     PROGRAMS,
+    SIZES,
 )
 from spidar_gym.native.structs import CStruct, border_structs, dtypes
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
@@ -54,8 +55,8 @@ CORE_STRUCTS: Sequence[CStruct] = (
     CStruct("mode", "An allocation mode: its blocks, and its unknowns and rows.", (
         ("kind", "program_kind", (), "which pattern, so which workspace of the solver"),
         ("feet_carry n m", "i4", (), "whether foot forces are unknowns; unknowns; rows"),
-        ("costs", "cost", (4,), ""),
-        ("rows", "rows", (6,), ""),
+        ("costs", "cost", (SIZES["MODE_COSTS"],), ""),
+        ("rows", "rows", (SIZES["MODE_ROWS"],), ""),
     )),
     CStruct("demand", "What one tick asks of the allocation.", (
         ("wrench", "f8", (6,), "desired, {CoG} [N, Nm]"),
@@ -141,7 +142,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
     CStruct("flight", "The flight controller.", (
         ("config", "controller_config", (), ""),
         ("memory", "flight_memory", (), ""),
-        ("mode projection", "mode", (), ""),
+        ("mode", "mode", (), ""),
         ("dt", "f8", (), "length of a tick [s]"),
         ("ticked", "i4", (), "whether there is a last tick"),
         ("control", "control_state", (), ""),
@@ -201,7 +202,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("gait", "gait_memory", (), ""),
         ("memory", "crawl_memory", (), ""),
         ("modes", "mode", (len(PROGRAMS),), "by sp_program_kind"),
-        ("projection", "mode", (), ""),
         ("dt", "f8", (), "length of a tick [s]"),
         ("home_b", "f8", (3 * N_LEGS,), "where the feet stand at rest [m]"),
         ("ticked", "i4", (), "whether there is a last tick"),

@@ -15,6 +15,7 @@ from spidar_gym.native.codegen.header import (
     CORE,
     constants_header,
     model_header,
+    modes_header,
     presets_header,
     structs_header,
 )
@@ -67,7 +68,7 @@ def export_files(
     for name in PAGES:
         files[name] = (ONBOARD / name).read_bytes()
     generated = {
-        "constants": constants_header(), "structs": structs_header(), "model": model_header(),
+        "constants": constants_header(), "structs": structs_header(), "modes": modes_header(), "model": model_header(),
         "presets": presets_header(), "policy": policy_header(artifact, rate), "runner": runner_header(),
     }  # fmt: skip
     files |= {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}

@@ -1,16 +1,15 @@
 """Golden vectors: a recorded flight and crawl, what went in and what the readable controller answered."""
 
+import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import spidar_gym.envs.registry
 from spidar_gym.control.allocation.allocator import Allocation
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS
-from spidar_gym.native.core_structs import core_layouts
+from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import fill
 from spidar_gym.onboard.runner_structs import MAGIC, LogKind, log_layouts, runner_hash
@@ -22,59 +21,56 @@ FLIGHT_TICKS, CRAWL_TICKS = 200, 500
 """Length of the golden logs: five seconds of fast legs, one and a half gait phases."""
 
 
+def _struct(name: str, value: object = None, **members: Any) -> bytes:  # noqa: ANN401 - any struct's members
+    """A struct of the runner: of a dataclass, or of its members, dataclasses among them; those not named are zero."""
+    record = np.zeros((), log_layouts()[name])
+    if value is not None:
+        fill(record, value)
+    for member, given in members.items():
+        if dataclasses.is_dataclass(given):
+            fill(record[member], given)
+        else:
+            record[member] = given
+    return record.tobytes()
+
+
 class Log:
     """A log that is being written: inputs, and what somebody answered."""
 
     def __init__(self, kind: LogKind, config: object, struct: str) -> None:
         """Begin with a configuration, of the struct named."""
         self._kind, self._inputs, self._outputs = kind, [], []
-        record = np.zeros((), core_layouts()[struct])
-        fill(record, config)
-        self._front = [record.tobytes()]
+        self._front = [_struct(struct, config)]
 
     def start(self, state: RobotState, joint_position: np.ndarray, trim: np.ndarray | None) -> None:
         """A flight's first state."""
-        record = np.zeros((), log_layouts()["log_start"])
-        fill(record["state"], state)
-        record["joint_position"], record["has_trim"] = joint_position, trim is not None
-        record["trim"] = 0.0 if trim is None else trim
-        self._front.append(record.tobytes())
+        known = {} if trim is None else {"has_trim": 1, "trim": trim}
+        self._front.append(_struct("log_start", state=state, joint_position=joint_position, **known))
 
     def moves(self, state: RobotState, moves: list[tuple[float, float, float, int]]) -> None:
         """A crawl's first state and its moves: x, y, yaw, cycles."""
-        first = np.zeros((), core_layouts()["robot_state"])
-        fill(first, state)
-        self._front.append(first.tobytes())
-        for x, y, yaw, cycles in [*moves, (0.0, 0.0, 0.0, -1)]:
-            record = np.zeros((), log_layouts()["move"])
-            record["way"]["x"], record["way"]["y"], record["way"]["yaw"], record["cycles"] = x, y, yaw, cycles
-            self._front.append(record.tobytes())
+        self._front.append(_struct("robot_state", state))
+        for *way, cycles in [*moves, (0.0, 0.0, 0.0, -1)]:
+            self._front.append(_struct("move", way=tuple(way), cycles=cycles))
 
     def add(self, state: RobotState, reference: Reference | None, residual: Residual = NO_RESIDUAL) -> None:
         """What went into a tick."""
-        record = np.zeros((), log_layouts()["log_input"])
-        fill(record["state"], state)
-        if reference is not None:
-            fill(record["reference"], reference)
-        record["has_residual"] = residual is not NO_RESIDUAL
-        fill(record["residual"], residual)
-        self._inputs.append(record.tobytes())
+        known = {} if reference is None else {"reference": reference}
+        more = residual is not NO_RESIDUAL
+        self._inputs.append(_struct("log_input", state=state, has_residual=more, residual=residual, **known))
 
     def answer(self, command: Command, allocation: Allocation) -> None:
         """What came out of it."""
-        record = np.zeros((), log_layouts()["log_output"])
-        fill(record["command"], command)
-        record["forces_l"] = allocation.forces_l.reshape(-1)
-        record["status"], record["iterations"] = STATUS.index(allocation.status), allocation.iterations
-        self._outputs.append(record.tobytes())
+        forces, status = allocation.forces_l.reshape(-1), STATUS.index(allocation.status)
+        self._outputs.append(
+            _struct("log_output", command=command, forces_l=forces, status=status, iterations=allocation.iterations)
+        )
 
     def inputs(self) -> bytes:
         """The file that `runner replay` reads."""
-        head = np.zeros((), log_layouts()["log_head"])
-        head["kind"], head["ticks"] = self._kind, len(self._inputs)
-        data = bytearray(head.tobytes())
-        data[:40] = (MAGIC + runner_hash()).encode()
-        return bytes(data) + b"".join(self._front + self._inputs)
+        magic, interface = (list(word.encode()) for word in (MAGIC, runner_hash()))
+        head = _struct("log_head", magic=magic, interface=interface, kind=self._kind, ticks=len(self._inputs))
+        return b"".join([head, *self._front, *self._inputs])
 
     def outputs(self) -> bytes:
         """What it should write, to rounding."""
@@ -93,36 +89,33 @@ class _Recorded(PresetPolicy):
         return super().act(observation)
 
 
-def record_flight(ticks: int = FLIGHT_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
-    """A flight of the readable controller, at the robot's iteration cap."""
-    spidar_gym.envs.registry.register()
-    given = {"preset": "tuned", "forms": "independent", "joint_speed": 1.0, "sensors": True, **options}
-    env = gymnasium.make("spidar_gym/Hover-v0", max_iter=ONBOARD_ITERATIONS, **given).unwrapped
-    assert isinstance(env, HoverEnv)
-    log = Log(LogKind.FLIGHT, env.controller.config, "controller_config")
-    steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
-    log.start(env.seen, env.progress.goal.joint_target, env.preload)
+def _finished(log: Log, env: HoverEnv | CrawlEnv, steps: Iterable[object]) -> Log:
+    """The log, after the rest of its episode."""
     for _ in steps:
         last = env.controller.last_step
         assert last is not None
         log.answer(env.command, last.allocation)
     return log
+
+
+def record_flight(ticks: int = FLIGHT_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
+    """A flight of the readable controller, at the robot's iteration cap."""
+    given = {"preset": "tuned", "forms": "independent", "joint_speed": 1.0, "sensors": True, **options}
+    env = HoverEnv(max_iter=ONBOARD_ITERATIONS, **given)
+    log = Log(LogKind.FLIGHT, env.controller.config, "controller_config")
+    steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
+    log.start(env.seen, env.progress.goal.joint_target, env.preload)
+    return _finished(log, env, steps)
 
 
 def record_crawl(ticks: int = CRAWL_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
     """A crawl of the readable controller, at the robot's iteration cap."""
-    spidar_gym.envs.registry.register()
     given = {"preset": "published", "distance": 0.2, "direction": 0.3, "turn": 0.2, "sensors": True, **options}
-    env = gymnasium.make("spidar_gym/Crawl-v0", max_iter=ONBOARD_ITERATIONS, **given).unwrapped
-    assert isinstance(env, CrawlEnv)
+    env = CrawlEnv(max_iter=ONBOARD_ITERATIONS, **given)
     log = Log(LogKind.CRAWL, env.controller.config, "crawler_config")
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
     log.moves(env.seen, [(*env.way, 0)])
-    for _ in steps:
-        last = env.controller.last_step
-        assert last is not None
-        log.answer(env.command, last.allocation)
-    return log
+    return _finished(log, env, steps)
 
 
 def golden_files() -> dict[str, bytes]:

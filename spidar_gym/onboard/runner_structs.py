@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES
-from spidar_gym.native.codegen.header import define, enumeration, header, interface_digest, interface_hash, struct
+from spidar_gym.native.codegen.header import (
+    array,
+    define,
+    enumeration,
+    header,
+    interface_digest,
+    interface_hash,
+    struct,
+)
 from spidar_gym.native.constants import MAX_ACTION, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
@@ -70,35 +78,36 @@ class Action(IntEnum):
     FORCE_LANDING = 2
 
 
-class Fault(IntEnum):
-    """What is wrong."""
+FAULTS = {
+    "FINE": "none",
+    "LATE": "the tick came late",
+    "NO_STATE": "the flight state is stale",
+    "NO_POSE": "the pose is stale",
+    "NO_IMU": "the inertial unit is stale",
+    "NO_JOINTS": "the joint states are stale",
+    "NOT_FINITE": "a sample is not finite",
+    "OUT_OF_RANGE": "a sample is out of range",
+    "OUT_OF_ORDER": "a sample is out of order",
+    "JUMPED": "the pose jumps",
+    "TILTED": "the torso tilts too far",
+    "OUTSIDE": "the robot is outside its fence",
+    "CONTENDED": "another node commands the rotors",
+    "NO_ALLOCATION": "no allocation for too long",
+    "BAD_COMMAND": "a command is out of bounds",
+}
+"""What can be wrong, and how the runner says it."""
 
-    FINE = 0
-    LATE = 1
-    NO_STATE = 2
-    NO_POSE = 3
-    NO_IMU = 4
-    NO_JOINTS = 5
-    NOT_FINITE = 6
-    OUT_OF_RANGE = 7
-    OUT_OF_ORDER = 8
-    JUMPED = 9
-    TILTED = 10
-    OUTSIDE = 11
-    CONTENDED = 12
-    NO_ALLOCATION = 13
-    BAD_COMMAND = 14
 
-
-def _of(kind: type[IntEnum], prefix: str = "", count: str = "") -> Enumeration:
+def _of(kind: type[IntEnum], prefix: str = "") -> Enumeration:
     return Enumeration(
         snake(kind.__name__), (kind.__doc__ or "").splitlines()[0], tuple(each.name for each in kind), prefix,
-        tuple(each.value for each in kind), count,
+        tuple(each.value for each in kind),
     )  # fmt: skip
 
 
 ENUMERATIONS = (
-    _of(FlightState, "STATE_"), _of(LogKind, "LOG_"), _of(Stage), _of(Action), _of(Fault, count="FAULTS"),
+    _of(FlightState, "STATE_"), _of(LogKind, "LOG_"), _of(Stage), _of(Action),
+    Enumeration("fault", "What is wrong.", tuple(FAULTS), count="FAULTS"),
     Enumeration("topic", "Topics that the runner listens to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
 )  # fmt: skip
 RUNNER_STRUCTS: Sequence[CStruct] = (
@@ -244,6 +253,8 @@ def _header_lines() -> list[str]:
     lines += [
         "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
         f"#define SP_TOPIC_ROWS {{{rows}}}",
+        "",
+        *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
         "",
     ]
     return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]

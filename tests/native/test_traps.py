@@ -10,7 +10,8 @@ from support.cores import CAP, Allocating
 from support.needs import needs_compiler
 from support.states import random_demands
 
-from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS, generate_solvers
+from spidar_gym.native.codegen.solvers import generate_solvers
+from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import load_core
 from spidar_gym.onboard.export import build
 

@@ -12,7 +12,7 @@ from support.needs import needs_compiler
 from support.runner import HOLD, LAND, NAMES, RATES, TOPICS, ZEROS, junk, nan_pose, read_mission, said
 
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS
+from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.structs import fill
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
 from spidar_gym.robot import ROBOT

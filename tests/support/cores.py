@@ -1,9 +1,11 @@
 """The compiled core's allocation, called as the readable one is."""
 
+import ctypes
+
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
-from spidar_gym.control.allocation.modes import ALLOCATIONS
+from spidar_gym.native.constants import PROGRAMS
 from spidar_gym.native.library import Struct, pointer, read_allocation
 from spidar_gym.native.structs import fill
 
@@ -25,17 +27,16 @@ class Allocating:
 
     def __init__(self, library, cap=CAP, preset="paper"):
         self.library, self.workspace = library, Struct("workspace")
-        self.mode, self.projection = Struct("mode"), Struct("mode")
         self.config, self.answer = Struct("allocator_config"), Struct("allocation")
         fill(self.config.record, AllocatorConfig(max_iter=cap))
-        library.sp_flight_mode(list(ALLOCATIONS).index(preset), self.mode.pointer)
-        library.sp_projection_mode(self.projection.pointer)
+        library.sp_find_mode.restype = ctypes.c_void_p
+        self.mode = ctypes.c_void_p(library.sp_find_mode(PROGRAMS.index(preset)))
 
     def __call__(self, demand, previous=None):
         held = np.zeros(24) if previous is None else previous.reshape(-1).copy()
         question = asked(demand)  # kept while the core reads it
         self.library.sp_allocate(
-            self.mode.pointer, question.pointer, pointer(held), None, 0, 0, self.config.pointer,
+            self.mode, question.pointer, pointer(held), None, 0, 0, self.config.pointer,
             self.workspace.pointer, self.answer.pointer,
         )  # fmt: skip
         return read_allocation(self.answer, 0.0)
@@ -43,7 +44,7 @@ class Allocating:
     def project(self, demand, wish):
         question, wished, held = asked(demand), wish.reshape(-1).copy(), np.zeros(24)
         self.library.sp_project(
-            self.projection.pointer, question.pointer, pointer(wished), pointer(held), self.config.pointer,
-            self.workspace.pointer, self.answer.pointer,
+            question.pointer, pointer(wished), pointer(held), self.config.pointer, self.workspace.pointer,
+            self.answer.pointer,
         )  # fmt: skip
         return read_allocation(self.answer, 0.0)

@@ -6,7 +6,7 @@
 import dataclasses
 import hashlib
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,11 +17,20 @@ import pinocchio as pin
 
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.native.codegen.solvers import ONBOARD_ITERATIONS
-from spidar_gym.native.constants import ENUMERATIONS, NUMBERS, SIZES, STEPS, Enumeration, snake
+from spidar_gym.native.constants import (
+    ENUMERATIONS,
+    NUMBERS,
+    ONBOARD_ITERATIONS,
+    ROWS,
+    SIZES,
+    STEPS,
+    Enumeration,
+    program_modes,
+    snake,
+)
 from spidar_gym.native.core_structs import CORE_STRUCTS
 from spidar_gym.native.structs import WORDS, CStruct, border_structs
-from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_ROTORS, ROBOT
 from spidar_gym.robot.description import mjcf_path
 
 CORE = Path(__file__).resolve().parents[1] / "core"
@@ -78,6 +87,12 @@ def define(name: str, value: int | float, origin: str = "") -> str:
     return f"#define SP_{name} {text}" + (f" /* {comment} */" if comment else "")
 
 
+def array(kind: str, name: str, items: Sequence[object]) -> list[str]:
+    """A constant array of C, four items a line."""
+    rows = [", ".join(map(str, items[k : k + 4])) for k in range(0, len(items), 4)]
+    return [f"static const {kind} {name}[{len(items)}] = {{", *(f"    {row}," for row in rows), "};"]
+
+
 def enumeration(each: Enumeration) -> list[str]:
     """An enumeration of C."""
     items = [f"SP_{each.prefix}{word}".upper() + f" = {number}" for word, number in each.numbers.items()]
@@ -101,8 +116,7 @@ def constants_header() -> str:
     """spidar_constants.h: sizes, numbers and enumerations, each from the one place where Python has it."""
     lines = [define(name, value) for name, value in SIZES.items()]
     for prefix, place, names in NUMBERS:
-        where = f"{place.__module__}.{place.__name__}" if isinstance(place, type) else place.__name__
-        lines += [define(f"{prefix}{n}".upper(), getattr(place, n), f"{where}.{n}") for n in names]
+        lines += [define(f"{prefix}{n}".upper(), getattr(place, n), f"{place.__name__}.{n}") for n in names]
     lines += ["", *(line for each in ENUMERATIONS.values() for line in enumeration(each))]
     for (kind, name), words in WORDS.items():
         items = ", ".join(f"SP_{kind}_{name}_{word}".upper() + f" = {k}" for k, word in enumerate(words))
@@ -123,6 +137,27 @@ def structs_header() -> str:
     )  # fmt: skip
 
 
+def _blocks(blocks: Iterable[Any], size: int) -> str:
+    """C's initialisers of costs or rows: what each is, and its `size` numbers."""
+    return ", ".join(
+        f"{{SP_{snake(type(each).__name__).upper()}, {_numbers([*dataclasses.astuple(each), 0.0, 0.0][:size])}}}"
+        for each in blocks
+    )
+
+
+def modes_header() -> str:
+    """spidar_modes.h: the blocks of every mode, those on the ground with the default configuration's numbers."""
+    tables = {"COUNTS": [len(kind.pattern) for kind in ROWS], "ARE_SOFT": [int(kind.soft) for kind in ROWS]}
+    lines = ["/* How many rows each of sp_rows_kind has, and whether the fallback may violate them at a price. */"]
+    lines += [line for name, table in tables.items() for line in array("int32_t", f"SP_ROWS_{name}", [0, *table])]
+    lines += ["", "static const sp_mode SP_MODES[SP_PROGRAMS] = {"]
+    for name, mode in program_modes().items():
+        sizes = f"{int(mode.feet_carry)}, {mode.size}, {len(mode.pattern)}"
+        costs, rows = _blocks(mode.costs, 1), _blocks(mode.constraints, 2)
+        lines.append(f"    {{SP_PROGRAM_{name.upper()}, {sizes},\n     {{{costs}}},\n     {{{rows}}}}},")
+    return header("SPIDAR_MODES", "the allocation's modes.", [*lines, "};"], ('"spidar_structs.h"',))
+
+
 def interface_digest(front: bytes, sources: Path) -> str:
     """Digest of what the two sides of an interface have to agree on, and of a folder's C sources."""
     digest = hashlib.sha256(front)
@@ -133,53 +168,44 @@ def interface_digest(front: bytes, sources: Path) -> str:
 
 @cache
 def interface_hash() -> str:
-    """Digest of everything that a compiled core has to agree on: constants, structs, robot, sources."""
-    return interface_digest((constants_header() + structs_header()).encode() + mjcf_path().read_bytes(), CORE)
+    """Digest of everything that a compiled core has to agree on: constants, structs, modes, robot, sources."""
+    text = constants_header() + structs_header() + modes_header()
+    return interface_digest(text.encode() + mjcf_path().read_bytes(), CORE)
 
 
 def model_header() -> str:
     """spidar_model.h."""
     model = pin.buildModelFromMJCF(str(mjcf_path()))
-    names = list(model.names)
-    ids = [model.getJointId(name) for name in (*JOINT_NAMES, *GIMBAL_NAMES)]
-    # The torso is Pinocchio's root joint; every other body follows its parent.
-    order = sorted(set(range(1, model.njoints)))
-    place = {joint: k for k, joint in enumerate(order)}
+    bodies = {name: joint - 1 for joint, name in enumerate(model.names)}  # Pinocchio's joint 0 is the universe
+    names = (*JOINT_NAMES, *GIMBAL_NAMES)
     rows = []
-    for joint in order:
-        inertia, placement = model.inertias[joint], model.jointPlacements[joint]
-        root = place[joint] == 0
-        axis = np.zeros(3) if root else _axis(model, joint)
-        index = 0 if root else ids.index(joint)
-        rotation = np.eye(3) if root else placement.rotation
-        position = np.zeros(3) if root else placement.translation
-        parent = 0 if root else place[model.parents[joint]]
+    for joint in range(1, model.njoints):
+        parent, index, placement, axis = 0, 0, pin.SE3.Identity(), np.zeros(3)
+        if joint > 1:  # the first is the torso; every other body follows its parent
+            parent, index = model.parents[joint] - 1, names.index(model.names[joint])
+            placement, axis = model.jointPlacements[joint], _axis(model, joint)
+        inertia = model.inertias[joint]
         rows.append(
-            f"    {{{parent}, {index}, {{{_numbers(rotation)}}}, {{{_numbers(position)}}}, {{{_numbers(axis)}}},\n"
+            f"    {{{parent}, {index}, {{{_numbers(placement.rotation)}}}, {{{_numbers(placement.translation)}}}, "
+            f"{{{_numbers(axis)}}},\n"
             f"     {hex_float(inertia.mass)}, {{{_numbers(inertia.lever)}}}, {{{_numbers(inertia.inertia)}}}}}, "
-            f"/* {names[joint]} */"
+            f"/* {model.names[joint]} */"
         )
-    joints = [place[i] for i in ids[:N_JOINTS]]
-    links = [place[model.getJointId(f"joint{i}_pitch")] for i in range(1, N_ROTORS + 1)]
-    rotors = [place[model.getJointId(f"gimbal{i}_pitch")] for i in range(1, N_ROTORS + 1)]
-    constants = {
-        "GRAVITY": GRAVITY, "TOTAL_MASS": ROBOT.total_mass, "WEIGHT": ROBOT.weight,
-        "HOVER_THRUST": ROBOT.hover_thrust, "MAX_THRUST": ROBOT.max_thrust,
-        "MAX_JOINT_TORQUE": ROBOT.max_joint_torque, "JOINT_LIMIT": ROBOT.joint_limit, "JOINT_KP": ROBOT.joint_kp,
-        "MAX_VECTORING_SPEED": ROBOT.max_vectoring_speed, "YAW_AXIS_XY": ROBOT.yaw_axis_xy,
-        "YAW_AXIS_RADIUS": ROBOT.yaw_axis_radius, "YAW_AXIS_Z": ROBOT.yaw_axis_z,
-        "YAW_TO_PITCH": ROBOT.yaw_to_pitch, "PITCH_TO_YAW": ROBOT.pitch_to_yaw,
-        "PITCH_TO_FOOT": ROBOT.pitch_to_foot, "FOOT_RADIUS": ROBOT.foot_radius, "PEG_DEPTH": ROBOT.peg_depth,
-    }  # fmt: skip
+    numbers = (
+        "total_mass", "weight", "hover_thrust", "max_thrust", "max_joint_torque", "joint_limit", "joint_kp",
+        "max_vectoring_speed", "yaw_axis_xy", "yaw_axis_radius", "yaw_axis_z", "yaw_to_pitch", "pitch_to_yaw",
+        "pitch_to_foot", "foot_radius", "peg_depth",
+    )  # fmt: skip
+    constants = {"gravity": GRAVITY, **{name: getattr(ROBOT, name) for name in numbers}}
     digest = hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
     lines = [
         f'#define SP_MODEL_SHA256 "{digest}"',
         f'#define SP_INTERFACE "{interface_hash()}"',
-        *(f"#define SP_{name} {hex_float(value)} /* {value!r} */" for name, value in constants.items()),
+        *(f"#define SP_{name.upper()} {hex_float(value)} /* {value!r} */" for name, value in constants.items()),
         "",
         f"static const double SP_FLIGHT_CONTROLLER[3] = {{{_numbers(ROBOT.flight_controller)}}};",
         "",
-        f"#define SP_BODIES {len(order)}",
+        f"#define SP_BODIES {len(rows)}",
         "/* A body and the joint that carries it: 0 … 15 are joints, from 16 on vectoring angles. */",
         "typedef struct {",
         "    int32_t parent, joint;",
@@ -189,15 +215,11 @@ def model_header() -> str:
         "static const sp_body SP_TREE[SP_BODIES] = {",
         *rows,
         "};",
-        f"static const int32_t SP_JOINT_BODY[16] = {{{', '.join(map(str, joints))}}};",
-        f"static const int32_t SP_LINK_BODY[8] = {{{', '.join(map(str, links))}}};",
-        f"static const int32_t SP_ROTOR_BODY[8] = {{{', '.join(map(str, rotors))}}};",
-        "static const char *const SP_JOINT_NAMES[16] = {",
-        *(f'    "{name}",' for name in JOINT_NAMES),
-        "};",
-        "static const char *const SP_GIMBAL_NAMES[16] = {",
-        *(f'    "{name}",' for name in GIMBAL_NAMES),
-        "};",
+        *array("int32_t", "SP_JOINT_BODY", [bodies[name] for name in JOINT_NAMES]),
+        *array("int32_t", "SP_LINK_BODY", [bodies[f"joint{i}_pitch"] for i in range(1, N_ROTORS + 1)]),
+        *array("int32_t", "SP_ROTOR_BODY", [bodies[f"gimbal{i}_pitch"] for i in range(1, N_ROTORS + 1)]),
+        *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
+        *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
     ]
     return header("SPIDAR_MODEL", "the robot's kinematic tree, limits and names.", lines)
 

@@ -12,10 +12,8 @@ from spidar_gym.control.allocation.modes import PROJECTION
 from spidar_gym.control.allocation.problem import INFINITY
 from spidar_gym.control.allocation.solver import SETTINGS, patterns, sparse
 from spidar_gym.files import scratch_folder
-from spidar_gym.native.constants import PROGRAMS, program_modes
-
-ONBOARD_ITERATIONS = 300
-"""Iteration cap of the robot's computer: what fits into 5 ms there."""
+from spidar_gym.native.codegen.header import array, header
+from spidar_gym.native.constants import ONBOARD_ITERATIONS, PROGRAMS, program_modes
 
 
 def programs() -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -49,20 +47,10 @@ def generate_solvers() -> dict[str, str]:
                 use_float=False, printing_enable=False, profiling_enable=False, interrupt_enable=False,
             )  # fmt: skip
             files |= _collect(scratch)
-        for what, at in (("P", P_at), ("A", A_at)):
-            numbers = ", ".join(map(str, at.tolist()))
-            tables.append(f"static const int32_t {name}_{what}[{len(at)}] = {{{numbers}}};")
+        tables += array("int32_t", f"{name}_P", P_at.tolist()) + array("int32_t", f"{name}_A", A_at.tolist())
         entries[name] = f"{{&{name}_solver, {name}_P, {name}_A, {len(P_at)}, {len(A_at)}}}"
     empty = "{NULL, NULL, NULL, 0, 0}"
     lines = [
-        "/* Generated: a workspace of OSQP for each pattern, and where its numbers stand in the dense matrices. */",
-        "#ifndef SPIDAR_SOLVERS_H",
-        "#define SPIDAR_SOLVERS_H",
-        "",
-        "#include <stddef.h>",
-        '#include "osqp.h"',
-        *(f'#include "{name}_workspace.h"' for name in found),
-        "",
         "typedef struct {",
         "    OSQPSolver *solver;",
         "    const int32_t *P_at, *A_at; /* entries of P's upper triangle and of A, column by column */",
@@ -75,11 +63,10 @@ def generate_solvers() -> dict[str, str]:
         "} SP_SOLVERS[SP_PROGRAMS] = {",
         *(f"    {{{entries[kind]}, {entries.get(kind + '_soft', empty)}}}," for kind in PROGRAMS),
         "};",
-        "",
-        "#endif",
-        "",
     ]
-    return {**files, "spidar_solvers.h": "\n".join(lines)}
+    doc = "a workspace of OSQP for each pattern, and where its numbers stand in the dense matrices."
+    includes = ("<stddef.h>", '"osqp.h"', *(f'"{name}_workspace.h"' for name in found))
+    return {**files, "spidar_solvers.h": header("SPIDAR_SOLVERS", doc, lines, includes)}
 
 
 def _collect(scratch: Path) -> dict[str, str]:

@@ -37,8 +37,7 @@ static int solve(const sp_solver *kept, const sp_program *p, double rho, int max
 static void sides(const sp_program *p, const double *x, double *guess)
 {
     for (int i = 0; i < p->m; i++) {
-        double r = 0.0;
-        for (int k = 0; k < p->n; k++) r += p->A[i * p->n + k] * x[k];
+        double r = sp_row(p->A + i * p->n, x, p->n);
         guess[i] = (p->u[i] - r < SP_SIDE_TOLERANCE ? 1.0 : 0.0) - (r - p->l[i] < SP_SIDE_TOLERANCE ? 1.0 : 0.0);
     }
 }
@@ -49,14 +48,23 @@ static int finite_program(const sp_program *p)
            sp_finite(p->l, p->m) && sp_finite(p->u, p->m);
 }
 
+/* Take off a rotor's force what is beyond the sphere; its thrust. */
+double sp_limit_thrust(double *force)
+{
+    double thrust = sp_norm(force);
+    if (!(thrust > SP_MAX_THRUST)) return thrust;
+    for (int k = 0; k < 3; k++) force[k] *= SP_MAX_THRUST / thrust;
+    return SP_MAX_THRUST;
+}
+
 /* The forces with zeros for what is not finite, within the sphere. */
 static void within_sphere(const double *forces_l, double *held)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
         double f[3];
         for (int k = 0; k < 3; k++) f[k] = sp_finite(forces_l + 3 * i + k, 1) ? forces_l[3 * i + k] : 0.0;
-        double shrink = sp_min(1.0, SP_MAX_THRUST / sp_max(sp_norm(f), SP_LEAST_NORM));
-        for (int k = 0; k < 3; k++) held[3 * i + k] = f[k] * shrink;
+        sp_limit_thrust(f);
+        sp_copy(held + 3 * i, f, 3);
     }
 }
 
@@ -69,27 +77,17 @@ static void answer(const sp_mode *mode, const sp_demand *d, const double *f, sp_
     for (int i = 0; i < SP_ROTORS; i++) {
         double *own = all + 3 * i;
         if (d->lost[i]) sp_zero(own, 3);
-        double norm = sp_norm(own);
-        if (norm > SP_MAX_THRUST) {
-            double shrink = sp_min(1.0, SP_MAX_THRUST / sp_max(norm, SP_LEAST_NORM));
-            for (int k = 0; k < 3; k++) own[k] *= shrink;
-        }
-        a->thrust[i] = sp_min(norm, SP_MAX_THRUST);
+        a->thrust[i] = sp_limit_thrust(own);
     }
     sp_copy(a->forces_l, all, SP_FORCES);
     sp_zero(a->foot_forces_f, 3 * SP_LEGS);
     if (n > SP_FORCES) sp_copy(a->foot_forces_f, all + SP_FORCES, 3 * SP_LEGS);
     for (int r = 0; r < 6; r++) {
-        double sum = 0.0;
-        for (int k = 0; k < n; k++) sum += d->thrust_map[r * n + k] * all[k];
-        a->wrench[r] = sum;
-        a->unallocated_wrench[r] = d->wrench[r] - sum;
+        a->wrench[r] = sp_row(d->thrust_map + r * n, all, n);
+        a->unallocated_wrench[r] = d->wrench[r] - a->wrench[r];
     }
-    for (int j = 0; j < SP_JOINTS; j++) {
-        double sum = 0.0;
-        for (int k = 0; k < n; k++) sum += d->torque_map[j * n + k] * all[k];
-        a->joint_torques[j] = d->gravity_torque[j] - sum;
-    }
+    for (int j = 0; j < SP_JOINTS; j++)
+        a->joint_torques[j] = d->gravity_torque[j] - sp_row(d->torque_map + j * n, all, n);
 }
 
 /* The previous forces; of the feet nothing is known. */
@@ -101,9 +99,7 @@ static void hold_forces(const sp_mode *mode, const sp_demand *d, const double *p
     a->status = SP_HELD;
     answer(mode, d, held, a);
     for (int r = 0; r < 6; r++) {
-        double miss = 0.0;
-        for (int k = 0; k < mode->n; k++) miss += d->thrust_map[r * mode->n + k] * held[k];
-        miss = fabs(d->wrench[r] - miss) / SP_WRENCH_SCALE;
+        double miss = fabs(d->wrench[r] - sp_row(d->thrust_map + r * mode->n, held, mode->n)) / SP_WRENCH_SCALE;
         if (!(miss <= unmet)) unmet = miss;
     }
     a->slack = sp_finite(&unmet, 1) ? unmet : SP_INFINITY;
@@ -220,9 +216,10 @@ void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *pre
 }
 
 /* The valid forces nearest to `wish_l`: the rows of the projection and the thrust sphere hold, the wrench balance not. */
-void sp_project(const sp_mode *projection, const sp_demand *demand, const double *wish_l, const double *previous_l,
+void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
                 const sp_allocator_config *config, sp_workspace *work, sp_allocation *a)
 {
+    const sp_mode *projection = sp_find_mode(SP_PROGRAM_PROJECTION);
     sp_program *p = &work->program;
     double x[SP_MAX_N], f[SP_FORCES];
     int32_t more = 0;

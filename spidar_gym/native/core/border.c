@@ -1,6 +1,13 @@
-/* The border: whether what comes in can be used at all, and the command that goes out. */
+/* The border: what this core was made for, whether what comes in can be used at all, and the command that goes out. */
 #include "spidar_core.h"
 #include "spidar_math.h"
+#include "spidar_model.h"
+
+const sp_residual SP_NO_RESIDUAL = {
+    .joint_speed_scale = 1.0, .raise_scale = 1.0, .stride_scale = 1.0, .lift_scale = 1.0,
+};
+
+const char *sp_interface(void) { return SP_INTERFACE; }
 
 static int is_attitude(const double *quat)
 {
@@ -31,16 +38,19 @@ int sp_valid_reference(const sp_reference *r)
            squares(r->omega_b, 3, &sum) && squares(r->joint_target, SP_JOINTS, &sum) && is_attitude(r->quat_wb);
 }
 
-int sp_valid_residual(const sp_residual *r)
+/* The residual, or none where there is none (NULL) or it is not finite. */
+const sp_residual *sp_valid_residual(const sp_residual *r)
 {
+    if (r == NULL) return &SP_NO_RESIDUAL;
     double sum = r->joint_speed_scale + r->raise_scale + r->stride_scale + r->lift_scale;
-    return squares(r->wrench, 6, &sum) && squares(r->joint_offset, SP_JOINTS, &sum) &&
-           (!r->has_forces_l || squares(r->forces_l, SP_FORCES, &sum)) &&
-           (!r->has_leg_forces_b || squares(r->leg_forces_b, 3 * SP_LEGS, &sum));
+    int valid = squares(r->wrench, 6, &sum) && squares(r->joint_offset, SP_JOINTS, &sum) &&
+                (!r->has_forces_l || squares(r->forces_l, SP_FORCES, &sum)) &&
+                (!r->has_leg_forces_b || squares(r->leg_forces_b, 3 * SP_LEGS, &sum));
+    return valid ? r : &SP_NO_RESIDUAL;
 }
 
 void sp_make_command(const double *thrust, const double *vectoring, const double *joints, double limit,
-             sp_command *command)
+                     sp_command *command)
 {
     sp_copy(command->thrust, thrust, SP_ROTORS);
     sp_copy(command->vectoring, vectoring, 2 * SP_ROTORS);

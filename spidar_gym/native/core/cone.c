@@ -7,14 +7,6 @@
 #include "spidar_core.h"
 #include "spidar_math.h"
 
-/* a x for a row of n numbers. */
-static double along(const double *a, const double *x, int n)
-{
-    double sum = 0.0;
-    for (int k = 0; k < n; k++) sum += a[k] * x[k];
-    return sum;
-}
-
 /* y += w a. */
 static void axpy(double w, const double *a, int n, double *y)
 {
@@ -92,7 +84,7 @@ static int find_sides(const sp_program *p, const int32_t *soft, int count, doubl
 /* a x of a side or of a sphere's gradient. */
 static double side_along(const sp_program *p, const sp_cone *c, int k, const double *x, const double *d)
 {
-    if (k < c->sides) return c->sign[k] * along(p->A + c->side_row[k] * p->n, d, p->n);
+    if (k < c->sides) return c->sign[k] * sp_row(p->A + c->side_row[k] * p->n, d, p->n);
     return sp_dot(x + 3 * (k - c->sides), d + 3 * (k - c->sides));
 }
 
@@ -161,7 +153,7 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
         for (int e = 0; e < equal; e++) {
             const double *a = p->A + c->row[e] * n;
             axpy(c->y[e], a, n, pull);
-            c->off[e] = along(a, c->x, n) - c->b[e] - c->yield[e] * c->y[e];
+            c->off[e] = sp_row(a, c->x, n) - c->b[e] - c->yield[e] * c->y[e];
             worst = sp_max(worst, fabs(c->off[e]) / c->largest);
             proof += c->b[e] * c->y[e];
             sum += fabs(c->y[e]);
@@ -177,7 +169,7 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
             proof += c->h[k] * c->z[k];
             sum += c->z[k];
         }
-        for (int i = 0; i < n; i++) gradient[i] = (along(p->P + i * n, c->x, n) + p->q[i]) / unit + pull[i];
+        for (int i = 0; i < n; i++) gradient[i] = (sp_row(p->P + i * n, c->x, n) + p->q[i]) / unit + pull[i];
         for (int k = sides; k < all; k++) side_add(p, c, k, c->x, c->z[k], gradient);
         for (int i = 0; i < n; i++) steep = sp_max(steep, fabs(gradient[i]));
         double left = sp_max(worst / SP_CONE_ROWS, sp_max(mean / SP_CONE_PRODUCT, steep / SP_CONE_GRADIENT));

@@ -8,9 +8,7 @@ void sp_crawl_init(sp_crawl *crawl, const sp_crawler_config *config)
     memset(crawl, 0, sizeof *crawl);
     crawl->config = *config;
     crawl->dt = 1.0 / config->rate_hz;
-    for (int k = SP_PROGRAM_REST; k <= SP_PROGRAM_STANCE; k++)
-        sp_ground_mode((sp_program_kind)k, config, &crawl->modes[k]);
-    sp_projection_mode(&crawl->projection);
+    for (int k = SP_PROGRAM_REST; k <= SP_PROGRAM_STANCE; k++) sp_ground_mode(k, config, &crawl->modes[k]);
     sp_home(&config->gait, crawl->home_b);
 }
 
@@ -63,7 +61,7 @@ static void add_feet(const sp_snapshot *s, const double *R_bf, double *Q, double
 
 /* What the allocation is asked, and the rotors whose φ is held. */
 static void ground_demand(sp_crawl *crawl, const sp_robot_state *state, const double *plan, int mode,
-                        const int32_t *lifted, const sp_residual *residual, sp_lock *lock)
+                          const int32_t *lifted, const sp_residual *residual, sp_lock *lock)
 {
     static const int32_t none[SP_ROTORS] = {0};
     const sp_crawl_memory *m = &crawl->memory;
@@ -90,7 +88,7 @@ static void ground_demand(sp_crawl *crawl, const sp_robot_state *state, const do
     if (crawl->modes[mode].feet_carry) add_feet(s, d->R_bf, d->thrust_map, d->torque_map);
     sp_zero(d->wrench, 6);
     for (int i = 0; i < 3; i++) d->wrench[i] = s->mass * SP_GRAVITY * crawl->R_wb[6 + i];
-    if (mode != SP_PROGRAM_REST && residual != NULL)
+    if (mode != SP_PROGRAM_REST)
         for (int k = 0; k < 6; k++) d->wrench[k] += residual->wrench[k];
     for (int i = 0; i < SP_ROTORS; i++) {
         d->locked[i] = lock->active[i];
@@ -125,22 +123,18 @@ static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual)
     fixed = *d;
     sp_copy(feet, a->foot_forces_f, 3 * SP_LEGS);
     for (int r = 0; r < 6; r++) {
-        double carried = 0.0;
-        for (int k = SP_FORCES; k < n; k++) carried += d->thrust_map[n * r + k] * feet[k - SP_FORCES];
-        wrench[r] = carried;
-        fixed.wrench[r] = d->wrench[r] - carried;
+        wrench[r] = sp_row(d->thrust_map + n * r + SP_FORCES, feet, n - SP_FORCES);
+        fixed.wrench[r] = d->wrench[r] - wrench[r];
         sp_copy(fixed.thrust_map + SP_FORCES * r, d->thrust_map + n * r, SP_FORCES);
     }
     for (int j = 0; j < SP_JOINTS; j++) {
-        double carried = 0.0;
-        for (int k = SP_FORCES; k < n; k++) carried += d->torque_map[n * j + k] * feet[k - SP_FORCES];
+        double carried = sp_row(d->torque_map + n * j + SP_FORCES, feet, n - SP_FORCES);
         fixed.gravity_torque[j] = d->gravity_torque[j] - carried;
         sp_copy(fixed.torque_map + SP_FORCES * j, d->torque_map + n * j, SP_FORCES);
     }
     for (int k = 0; k < SP_FORCES; k++) wish[k] += a->forces_l[k];
     memcpy(active, a->active, sizeof active);
-    sp_project(&crawl->projection, &fixed, wish, crawl->memory.forces_l, &crawl->config.allocator, &crawl->workspace,
-               a);
+    sp_project(&fixed, wish, crawl->memory.forces_l, &crawl->config.allocator, &crawl->workspace, a);
     if (status == SP_SOFTENED || status == SP_HELD) a->status = status, a->slack = slack;
     for (int r = 0; r < 6; r++) a->wrench[r] += wrench[r];
     sp_copy(a->foot_forces_f, feet, 3 * SP_LEGS);
@@ -163,7 +157,7 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
         sp_make_command(thrust, m->vectoring, m->joint_position, c->joint_torque_limit, command);
         return;
     }
-    if (residual != NULL && !sp_valid_residual(residual)) residual = NULL;
+    residual = sp_valid_residual(residual);
     sp_from_quat(state->quat_wb, crawl->R_wb);
     sp_gait_step(crawl, state->position_w, crawl->R_wb, state->joint_position, residual, plan);
     int mode = sp_gait_mode(crawl);
@@ -172,7 +166,7 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     ground_demand(crawl, state, plan, mode, lifted, residual, &lock);
     sp_allocate(&crawl->modes[mode], &crawl->demand, m->forces_l, m->active, m->rows, 1, &c->allocator,
                 &crawl->workspace, a);
-    if (residual != NULL && (residual->has_forces_l || residual->has_leg_forces_b))
+    if (residual->has_forces_l || residual->has_leg_forces_b)
         add_forces(crawl, crawl->modes[mode].n, residual);
     for (int j = 0; j < SP_JOINTS; j++) torque[j] = lifted[j / 4] ? a->joint_torques[j] : 0.0;
     if (mode != m->mode) {
@@ -183,19 +177,11 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     m->gap = c->blend_time > 0.0 ? sp_max(0.0, m->gap - crawl->dt / c->blend_time) : 0.0;
     for (int j = 0; j < SP_JOINTS; j++) torque[j] += m->gap * m->torque_gap[j];
     for (int k = 0; k < SP_FORCES; k++) forces[k] = a->forces_l[k] + (m->gap > 0.0 ? m->gap * m->force_gap[k] : 0.0);
-    for (int i = 0; i < SP_ROTORS; i++) {
-        thrust[i] = sp_norm(forces + 3 * i);
-        if (thrust[i] > SP_MAX_THRUST) {
-            double shrink = sp_min(1.0, SP_MAX_THRUST / sp_max(thrust[i], SP_LEAST_NORM));
-            for (int k = 0; k < 3; k++) forces[3 * i + k] *= shrink;
-            thrust[i] = SP_MAX_THRUST;
-        }
-    }
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_limit_thrust(forces + 3 * i);
     sp_follow(forces, &lock, m->vectoring, SP_MAX_VECTORING_SPEED * crawl->dt, m->vectoring);
     double filter = c->setpoint_filter > 0.0 ? 1.0 - exp(-crawl->dt / c->setpoint_filter) : 1.0;
     for (int j = 0; j < SP_JOINTS; j++) {
-        joints[j] = plan[j] + c->feed_forward / SP_JOINT_KP * torque[j];
-        if (residual != NULL) joints[j] += residual->joint_offset[j];
+        joints[j] = plan[j] + c->feed_forward / SP_JOINT_KP * torque[j] + residual->joint_offset[j];
         if (c->setpoint_filter > 0.0) joints[j] = m->joint_position[j] + filter * (joints[j] - m->joint_position[j]);
         joints[j] = sp_clip(joints[j], -SP_JOINT_LIMIT, SP_JOINT_LIMIT);
     }

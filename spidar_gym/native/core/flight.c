@@ -45,10 +45,9 @@ static void integrate(sp_flight_memory *memory, const sp_motion_error *e, double
         if (!(fabs(e->velocity_w[k]) > max_speed))
             memory->position_integral_w[k] =
                 advance_integral(memory->position_integral_w[k], e->position_w[k], memory->unallocated_w[k],
-                        SP_MISSED_FORCE, dt);
-        memory->attitude_integral[k] =
-            advance_integral(memory->attitude_integral[k], e->attitude[k], memory->unallocated_torque[k],
-                                               SP_MISSED_TORQUE, dt);
+                                 SP_MISSED_FORCE, dt);
+        memory->attitude_integral[k] = advance_integral(memory->attitude_integral[k], e->attitude[k],
+                                                        memory->unallocated_torque[k], SP_MISSED_TORQUE, dt);
     }
 }
 
@@ -57,13 +56,11 @@ static void motion_error(const sp_robot_state *state, const sp_reference *refere
                          const double *R_wb, sp_motion_error *e)
 {
     double relative[3], turned[3], R_d[9], R_e[9], offset[3];
-    for (int i = 0; i < 3; i++) {
-        double v = 0.0;
-        for (int j = 0; j < SP_JOINTS; j++) v += s->momentum_map[SP_JOINTS * i + j] * state->joint_velocity[j];
-        relative[i] = v / s->mass;
-    }
     sp_cross(state->omega_b, s->com_b, turned);
-    for (int i = 0; i < 3; i++) relative[i] += turned[i];
+    for (int i = 0; i < 3; i++) {
+        relative[i] = sp_row(s->momentum_map + SP_JOINTS * i, state->joint_velocity, SP_JOINTS) / s->mass;
+        relative[i] += turned[i];
+    }
     sp_apply(R_wb, s->com_b, offset);
     for (int i = 0; i < 3; i++) e->position_w[i] = reference->position_w[i] - state->position_w[i] - offset[i];
     sp_apply(R_wb, relative, offset);
@@ -79,20 +76,10 @@ static void motion_error(const sp_robot_state *state, const sp_reference *refere
 
 /* ---- what goes beyond the paper's quasi-static control ---- */
 
-static void fresh_compensation(sp_compensation_memory *m, const double *joint_position)
-{
-    memset(m, 0, sizeof *m);
-    sp_copy(m->servo_position, joint_position, SP_JOINTS);
-}
-
 /* h (3) of the legs about the CoG by a joint velocity. */
 void sp_leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
 {
-    for (int i = 0; i < 3; i++) {
-        double sum = 0.0;
-        for (int j = 0; j < SP_JOINTS; j++) sum += s->momentum_map[SP_JOINTS * (3 + i) + j] * velocity[j];
-        h[i] = sum;
-    }
+    for (int i = 0; i < 3; i++) h[i] = sp_row(s->momentum_map + SP_JOINTS * (3 + i), velocity, SP_JOINTS);
 }
 
 /* Critically damped second-order servo one tick later, exactly, for a command that is held. */
@@ -270,8 +257,7 @@ void sp_flight_init(sp_flight *f, const sp_controller_config *config)
     memset(f, 0, sizeof *f);
     f->config = *config;
     f->dt = 1.0 / config->rate_hz;
-    sp_flight_mode(config->allocation, &f->mode);
-    sp_projection_mode(&f->projection);
+    f->mode = *sp_find_mode(config->allocation);
     sp_no_interference(&f->memory.interference);
 }
 
@@ -287,7 +273,7 @@ void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *jo
     for (int i = 0; i < SP_ROTORS; i++) m->lock.phi[i] = state->vectoring[2 * i];
     sp_vectoring_to_force(state->thrust, state->vectoring, m->forces_l);
     sp_copy(m->joint_position, joints, SP_JOINTS);
-    fresh_compensation(&m->compensation, joints);
+    sp_copy(m->compensation.servo_position, joints, SP_JOINTS);
     if (trim == NULL) return;
     /* Integrals whose terms are the wrench that is known to be needed; the observer cancels its share itself. */
     sp_snapshot *s = &f->control.snapshot;
@@ -361,7 +347,7 @@ static void hold_command(sp_flight *f, sp_command *command)
 
 /* What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted. */
 static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, sp_lock *lock,
-                        sp_interference *bounds)
+                          sp_interference *bounds)
 {
     const sp_snapshot *s = &f->control.snapshot;
     const sp_flight_memory *m = &f->memory;
@@ -408,32 +394,29 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
         hold_command(f, command);
         return;
     }
-    if (residual != NULL && !sp_valid_residual(residual)) residual = NULL;
+    residual = sp_valid_residual(residual);
     if (control == NULL) sp_compute_state(state, reference, &f->control);
     else f->control = *control;
     double target[SP_JOINTS], joints[SP_JOINTS], speed[SP_JOINTS], led[SP_FORCES];
     const double *forces, lead = f->config.compensation.vectoring_lead;
     sp_lock lock;
     sp_interference bounds;
-    for (int j = 0; j < SP_JOINTS; j++)
-        target[j] = reference->joint_target[j] + (residual == NULL ? 0.0 : residual->joint_offset[j]);
-    plan_joints(f, target, residual == NULL ? 1.0 : residual->joint_speed_scale, joints, speed);
+    for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
+    plan_joints(f, target, residual->joint_speed_scale, joints, speed);
     integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
     desired_wrench(&f->control, state->omega_b, m, &f->config.centroidal, f->wrench_desired);
     compensate(f, state, reference, joints, f->wrench_desired);
-    if (residual != NULL)
-        for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
+    for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
     flight_demand(f, state, reference, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, 0, &f->config.allocator, &f->workspace, &f->allocation);
-    if (residual != NULL && residual->has_forces_l) {
+    if (residual->has_forces_l) {
         double wish[SP_FORCES], any = 0.0;
         for (int k = 0; k < SP_FORCES; k++) {
             wish[k] = f->allocation.forces_l[k] + residual->forces_l[k];
             any = sp_max(any, fabs(residual->forces_l[k]));
         }
         if (any > 0.0)
-            sp_project(&f->projection, &f->demand, wish, m->forces_l, &f->config.allocator, &f->workspace,
-                       &f->allocation);
+            sp_project(&f->demand, wish, m->forces_l, &f->config.allocator, &f->workspace, &f->allocation);
     }
     forces = f->allocation.forces_l;
     if (lead > 0.0) {

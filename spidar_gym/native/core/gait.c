@@ -9,9 +9,14 @@
 
 static sp_step *step_at(sp_gait_memory *m, int k) { return &m->steps[(m->first + k) % SP_MAX_STEPS]; }
 
-static void all_legs(sp_step *step)
+/* A step of all legs behind the others. */
+static sp_step *append_step(sp_gait_memory *m, sp_phases phases)
 {
+    sp_step *step = step_at(m, m->count++);
+    memset(step, 0, sizeof *step);
+    step->phases = phases;
     for (int leg = 0; leg < SP_LEGS; leg++) step->legs[leg] = 1;
+    return step;
 }
 
 /* Go to a pose seen from where the commands end, on an arc; `cycles` 0 is as few as reach and configuration allow.
@@ -33,12 +38,9 @@ int sp_gait_move(sp_crawl *crawl, sp_pose2 way, int cycles)
     }
     if (m->count + cycles > SP_MAX_STEPS) return 0;
     for (int k = 0; k < cycles; k++) {
-        sp_step *step = step_at(m, m->count++);
-        memset(step, 0, sizeof *step);
-        step->phases = SP_CYCLE;
+        sp_step *step = append_step(m, SP_CYCLE);
         step->has_target = 1;
         step->target = then(m->planned, arc(way, (k + 1.0) / cycles));
-        all_legs(step);
     }
     m->planned = then(m->planned, way);
     return cycles;
@@ -52,9 +54,7 @@ int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seco
     for (int leg = 0; leg < SP_LEGS; leg++) any |= legs[leg] != 0;
     if (!any || !(angle >= 0.0) || !(seconds >= 0.0) || !sp_finite(&angle, 1) || !sp_finite(&seconds, 1)) return 0;
     if (m->count == SP_MAX_STEPS) return 0;
-    sp_step *step = step_at(m, m->count++);
-    memset(step, 0, sizeof *step);
-    step->phases = SP_LIFT;
+    sp_step *step = append_step(m, SP_LIFT);
     for (int leg = 0; leg < SP_LEGS; leg++) step->legs[leg] = legs[leg] != 0;
     step->has_angle = 1;
     step->angle = angle;
@@ -69,10 +69,7 @@ int sp_gait_stand(sp_crawl *crawl, double height, double seconds)
     sp_pose2 here = {0.0, 0.0, 0.0};
     if (!(height >= 0.0) || !(seconds >= 0.0) || !sp_finite(&height, 1) || !sp_finite(&seconds, 1)) return 0;
     if (!sp_stride_fits(&crawl->config.gait, crawl->home_b, here, height) || m->count == SP_MAX_STEPS) return 0;
-    sp_step *step = step_at(m, m->count++);
-    memset(step, 0, sizeof *step);
-    step->phases = SP_STAND;
-    all_legs(step);
+    sp_step *step = append_step(m, SP_STAND);
     step->has_height = 1;
     step->height = height;
     step->seconds = seconds;
@@ -152,9 +149,8 @@ static void footsteps(sp_crawl *crawl, const sp_step *step, const sp_residual *r
 {
     sp_gait_memory *m = &crawl->gait;
     const sp_gait_config *c = &crawl->config.gait;
-    double stride = residual == NULL ? 1.0 : residual->stride_scale, landing[SP_JOINTS], highest[SP_JOINTS];
-    double angle = step->has_angle ? step->angle : c->raise_angle * (residual == NULL ? 1.0 : residual->raise_scale);
-    sp_pose2 way = arc(way_to(m, step), sp_max(0.0, stride));
+    double landing[SP_JOINTS], angle = step->has_angle ? step->angle : c->raise_angle * residual->raise_scale;
+    sp_pose2 way = arc(way_to(m, step), sp_max(0.0, residual->stride_scale));
     sp_copy(landing, m->plan, SP_JOINTS);
     if (step->has_target) {
         double feet[3 * SP_LEGS];
@@ -163,16 +159,10 @@ static void footsteps(sp_crawl *crawl, const sp_step *step, const sp_residual *r
         move_points(arc(way, centred(c) ? 0.5 : 1.0), crawl->home_b, -c->press, feet);
         sp_leg_angles(feet, landing);
     }
-    sp_copy(highest, landing, SP_JOINTS);
-    for (int leg = 0; leg < SP_LEGS; leg++) {
-        int k = 4 * leg + 1;
-        highest[k] = sp_min(m->plan[k], landing[k]) - angle;
-    }
     sp_copy(m->start, m->plan, SP_JOINTS);
-    sp_copy(m->landing, m->plan, SP_JOINTS);
-    sp_copy(m->highest, highest, SP_JOINTS);
-    for (int j = 0; j < SP_JOINTS; j++)
-        if (step->legs[j / 4]) m->landing[j] = landing[j];
+    sp_copy(m->highest, landing, SP_JOINTS);
+    for (int k = 1; k < SP_JOINTS; k += 4) m->highest[k] = sp_min(m->plan[k], landing[k]) - angle;
+    for (int j = 0; j < SP_JOINTS; j++) m->landing[j] = step->legs[j / 4] ? landing[j] : m->plan[j];
 }
 
 /* Where the feet stand and where the torso goes. */
@@ -180,13 +170,12 @@ static void stance(sp_crawl *crawl, const sp_step *step, const sp_residual *resi
 {
     sp_gait_memory *m = &crawl->gait;
     double q[SP_JOINTS];
-    m->way = arc(way_to(m, step), sp_max(0.0, residual == NULL ? 1.0 : residual->stride_scale));
+    m->way = arc(way_to(m, step), sp_max(0.0, residual->stride_scale));
     sp_feet_at(m->joints, m->feet_f);
     m->share = m->height = m->yaw = 0.0;
     sp_zero(m->trim, 3);
     sp_zero(m->expected, 3);
-    m->lift = (step->has_height ? step->height : crawl->config.gait.lift_height) *
-              (residual == NULL ? 1.0 : residual->lift_scale);
+    m->lift = (step->has_height ? step->height : crawl->config.gait.lift_height) * residual->lift_scale;
     while (m->lift > SP_GAIT_LEAST_LIFT && !torso_angles(m, 1.0, m->lift, q)) m->lift *= SP_GAIT_SHORTEN;
     sp_copy(m->target, torso_angles(m, 1.0, 0.0, q) ? q : m->plan, SP_JOINTS);
 }
@@ -316,8 +305,6 @@ static int ended(sp_crawl *crawl, double joint_rate)
 
 /* ---- motion of the torso ---- */
 
-static double towards(double way, double step) { return sp_max(-step, sp_min(step, way)); }
-
 /* A leg that turns down by an angle rolls its ball outwards by the radius times that. */
 static void roll(sp_gait_memory *m, const double *before)
 {
@@ -345,13 +332,14 @@ static void push(sp_crawl *crawl, double speed)
     if (torso_angles(m, m->share, m->height, now) && longest > 0.0) {
         /* A trial step tells how far the joints turn for it; the step is then as long as they allow. */
         double trial = sp_min(longest, SP_GAIT_TRIAL), turn = 1e-9;
-        if (torso_angles(m, m->share + towards(advance, trial) / distance, m->height + towards(climb, trial), ahead)) {
+        if (torso_angles(m, m->share + sp_clip(advance, -trial, trial) / distance,
+                         m->height + sp_clip(climb, -trial, trial), ahead)) {
             double most = 0.0;
             for (int j = 0; j < SP_JOINTS; j++) most = sp_max(most, fabs(ahead[j] - now[j]));
             turn = sp_max(most, turn);
             double step = sp_min(longest, trial * step_reach / turn);
-            m->height += towards(climb, step);
-            m->share += towards(advance, step) / distance;
+            m->height += sp_clip(climb, -step, step);
+            m->share += sp_clip(advance, -step, step) / distance;
             if (fabs(climb) <= step) m->height = goal_height;
             if (fabs(advance) <= step) m->share = goal_share;
         }
@@ -424,7 +412,7 @@ void sp_gait_step(sp_crawl *crawl, const double *position_w, const double *R_wb,
     m->time += dt;
     if (m->phase == SP_DONE && m->count > 0) enter(crawl, 0, residual);
     if (m->phase != SP_DONE) {
-        double speed = crawl->config.joint_speed * sp_max(0.0, residual == NULL ? 1.0 : residual->joint_speed_scale);
+        double speed = crawl->config.joint_speed * sp_max(0.0, residual->joint_speed_scale);
         if (on_feet(m->phase) || (m->phase == SP_HOLD && sp_gait_mode(crawl) == SP_PROGRAM_STANCE)) {
             track(crawl);
             trim(crawl);

@@ -57,12 +57,6 @@ static void update_action(sp_policy *policy)
     }
 }
 
-static void neutral(sp_residual *r)
-{
-    memset(r, 0, sizeof *r);
-    r->joint_speed_scale = r->raise_scale = r->stride_scale = r->lift_scale = 1.0;
-}
-
 /* Add a channel's share where the action has it; what is left of the action. */
 static const double *add_channel(int channel, const double *share, double *to, int n)
 {
@@ -104,7 +98,7 @@ void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot
                       const sp_control_state *control, const sp_preview *preview, sp_residual *residual)
 {
     double thrust[SP_ROTORS], momentum[3], rate[3];
-    neutral(residual);
+    *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_FLIGHT) return;
     last_thrust(flight->ticked, flight->memory.forces_l, state, thrust);
     sp_leg_momentum(&control->snapshot, flight->joint_velocity, momentum);
@@ -124,7 +118,7 @@ void sp_policy_crawl(sp_policy *policy, const sp_crawl *crawl, const sp_robot_st
                      sp_residual *residual)
 {
     double thrust[SP_ROTORS];
-    neutral(residual);
+    *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_CRAWL) return;
     last_thrust(crawl->ticked, crawl->memory.forces_l, state, thrust);
     sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,

@@ -5,84 +5,22 @@
 #include "spidar_core.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
+#include "spidar_modes.h" /* generated: the modes and how many rows a block has */
 
-static int count_rows(sp_rows_kind kind)
-{
-    switch (kind) {
-    case SP_WRENCH_BALANCE: return 6;
-    case SP_THRUST_BOX: return SP_FORCES;
-    case SP_JOINT_TORQUE_LIMIT: return SP_JOINTS;
-    case SP_VECTORING_LOCK: return SP_ROTORS;
-    case SP_INTERFERENCE_BOUND: return 2 * SP_ROTORS;
-    case SP_CONTACT_WRENCH_RANGE: return 6;
-    case SP_FRICTION_PYRAMID: return 5 * SP_LEGS;
-    default: return 0;
-    }
-}
+const sp_mode *sp_find_mode(int32_t kind) { return &SP_MODES[kind]; }
 
-/* Whether the fallback may violate these rows at a price. */
-static int is_soft(sp_rows_kind kind)
+/* A mode of the crawl with a configuration's costs and limits. */
+void sp_ground_mode(int32_t kind, const sp_crawler_config *c, sp_mode *mode)
 {
-    return kind == SP_WRENCH_BALANCE || kind == SP_JOINT_TORQUE_LIMIT || kind == SP_CONTACT_WRENCH_RANGE ||
-           kind == SP_FRICTION_PYRAMID;
-}
-
-static void make_mode(sp_mode *mode, sp_program_kind kind, const sp_cost *costs, int n_costs, const sp_rows *rows,
-                      int n_rows)
-{
-    memset(mode, 0, sizeof *mode);
-    mode->kind = kind;
-    mode->feet_carry = kind == SP_PROGRAM_STANCE;
-    mode->n = mode->feet_carry ? SP_UNKNOWNS : SP_FORCES;
-    for (int i = 0; i < n_costs; i++) mode->costs[i] = costs[i];
-    for (int i = 0; i < n_rows; i++) {
-        mode->rows[i] = rows[i];
-        mode->m += count_rows(rows[i].kind);
-    }
-}
-
-/* The flight modes of an allocation [Zhao2025, Eq. 9-13, 30-32], [JSK]. */
-void sp_flight_mode(int32_t allocation, sp_mode *mode)
-{
-    sp_cost costs[] = {{SP_THRUST_EFFORT, 1.0}, {SP_JOINT_TORQUE_EFFORT, 1.0}};
-    if (allocation == SP_CONTROLLER_CONFIG_ALLOCATION_PAPER) {
-        sp_rows rows[] = {{SP_WRENCH_BALANCE, 0, 0}, {SP_THRUST_BOX, SP_MAX_THRUST, 0},
-                          {SP_JOINT_TORQUE_LIMIT, SP_MAX_JOINT_TORQUE, 0}, {SP_VECTORING_LOCK, 0, 0},
-                          {SP_INTERFERENCE_BOUND, 0, 0}};
-        make_mode(mode, SP_PROGRAM_PAPER, costs, 2, rows, 5);
-    } else {
-        sp_rows rows[] = {{SP_WRENCH_BALANCE, 0, 0}, {SP_THRUST_BOX, SP_AS_FLOWN_THRUST, 0}, {SP_VECTORING_LOCK, 0, 0},
-                          {SP_INTERFERENCE_BOUND, 0, 0}};
-        make_mode(mode, SP_PROGRAM_AS_FLOWN, costs, 1, rows, 4);
-    }
-}
-
-/* The rows that a learned force is moved into. */
-void sp_projection_mode(sp_mode *mode)
-{
-    sp_cost costs[] = {{SP_THRUST_EFFORT, 1.0}};
-    sp_rows rows[] = {{SP_THRUST_BOX, SP_MAX_THRUST, 0}, {SP_JOINT_TORQUE_LIMIT, SP_MAX_JOINT_TORQUE, 0},
-                      {SP_VECTORING_LOCK, 0, 0}, {SP_INTERFERENCE_BOUND, 0, 0}};
-    make_mode(mode, SP_PROGRAM_PROJECTION, costs, 1, rows, 4);
-}
-
-/* The modes of the crawl [Zhao2025, Eq. 9, 11-13, 37]. */
-void sp_ground_mode(sp_program_kind kind, const sp_crawler_config *c, sp_mode *mode)
-{
-    sp_cost costs[] = {{c->power ? SP_POWER_EFFORT : SP_THRUST_EFFORT, 1.0},
-                       {SP_JOINT_TORQUE_EFFORT, c->torque_weight}, {SP_FOOT_EFFORT, SP_FOOT_EFFORT_WEIGHT}};
-    sp_rows box = {SP_THRUST_BOX, SP_MAX_THRUST, 0}, limit = {SP_JOINT_TORQUE_LIMIT, c->torque_limit, 0};
-    sp_rows lock = {SP_VECTORING_LOCK, 0, 0}, pegs = {SP_CONTACT_WRENCH_RANGE, c->peg_friction, c->min_normal};
-    sp_rows balance = {SP_WRENCH_BALANCE, 0, 0};
-    sp_rows feet = {SP_FRICTION_PYRAMID, c->foot_friction, SP_FRICTION_PYRAMID_MIN_NORMAL};
-    sp_cost rest[] = {{SP_THRUST_EFFORT, 1.0}};
-    sp_rows rest_rows[] = {box}, leg[] = {box, limit, lock}, legs[] = {pegs, box, limit, lock};
-    sp_rows stance[] = {balance, feet, box, limit, lock};
-    switch (kind) {
-    case SP_PROGRAM_LEG: make_mode(mode, kind, costs, 2, leg, 3); break;
-    case SP_PROGRAM_LEGS: make_mode(mode, kind, costs, 2, legs, 4); break;
-    case SP_PROGRAM_STANCE: make_mode(mode, kind, costs, 3, stance, 5); break;
-    default: make_mode(mode, SP_PROGRAM_REST, rest, 1, rest_rows, 1);
+    *mode = SP_MODES[kind];
+    if (kind == SP_PROGRAM_REST) return;
+    mode->costs[0].kind = c->power ? SP_POWER_EFFORT : SP_THRUST_EFFORT;
+    mode->costs[1].weight = c->torque_weight;
+    for (int i = 0; i < SP_MODE_ROWS; i++) {
+        sp_rows *rows = &mode->rows[i];
+        if (rows->kind == SP_JOINT_TORQUE_LIMIT) rows->a = c->torque_limit;
+        if (rows->kind == SP_FRICTION_PYRAMID) rows->a = c->foot_friction;
+        if (rows->kind == SP_CONTACT_WRENCH_RANGE) rows->a = c->peg_friction, rows->b = c->min_normal;
     }
 }
 
@@ -212,10 +150,10 @@ void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *p)
     sp_zero(p->q, n);
     sp_zero(p->A, m * n);
     for (int i = 0; i < m; i++) p->l[i] = -SP_INFINITY, p->u[i] = SP_INFINITY;
-    for (int i = 0; i < 4; i++) add_cost(&mode->costs[i], demand, n, p->P, p->q);
-    for (int i = 0; i < 6; i++) {
+    for (int i = 0; i < SP_MODE_COSTS; i++) add_cost(&mode->costs[i], demand, n, p->P, p->q);
+    for (int i = 0; i < SP_MODE_ROWS; i++) {
         write_rows(&mode->rows[i], demand, n, p->A + row * n, p->l + row, p->u + row);
-        row += count_rows(mode->rows[i].kind);
+        row += SP_ROWS_COUNTS[mode->rows[i].kind];
     }
 }
 
@@ -223,10 +161,9 @@ void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *p)
 int sp_soft_rows(const sp_mode *mode, int32_t *rows)
 {
     int count = 0, row = 0;
-    for (int i = 0; i < 6; i++) {
-        int more = count_rows(mode->rows[i].kind);
-        if (is_soft(mode->rows[i].kind))
-            for (int k = 0; k < more; k++) rows[count++] = row + k;
+    for (int i = 0; i < SP_MODE_ROWS; i++) {
+        int more = SP_ROWS_COUNTS[mode->rows[i].kind];
+        for (int k = 0; k < more && SP_ROWS_ARE_SOFT[mode->rows[i].kind]; k++) rows[count++] = row + k;
         row += more;
     }
     return count;
@@ -254,9 +191,7 @@ double sp_violation(const sp_program *p, const double *x)
 {
     double worst = 0.0;
     for (int i = 0; i < p->m; i++) {
-        double r = 0.0;
-        for (int k = 0; k < p->n; k++) r += p->A[i * p->n + k] * x[k];
-        double excess = sp_max(p->l[i] - r, r - p->u[i]);
+        double r = sp_row(p->A + i * p->n, x, p->n), excess = sp_max(p->l[i] - r, r - p->u[i]);
         if (!(excess <= worst)) worst = excess;
         if (r != r) return r;
     }
@@ -344,10 +279,8 @@ int sp_closed_form(const sp_program *p, const double *duals, int rounds, double 
         if (!signed_rows) fine = 1;
         int violated = 0;
         for (int i = 0; i < m; i++) {
-            double r = 0.0;
-            for (int k = 0; k < n; k++) r += p->A[i * n + k] * right[k];
+            double r = sp_row(p->A + i * n, right, n), excess = sp_max(p->l[i] - r, r - p->u[i]);
             work->r[i] = r;
-            double excess = sp_max(p->l[i] - r, r - p->u[i]);
             if (!(excess <= tolerance) || r != r) violated = 1;
         }
         if (!violated && fine) {

@@ -31,9 +31,8 @@ void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, co
                           const sp_interference_config *config, sp_interference *bounds);
 
 /* program.c */
-void sp_flight_mode(int32_t allocation, sp_mode *mode);
-void sp_ground_mode(sp_program_kind kind, const sp_crawler_config *config, sp_mode *mode);
-void sp_projection_mode(sp_mode *mode);
+const sp_mode *sp_find_mode(int32_t kind); /* of sp_program_kind, which begins with the allocations in flight */
+void sp_ground_mode(int32_t kind, const sp_crawler_config *config, sp_mode *mode);
 void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *program);
 int sp_soft_rows(const sp_mode *mode, int32_t *rows);
 void sp_soften(const sp_program *program, const int32_t *rows, int count, double price, sp_program *soft);
@@ -49,8 +48,9 @@ int sp_sphere_optimum(const sp_program *program, const int32_t *soft, int count,
 void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
                  int guess_rows, int keep_active, const sp_allocator_config *config, sp_workspace *work,
                  sp_allocation *allocation);
-void sp_project(const sp_mode *projection, const sp_demand *demand, const double *wish_l, const double *previous_l,
+void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
                 const sp_allocator_config *config, sp_workspace *work, sp_allocation *allocation);
+double sp_limit_thrust(double *force);
 
 /* flight.c */
 void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
@@ -108,14 +108,13 @@ void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot
 void sp_policy_crawl(sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
                      sp_residual *residual);
 
-/* about.c */
-const char *sp_interface(void);           /* digest of structs, robot and sources */
-
 /* border.c */
+extern const sp_residual SP_NO_RESIDUAL;
+const char *sp_interface(void); /* digest of structs, robot and sources */
 int sp_valid_state(const sp_robot_state *state);
 int sp_valid_reference(const sp_reference *reference);
-int sp_valid_residual(const sp_residual *residual);
+const sp_residual *sp_valid_residual(const sp_residual *residual);
 void sp_make_command(const double *thrust, const double *vectoring, const double *joints, double limit,
-             sp_command *command);
+                     sp_command *command);
 
 #endif

@@ -18,9 +18,6 @@ __asm__(".symver exp,exp@GLIBC_2.17");
 #define SP_HALF_PI 1.57079632679489661923
 #define SP_TWO_PI 6.28318530717958647692
 
-typedef double sp_vec3[3];
-typedef double sp_mat3[9];
-
 static inline double sp_min(double a, double b) { return a < b ? a : b; }
 static inline double sp_max(double a, double b) { return a > b ? a : b; }
 /* `x` within low … high. */
@@ -33,6 +30,13 @@ static inline int sp_finite(const double *x, int n)
     return sum == 0.0;
 }
 static inline double sp_dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+/* a x for a row of n numbers. */
+static inline double sp_row(const double *a, const double *x, int n)
+{
+    double sum = 0.0;
+    for (int k = 0; k < n; k++) sum += a[k] * x[k];
+    return sum;
+}
 static inline double sp_norm(const double *a) { return sqrt(sp_dot(a, a)); }
 static inline void sp_copy(double *to, const double *from, int n) { memcpy(to, from, (size_t)n * sizeof(double)); }
 static inline void sp_zero(double *to, int n) { for (int i = 0; i < n; i++) to[i] = 0.0; }

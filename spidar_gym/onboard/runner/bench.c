@@ -1,7 +1,5 @@
 /* `bench IN`: the ticks of a log and of the hardest demands: time, and instructions where the kernel counts them. */
 #define _GNU_SOURCE
-#include "bench.h"
-
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +11,7 @@
 #endif
 
 #include "log.h"
+#include "modes.h"
 #include "run.h"
 
 #define TICKS 20000
@@ -83,7 +82,7 @@ static void report(const char *name, cost *c)
 
 /* Demands that no force meets: closed form, attempts up to the cap, then the softened program, which goes to its own. */
 static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const double *previous_l,
-                 const sp_allocator_config *config, sp_workspace *work, cost *c)
+                          const sp_allocator_config *config, sp_workspace *work, cost *c)
 {
     static sp_allocation answer;
     int most = 0;
@@ -101,74 +100,45 @@ static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const do
     printf("%-34s %6d, cap %d an attempt\n", "most iterations of a tick", most, (int)config->max_iter);
 }
 
-static int bench_flight(FILE *in, int ticks, cost *c, cost *worst)
+/* The ticks of a flight or a crawl, then demands about one of them: of a crawl the hardest, of a flight the last. */
+static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *hardest)
 {
-    static sp_flight flight;
-    sp_controller_config config;
-    sp_log_start start;
-    sp_log_input input;
-    sp_command command;
-    if (fread(&config, sizeof config, 1, in) != 1 || fread(&start, sizeof start, 1, in) != 1) return 0;
-    sp_flight_init(&flight, &config);
-    sp_flight_reset(&flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
-    for (int k = 0; k < ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
-        start_clock();
-        sp_flight_step(&flight, &input.state, &input.reference, NULL, NULL, &command);
-        stop_clock(c);
-    }
-    if (c->n == 0) return 0;
-    report("flight, whole ticks", c);
-    bench_hardest(&flight.mode, &flight.demand, flight.memory.forces_l, &config.allocator, &flight.workspace, worst);
-    return 1;
-}
-
-static int bench_crawl(FILE *in, int ticks, cost *c, cost *worst)
-{
-    static sp_crawl crawl;
     static sp_demand demand;
-    sp_crawler_config config;
-    sp_robot_state state;
+    const sp_mode *mode = NULL;
+    const int flies = recorded->head.kind == SP_LOG_FLIGHT;
+    sp_flight *f = &recorded->flight;
+    sp_crawl *c = &recorded->crawl;
     sp_log_input input;
     sp_command command;
-    sp_move move;
-    if (fread(&config, sizeof config, 1, in) != 1 || fread(&state, sizeof state, 1, in) != 1) return 0;
-    sp_crawl_init(&crawl, &config);
-    sp_crawl_reset(&crawl, &state);
-    do {
-        if (fread(&move, sizeof move, 1, in) != 1) return 0;
-        if (move.cycles >= 0 && !sp_gait_move(&crawl, move.way, move.cycles)) return 0;
-    } while (move.cycles >= 0);
-    int32_t most = -1, mode = crawl.memory.mode;
-    for (int k = 0; k < ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
+    int32_t most = -1;
+    for (int k = 0; k < recorded->head.ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
         start_clock();
-        sp_crawl_step(&crawl, &input.state, NULL, &command);
-        stop_clock(c);
-        if (crawl.allocation.iterations > most) { /* the hardest of them is where the hard ones start from */
-            most = crawl.allocation.iterations;
-            mode = crawl.memory.mode;
-            demand = crawl.demand;
+        const sp_allocation *a = sp_recorded_tick(recorded, &input, &command);
+        stop_clock(whole);
+        if (flies || a->iterations > most) {
+            most = a->iterations;
+            mode = flies ? &f->mode : &c->modes[c->memory.mode];
+            demand = flies ? f->demand : c->demand;
         }
     }
-    if (c->n == 0) return 0;
-    report("crawl, whole ticks", c);
-    bench_hardest(&crawl.modes[mode], &demand, crawl.memory.forces_l, &config.allocator, &crawl.workspace, worst);
+    if (mode == NULL) return 0;
+    report(flies ? "flight, whole ticks" : "crawl, whole ticks", whole);
+    bench_hardest(mode, &demand, flies ? f->memory.forces_l : c->memory.forces_l,
+                  flies ? &f->config.allocator : &c->config.allocator, flies ? &f->workspace : &c->workspace, hardest);
     return 1;
 }
 
 int sp_bench(const char *path)
 {
     static cost whole, worst;
-    sp_log_head head;
+    static sp_recorded recorded;
     FILE *in = fopen(path, "rb");
     open_counter();
-    int fits = in != NULL && fread(&head, sizeof head, 1, in) == 1 && memcmp(head.magic, SP_LOG_MAGIC, 8) == 0 &&
-               (head.kind == SP_LOG_FLIGHT ? bench_flight(in, head.ticks, &whole, &worst)
-                : head.kind == SP_LOG_CRAWL && bench_crawl(in, head.ticks, &whole, &worst));
+    int fits = in != NULL && sp_recorded_begin(in, &recorded) == NULL && recorded.head.kind != SP_LOG_RUN &&
+               bench_ticks(in, &recorded, &whole, &worst);
     if (in != NULL) fclose(in);
-    if (!fits) {
-        fprintf(stderr, "runner: bench needs a log of a flight or a crawl; valid: golden/flight.in, golden/crawl.in\n");
-        return 2;
-    }
+    if (!fits)
+        return sp_reject("", "bench needs a log of a flight or a crawl; valid: golden/flight.in, golden/crawl.in");
     double slowest = whole.times[whole.n - 1] + worst.times[worst.n - 1];
     printf("%-34s %8.1f us of the paper's 5000 us\n", "worst of both together", slowest);
     if (counter < 0) printf("instructions: not counted here; valgrind --tool=callgrind --toggle-collect=sp_allocate does\n");

@@ -6,17 +6,11 @@
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
 #define TRIM_SECONDS 0.5
 
-static const char *const FAULTS[SP_FAULTS] = {
-    "none", "the tick came late", "the flight state is stale", "the pose is stale", "the inertial unit is stale",
-    "the joint states are stale", "a sample is not finite", "a sample is out of range", "a sample is out of order", "the pose jumps",
-    "the torso tilts too far", "the robot is outside its fence", "another node commands the rotors",
-    "no allocation for too long", "a command is out of bounds",
-};
 static const char *const STAGES[] = {"waiting", "driving", "holding", "forcing the landing", "released"};
 
 const char *sp_fault_words(int32_t fault)
 {
-    return FAULTS[fault >= 0 && fault < SP_FAULTS ? fault : 0];
+    return SP_FAULT_WORDS[fault >= 0 && fault < SP_FAULTS ? fault : 0];
 }
 
 const char *sp_stage_words(int32_t stage)

@@ -2,9 +2,15 @@
 #ifndef SPIDAR_LOOP_H
 #define SPIDAR_LOOP_H
 
-#include "mission.h"
+#include <stddef.h>
+
+#include "spidar_core.h"
+#include "spidar_runner.h" /* generated: the runner's words and structs */
 
 #define SP_AHEAD 0.05 /* a stamp may be so far in the future [s] */
+
+/* mission.c: read a mission's text; 1, or 0 and a sentence that says what would have been valid. */
+int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t size);
 
 /* sense.c: check the samples, estimate the state; what is wrong. */
 void sp_sense_init(sp_sense *sense, const sp_mission *mission);

@@ -1,11 +1,10 @@
 /* A mission's text, read line by line. */
 #define _POSIX_C_SOURCE 200112L
-#include "mission.h"
-
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "loop.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
 #include "spidar_presets.h"
@@ -21,6 +20,7 @@ typedef struct {
 static const preset CONTROLLERS[] = {SP_CONTROLLER_PRESETS(ROW)};
 static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
 
+static const char NO_KIND[] = "flight PRESET or crawl PRESET first";
 static const sp_limits LIMITS = {
     1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
 };
@@ -149,19 +149,25 @@ static const struct {
     {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
 };
 
-static const char *read_line(sp_mission *m, char *line)
+/* NULL, or what would have been valid; `kinds` counts the lines that say flight or crawl. */
+static const char *read_line(sp_mission *m, char *line, int *kinds)
 {
     char *words[WORDS], *rest = NULL;
     int count = 0;
+    size_t k = 0;
     line[strcspn(line, "#\r\n")] = 0;
     for (char *w = strtok_r(line, " \t", &rest); w != NULL; w = strtok_r(NULL, " \t", &rest)) {
         if (count == WORDS) return "fewer words";
         words[count++] = w;
     }
     if (count == 0) return NULL;
-    for (size_t k = 0; k < sizeof LINES / sizeof *LINES; k++)
-        if (strcmp(words[0], LINES[k].word) == 0) return LINES[k].read(m, words, count);
-    return "flight, crawl, form, move, unrestricted, estimate, residual, fence, ages, settle, tilt, speed, end";
+    while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
+    if (k == sizeof LINES / sizeof *LINES)
+        return "flight, crawl, form, move, unrestricted, estimate, residual, fence, ages, settle, tilt, speed, end";
+    *kinds += LINES[k].read == read_kind;
+    if (*kinds > 1) return "one flight or one crawl";
+    const char *valid = LINES[k].read(m, words, count);
+    return valid == NULL && *kinds == 0 ? NO_KIND : valid;
 }
 
 int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
@@ -181,18 +187,11 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
         else {
             memcpy(line, text, length);
             line[length] = 0;
-            size_t skip = strspn(line, " \t");
-            size_t word = strcspn(line + skip, " \t\r#");
-            int kind = (word == 6 && strncmp(line + skip, "flight", 6) == 0) ||
-                       (word == 5 && strncmp(line + skip, "crawl", 5) == 0);
-            valid = read_line(m, line);
-            kinds += kind;
-            if (valid == NULL && kinds == 0 && line[skip] != 0) valid = "flight PRESET or crawl PRESET first";
-            if (kinds > 1) valid = "one flight or one crawl";
+            valid = read_line(m, line, &kinds);
         }
         text += length + (text[length] != 0);
     }
-    if (valid == NULL && kinds == 0) valid = "flight PRESET or crawl PRESET first";
+    if (valid == NULL && kinds == 0) valid = NO_KIND;
     if (valid == NULL && (m->crawls ? m->form_count + m->window_count > 0 || m->end > 0.0 : m->move_count > 0))
         valid = "form, unrestricted, end for a flight; move for a crawl";
     if (valid == NULL) return 1;

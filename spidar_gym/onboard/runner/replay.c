@@ -1,91 +1,149 @@
-/* `replay IN OUT`: the core on recorded inputs; the same log gives the same bytes on every machine. */
+/* `replay IN OUT` and `compare OUT GOLDEN`: recorded inputs again, and whether the answers are those that they were. */
+#define _POSIX_C_SOURCE 200112L
 #include <string.h>
+#include <sys/stat.h>
 
 #include "log.h"
-#include "loop.h"
+#include "modes.h"
+#include "run.h"
 
 #define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
+#define WRITE(x) (fwrite(&(x), sizeof(x), 1, out) == 1)
 
-static void record_allocation(const sp_allocation *a, sp_log_output *line)
+static const char NO_LOG[] = "no log; valid: one that `spidar export` or this runner wrote";
+static const char ENDS_EARLY[] = "the log ends early; valid: a whole one";
+static const char IMPOSSIBLE[] = "the log asks for what this export cannot do; valid: one of this very export";
+static const char UNWRITABLE[] = "cannot write the output; valid: a path in a writable folder";
+
+const char *sp_recorded_begin(FILE *in, sp_recorded *r)
 {
-    memcpy(line->forces_l, a->forces_l, sizeof line->forces_l);
-    line->status = a->status;
-    line->iterations = a->iterations;
+    if (!READ(r->head) || memcmp(r->head.magic, SP_LOG_MAGIC, sizeof r->head.magic) != 0) return NO_LOG;
+    if (memcmp(r->head.interface, SP_RUNNER_INTERFACE, sizeof r->head.interface) != 0)
+        return "the log is of another interface or robot; valid: one of this export";
+    if (r->head.kind == SP_LOG_FLIGHT) {
+        sp_controller_config config;
+        sp_log_start start;
+        if (!READ(config) || !READ(start)) return ENDS_EARLY;
+        sp_flight_init(&r->flight, &config);
+        sp_flight_reset(&r->flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
+    } else if (r->head.kind != SP_LOG_RUN) {
+        sp_crawler_config config;
+        sp_robot_state state;
+        sp_move move;
+        if (!READ(config) || !READ(state)) return ENDS_EARLY;
+        sp_crawl_init(&r->crawl, &config);
+        sp_crawl_reset(&r->crawl, &state);
+        for (;;) {
+            if (!READ(move)) return ENDS_EARLY;
+            if (move.cycles < 0) break;
+            if (!sp_gait_move(&r->crawl, move.way, move.cycles)) return IMPOSSIBLE;
+        }
+    }
+    return NULL;
 }
 
-/* A run again: its very bytes, where this is the runner that drove. */
-static int replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, int *differ)
+const sp_allocation *sp_recorded_tick(sp_recorded *r, const sp_log_input *input, sp_command *command)
+{
+    const sp_residual *residual = input->has_residual ? &input->residual : NULL;
+    if (r->head.kind == SP_LOG_FLIGHT) {
+        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, command);
+        return &r->flight.allocation;
+    }
+    sp_crawl_step(&r->crawl, &input->state, residual, command);
+    return &r->crawl.allocation;
+}
+
+/* The answers to a flight's or a crawl's inputs. */
+static const char *replay_controller(FILE *in, FILE *out, sp_recorded *recorded)
+{
+    sp_log_input input;
+    sp_log_output line;
+    for (int k = 0; k < recorded->head.ticks; k++) {
+        if (!READ(input)) return ENDS_EARLY;
+        memset(&line, 0, sizeof line);
+        const sp_allocation *a = sp_recorded_tick(recorded, &input, &line.command);
+        memcpy(line.forces_l, a->forces_l, sizeof line.forces_l);
+        line.status = a->status;
+        line.iterations = a->iterations;
+        if (!WRITE(line)) return UNWRITABLE;
+    }
+    return NULL;
+}
+
+static int within(int32_t count, int32_t most) { return count >= 0 && count <= most; }
+
+/* A run again: its very bytes, where this is the runner that drove; how many ticks, and how many now differ. */
+static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, int *differ)
 {
     static sp_loop loop;
     static sp_mission mission;
     sp_loop_input input;
     sp_loop_output was, is;
     sp_log_clock clock;
-    if (!READ(mission)) return 3;
-    if (mission.form_count < 0 || mission.form_count > SP_MAX_FORMS || mission.window_count < 0 ||
-        mission.window_count > SP_MAX_WINDOWS || mission.move_count < 0 || mission.move_count > SP_MAX_MOVES)
-        return 3;
-    if (sp_loop_init(&loop, &mission) != NULL) return 4;
-    if (fwrite(head, sizeof *head, 1, out) != 1 || fwrite(&mission, sizeof mission, 1, out) != 1) return 5;
+    if (!READ(mission) || !within(mission.form_count, SP_MAX_FORMS) || !within(mission.window_count, SP_MAX_WINDOWS) ||
+        !within(mission.move_count, SP_MAX_MOVES))
+        return ENDS_EARLY;
+    if (sp_loop_init(&loop, &mission) != NULL) return IMPOSSIBLE;
+    if (!WRITE(*head) || !WRITE(mission)) return UNWRITABLE;
     for (;;) {
         size_t got = fread(&input, 1, sizeof input, in);
-        if (got == 0) break;
-        if (got < sizeof input || !READ(was) || !READ(clock)) return 3;
-        const sp_measurement *m = &input.measurement;
-        if (m->pose_count < 0 || m->pose_count > SP_POSE_FRAMES || m->imu_count < 0 || m->imu_count > SP_IMU_SAMPLES)
-            return 3;
+        if (got == 0) return NULL;
+        if (got < sizeof input || !READ(was) || !READ(clock) || !within(input.measurement.pose_count, SP_POSE_FRAMES) ||
+            !within(input.measurement.imu_count, SP_IMU_SAMPLES))
+            return ENDS_EARLY;
         sp_loop_tick(&loop, &input, &is);
         *differ += memcmp(&was, &is, sizeof is) != 0;
         ++*ticks;
-        if (fwrite(&input, sizeof input, 1, out) != 1 || fwrite(&is, sizeof is, 1, out) != 1 ||
-            fwrite(&clock, sizeof clock, 1, out) != 1)
-            return 5;
+        if (!WRITE(input) || !WRITE(is) || !WRITE(clock)) return UNWRITABLE;
     }
-    return 0;
 }
 
-/* 0 where all went well, else a message's number (see main.c); of a run, how many ticks, and how many now differ. */
-int sp_replay(FILE *in, FILE *out, int *ticks, int *differ)
+/* Whether two paths are one file. */
+static int same(const char *a, const char *b)
 {
-    static sp_flight flight;
-    static sp_crawl crawl;
-    sp_log_head head;
-    sp_log_input input;
-    sp_log_output line;
-    if (!READ(head) || memcmp(head.magic, SP_LOG_MAGIC, 8) != 0) return 1;
-    if (memcmp(head.interface, SP_RUNNER_INTERFACE, 32) != 0) return 2;
-    if (head.kind == SP_LOG_RUN) return replay_run(in, out, &head, ticks, differ);
-    if (head.kind == SP_LOG_FLIGHT) {
-        sp_controller_config config;
-        sp_log_start start;
-        if (!READ(config) || !READ(start)) return 3;
-        sp_flight_init(&flight, &config);
-        sp_flight_reset(&flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
-    } else {
-        sp_crawler_config config;
-        sp_robot_state state;
-        sp_move move;
-        if (!READ(config) || !READ(state)) return 3;
-        sp_crawl_init(&crawl, &config);
-        sp_crawl_reset(&crawl, &state);
-        for (;;) {
-            if (!READ(move)) return 3;
-            if (move.cycles < 0) break;
-            if (!sp_gait_move(&crawl, move.way, move.cycles)) return 4;
+    struct stat x, y;
+    return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+int sp_replay(const char *from, const char *to)
+{
+    static sp_recorded recorded;
+    int ticks = 0, differ = 0;
+    FILE *in = fopen(from, "rb"), *out = NULL;
+    const char *why = in == NULL ? NO_LOG : same(from, to) ? "the output is the log itself; valid: another file" : NULL;
+    if (why == NULL && (out = fopen(to, "wb")) == NULL) why = UNWRITABLE;
+    if (why == NULL) why = sp_recorded_begin(in, &recorded);
+    if (why == NULL)
+        why = recorded.head.kind == SP_LOG_RUN ? replay_run(in, out, &recorded.head, &ticks, &differ)
+                                               : replay_controller(in, out, &recorded);
+    if (in != NULL) fclose(in);
+    if (out != NULL && fclose(out) != 0 && why == NULL) why = UNWRITABLE;
+    if (out != NULL && why != NULL) remove(to);
+    if (why != NULL) return sp_reject("", why);
+    if (ticks > 0) printf("%d ticks of a run, %d answered otherwise than then\n", ticks, differ);
+    return differ > 0 ? sp_reject("", "the run replays otherwise; valid: the runner that wrote it") : 0;
+}
+
+int sp_compare(const char *a, const char *b)
+{
+    FILE *one = fopen(a, "rb"), *two = fopen(b, "rb");
+    double worst = 0.0;
+    int ticks = 0, whole = one != NULL && two != NULL;
+    sp_log_output x, y;
+    while (whole) {
+        size_t left = fread(&x, sizeof x, 1, one), right = fread(&y, sizeof y, 1, two);
+        if (left != right) whole = 0;
+        if (left != 1 || right != 1) break;
+        const double *p = (const double *)&x.command, *q = (const double *)&y.command;
+        for (size_t k = 0; k < (sizeof x.command + sizeof x.forces_l) / sizeof(double); k++) {
+            double d = p[k] - q[k];
+            if (!(d <= worst && -d <= worst)) worst = d < 0 ? -d : d;
         }
+        ticks++;
     }
-    for (int k = 0; k < head.ticks; k++) {
-        if (!READ(input)) return 3;
-        const sp_residual *residual = input.has_residual ? &input.residual : NULL;
-        memset(&line, 0, sizeof line);
-        if (head.kind == SP_LOG_FLIGHT) {
-            sp_flight_step(&flight, &input.state, &input.reference, residual, NULL, &line.command);
-            record_allocation(&flight.allocation, &line);
-        } else {
-            sp_crawl_step(&crawl, &input.state, residual, &line.command);
-            record_allocation(&crawl.allocation, &line);
-        }
-        if (fwrite(&line, sizeof line, 1, out) != 1) return 5;
-    }
-    return 0;
+    if (one != NULL) fclose(one);
+    if (two != NULL) fclose(two);
+    if (!whole) return sp_reject("", ENDS_EARLY);
+    printf("%d ticks, largest difference %.3g\n", ticks, worst);
+    return worst <= 1e-6 ? 0 : sp_reject("", "an output differs from the golden one by more than 1e-6");
 }

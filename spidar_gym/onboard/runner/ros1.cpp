@@ -29,7 +29,7 @@ extern "C" {
 #include "loop.h"
 #include "spidar_model.h"
 }
-#include "ros1.h"
+#include "modes.h"
 #include "run.h"
 
 namespace {

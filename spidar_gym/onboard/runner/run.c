@@ -6,7 +6,6 @@
 #include <string.h>
 #include <time.h>
 
-#include "log.h"
 
 #define MOST 65535 /* characters of a mission */
 

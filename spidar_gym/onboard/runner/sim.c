@@ -1,7 +1,5 @@
 /* `sim HOST:PORT MISSION`: a simulated robot over a socket, one answer to each input; no clock but the robot's. */
 #define _POSIX_C_SOURCE 200112L
-#include "sim.h"
-
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -13,6 +11,7 @@
 #include <unistd.h>
 
 #include "contract.h"
+#include "modes.h"
 #include "run.h"
 
 /* All of a struct, 1; 0 where the other end has closed. */
@@ -63,46 +62,40 @@ static int connect_to(const char *place)
     return link;
 }
 
-/* Who the robot is; 0 where it speaks another interface, whose hello may have another length. */
-static int receive_hello(int link, sp_sim_hello *hello)
+/* Hear who the robot is; NULL, or why it is refused. */
+static const char *meet(int link, int32_t odometry)
 {
-    const size_t front = sizeof hello->interface;
-    return receive_all(link, hello->interface, front) && memcmp(hello->interface, SP_RUNNER_INTERFACE, front) == 0 &&
-           receive_all(link, (char *)hello + front, sizeof *hello - front);
-}
-
-int sp_sim(const char *place, const char *mission, const char *log, int residual)
-{
-    static sp_run run;
     static sp_sim_hello hello;
-    sp_loop_input input;
-    sp_loop_output output;
-    char reason[256];
+    static char reason[256];
     const char *names[SP_NAMES];
-    if (sp_run_open(&run, mission, log, residual) != 0) return 2;
-    int link = connect_to(place);
-    if (link < 0)
-        return sp_reject("", "nobody answers there; valid: the HOST:PORT that `spidar sitl --link socket` says");
-    if (!receive_hello(link, &hello)) {
-        close(link);
-        return sp_reject("", "the simulator speaks another interface; valid: one of this export");
-    }
-    sp_robot robot = {.model = hello.model, .name_count = hello.name_count};
+    const size_t front = sizeof hello.interface; /* the rest may have another length in another interface */
+    if (!receive_all(link, hello.interface, front) || memcmp(hello.interface, SP_RUNNER_INTERFACE, front) != 0 ||
+        !receive_all(link, (char *)&hello + front, sizeof hello - front))
+        return "the simulator speaks another interface; valid: one of this export";
+    sp_robot robot = {.model = hello.model, .name_count = hello.name_count, .names = names};
     hello.model[sizeof hello.model - 1] = 0;
     for (int k = 0; k < SP_NAMES; k++) {
         hello.names[k][sizeof hello.names[k] - 1] = 0;
         names[k] = hello.names[k];
     }
-    robot.names = names;
     memcpy(robot.rates, hello.rates, sizeof robot.rates);
-    if (!sp_agree(&robot, run.loop.mission.odometry, reason, sizeof reason)) {
-        close(link);
-        return sp_reject("", reason);
-    }
-    while (receive_all(link, &input, sizeof input)) {
+    return sp_agree(&robot, odometry, reason, sizeof reason) ? NULL : reason;
+}
+
+int sp_sim(const char *place, const char *mission, const char *log, int residual)
+{
+    static sp_run run;
+    sp_loop_input input;
+    sp_loop_output output;
+    if (sp_run_open(&run, mission, log, residual) != 0) return 2;
+    int link = connect_to(place);
+    if (link < 0)
+        return sp_reject("", "nobody answers there; valid: the HOST:PORT that `spidar sitl --link socket` says");
+    const char *why = meet(link, run.loop.mission.odometry);
+    while (why == NULL && receive_all(link, &input, sizeof input)) {
         sp_run_tick(&run, &input, &output, -1.0);
         if (!send_all(link, &output, sizeof output)) break;
     }
     close(link);
-    return sp_run_close(&run);
+    return why == NULL ? sp_run_close(&run) : sp_reject("", why);
 }
