@@ -1,19 +1,29 @@
 """What a row's file may hold: type and range of every field, so that nothing else gets into a table."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from spidar_gym.benchmark.metrics import METRICS, check_metrics
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
+from spidar_gym.border import BorderError, require_form
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name
-from spidar_gym.policies.policy import ARGUMENTS, DOC, KINDS, check_line, check_name
+from spidar_gym.policies.policy import ARGUMENTS, DOC, KINDS, LINE, check_line, check_name
 from spidar_gym.robot.description import model_hash
 
 ANEW = "a row evaluated anew by its command"
 LONGEST = 1e9
 """Largest time [s or ms] and number of steps that a row may tell."""
+FORM = {
+    "format": int, "name": str, "kind": str, "doc": str, "policies": [str], "policies_sha256": [str],
+    "training": ([(dict, None)], None), "arguments": dict, "command": str, "versions": {str: str}, "processor": str,
+    "model_sha256": str,
+    "tracks": {str: {"split": str, "scenarios_sha256": str, "scenarios": [int], "runs": [{str: list}]}},
+    "timing": {str: {"step_ms_p50_p99": [float, float], "policy_ms_p50_p99": [float, float], "wall_s": float}},
+    "sha256": str,
+}  # fmt: skip
+"""What stands in a row; `arguments` where its policies were learned."""
 
 
 class RowError(SpidarError):
@@ -26,81 +36,54 @@ def check_content(content: Mapping[str, Any]) -> None:
     Raises:
         SpidarError: For the first that is not.
     """
-    needed = {*_FIELDS, "format", "tracks", "timing"}
-    missing, more = needed - set(content), set(content) - needed - {"sha256", "arguments"}
-    if missing or more:
-        odd = "lacks " + ", ".join(sorted(missing)) if missing else f"has fields besides a row's ({len(more)})"
-        raise RowError(f"it {odd}; valid: a row that `spidar eval` wrote")
-    for name, check in _FIELDS.items():
-        check(name, content[name])
-    _arguments(content.get("arguments", {}))
+    try:
+        require_form({"arguments": {}, "sha256": "", **content}, FORM, "it")
+    except BorderError as error:
+        raise RowError(f"{error}; valid: a row that `spidar eval` wrote") from error
+    _check_words(content)
+    _check_arguments(content.get("arguments", {}))
     if content["model_sha256"] != model_hash():
         raise RowError(f"another robot model; valid: {ANEW}")
     runs = len(content["policies"])
     for name in ("policies_sha256", "training"):
         if content[name] is not None and len(content[name]) != runs:
             raise InvalidValueError(name, content[name], f"{runs}, one a policy")
-    tracks = _object("tracks", content["tracks"])
-    if not tracks:
-        raise InvalidValueError("tracks", tracks, "at least one")
-    for name, track in tracks.items():
-        _track(name, _object("track", track), runs)
-    _timing(content["timing"], tracks)
+    for name in ("policies", "tracks"):
+        if not content[name]:
+            raise InvalidValueError(name, content[name], "at least one")
+    for name, track in content["tracks"].items():
+        _check_track(name, track, runs)
+    if set(content["timing"]) != set(content["tracks"]):
+        raise RowError(f"it has not the times of its tracks; valid: those of {', '.join(content['tracks'])}")
+    for times in content["timing"].values():
+        check_times(times)
 
 
-def _object(name: str, value: object, keys: set[str] | None = None) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise InvalidValueError(name, value, "an object")
-    if keys is not None and set(value) != keys:
-        odd = ", ".join(map(_plain, sorted(set(value) ^ keys)[:5]))
-        raise RowError(f"{name} lacks fields or has others ({odd}); valid: {', '.join(sorted(keys))}")
-    return value
+def _check_words(content: Mapping[str, Any]) -> None:
+    """Whether what a row says of its origin can stand in a table."""
+    check_name(content["name"])
+    require_name("kind", content["kind"], KINDS)
+    lines = [
+        ("doc", content["doc"], DOC),
+        ("processor", content["processor"], DOC),
+        ("command", content["command"], LINE),
+    ]
+    lines += [("policies", spec, LINE) for spec in content["policies"]]
+    lines += [("versions", word, DOC) for version in content["versions"].items() for word in version]
+    for name, text, most in lines:
+        check_line(name, text, most)
+    for digest in content["policies_sha256"]:
+        if not re.fullmatch("([0-9a-f]{64})?", digest):
+            expected = "a SHA-256 in 64 hexadecimal digits, or nothing where there was no file"
+            raise InvalidValueError("policies_sha256", digest, expected)
+    for entry in filter(None, content["training"] or ()):
+        # Shown of it are one line and one number.
+        check_line("command of training", entry.get("command", ""))
+        _check_number("steps of training", entry.get("steps", 0))
 
 
-def _plain(word: str) -> str:
-    """A name that is none, as an error may show it."""
-    return ascii(word)[1:-1][:40]
-
-
-def _list(name: str, value: object) -> list[Any]:
-    if not isinstance(value, list):
-        raise InvalidValueError(name, value, "a list")
-    return value
-
-
-def _number(name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LONGEST:
-        raise InvalidValueError(name, value, f"a number within 0 … {LONGEST:g}")
-
-
-def _digest(name: str, value: object) -> None:
-    if not (isinstance(value, str) and re.fullmatch("([0-9a-f]{64})?", value)):
-        raise InvalidValueError(name, value, "a SHA-256 in 64 hexadecimal digits, or nothing where there was no file")
-
-
-def _policies(name: str, value: object) -> None:
-    if not _list(name, value):
-        raise InvalidValueError(name, value, "at least one")
-    for spec in _list(name, value):
-        check_line(name, spec)
-
-
-def _versions(name: str, value: object) -> None:
-    for package, number in _object(name, value).items():
-        check_line(name, package, DOC)
-        check_line(f"{name}: {package}", number, DOC)
-
-
-def _training(name: str, value: object) -> None:
-    """Refuse trainings other than nothing or an object for each run; shown of it are one line and one number."""
-    for entry in _list(name, [] if value is None else value):
-        shown = _object(name, {} if entry is None else entry)
-        check_line(f"command of {name}", shown.get("command", ""))
-        _number(f"steps of {name}", shown.get("steps", 0))
-
-
-def _arguments(value: object) -> None:
-    for name, choice in _object("arguments", value).items():
+def _check_arguments(arguments: Mapping[str, Any]) -> None:
+    for name, choice in arguments.items():
         require_name("argument", name, ARGUMENTS)
         if isinstance(choice, str):
             check_line(name, choice, DOC)
@@ -108,49 +91,40 @@ def _arguments(value: object) -> None:
             raise InvalidValueError(name, choice, "a word or a number")
 
 
-def _digests(name: str, value: object) -> None:
-    for digest in _list(name, value):
-        _digest(name, digest)
+def _check_number(name: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LONGEST:
+        raise InvalidValueError(name, value, f"a number within 0 … {LONGEST:g}")
 
 
-_FIELDS: dict[str, Callable[[str, Any], object]] = {
-    "name": lambda _, value: check_name(value),
-    "kind": lambda name, value: require_name(name, value, KINDS),
-    "doc": lambda name, value: check_line(name, value, DOC),
-    "policies": _policies,
-    "policies_sha256": _digests,
-    "training": _training,
-    "command": check_line,
-    "versions": _versions,
-    "processor": lambda name, value: check_line(name, value, DOC),
-    "model_sha256": _digest,
-}
-"""What a row says of its origin: field → check."""
+def check_times(times: Mapping[str, Any]) -> None:
+    """Whether they are times: pairs of medians and 99th percentiles, and the whole (`SpidarError` if not)."""
+    for name, value in times.items():
+        for number in value if isinstance(value, list) else [value]:
+            _check_number(name, number)
 
 
-def _track(name: str, track: Mapping[str, Any], runs: int) -> None:
+def _check_track(name: str, track: Mapping[str, Any], runs: int) -> None:
     """Whether a track has a number for each scenario, of each metric and run."""
-    _object(_plain(name), track, {"split", "scenarios_sha256", "scenarios", "runs"})
     require_name("split", track["split"], SPLITS)
     if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
         raise RowError(f"{_plain(name)} has other scenarios; valid: {ANEW}")
-    indices = _list("scenarios", track["scenarios"])
-    whole = all(type(index) is int and 0 <= index < SCENARIOS for index in indices)
-    if not (whole and indices and len(set(indices)) == len(indices)):
+    indices = track["scenarios"]
+    within = all(0 <= index < SCENARIOS for index in indices)
+    if not (within and indices and len(set(indices)) == len(indices)):
         raise RowError(f"{name} has scenarios {indices!s:.80}; valid: different ones within 0 … {SCENARIOS - 1}")
-    if len(_list("runs", track["runs"])) != runs:
+    if len(track["runs"]) != runs:
         raise RowError(f"{name} has {len(track['runs'])} runs; valid: {runs}, one a policy")
     for number, run in enumerate(track["runs"]):
-        _run(name, number, _object("run", run), indices)
+        _check_run(name, number, run, indices)
 
 
-def _run(name: str, number: int, run: Mapping[str, Any], indices: list[int]) -> None:
+def _check_run(name: str, number: int, run: Mapping[str, list[Any]], indices: list[int]) -> None:
     """Whether a run has what an episode gives on each scenario."""
     for metric in METRICS:
         if metric not in run:
             raise RowError(f"{name} lacks {metric}; valid: {ANEW}")
     for metric, values in run.items():
-        if len(_list(metric, values)) != len(indices):
+        if len(values) != len(indices):
             raise RowError(f"{name} has {len(values)} numbers of {_plain(metric)}; valid: {len(indices)}")
     for k, index in enumerate(indices):
         try:
@@ -159,18 +133,6 @@ def _run(name: str, number: int, run: Mapping[str, Any], indices: list[int]) -> 
             raise RowError(f"{name}, run {number}, scenario {index}: {error}") from error
 
 
-def _timing(timing: object, tracks: Mapping[str, Any]) -> None:
-    """Whether there are times of every track."""
-    for times in _object("timing", timing, set(tracks)).values():
-        check_times(times, "step_ms_p50_p99", "policy_ms_p50_p99")
-
-
-def check_times(times: object, *pairs: str) -> None:
-    """Whether it is the whole time and these pairs of medians and 99th percentiles (`SpidarError` if not)."""
-    found = _object("timing", times, {*pairs, "wall_s"})
-    _number("wall_s", found["wall_s"])
-    for name in pairs:
-        if len(_list(name, found[name])) != 2:
-            raise InvalidValueError(name, found[name], "two numbers")
-        for number in found[name]:
-            _number(name, number)
+def _plain(word: str) -> str:
+    """A name that is none, as an error may show it."""
+    return ascii(word)[1:-1][:40]

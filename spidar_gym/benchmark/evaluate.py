@@ -13,6 +13,7 @@ from spidar_gym.benchmark.resume import code_digest, digest_of, finish
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.border import require_form
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import Policy, policy_digest, policy_name
@@ -22,6 +23,8 @@ BEHAVIOUR = (
     "policies/rollout.py", "benchmark/scenario.py", "benchmark/scoring.py", "benchmark/track.py",
 )  # fmt: skip
 """Files and folders of the package on which the numbers of an episode rest."""
+RESULT = {"metrics": dict, "timing": {"act_s": [float, float], "step_s": [float, float], "wall_s": float}}
+"""What an episode gives, as `play_scenario` says."""
 
 
 @dataclass(frozen=True)
@@ -194,5 +197,6 @@ def run_shards(
 
 def _check_result(shard: Shard, result: dict[str, Any]) -> None:
     """Refuse what no episode gives."""
+    require_form(result, RESULT, "result")
     check_metrics(result["metrics"], flies=TRACKS[shard.track].flies)
-    check_times(result["timing"], "act_s", "step_s")
+    check_times(result["timing"])

@@ -9,7 +9,6 @@ from spidar_gym.benchmark.track import CAP
 from spidar_gym.errors import InvalidValueError
 
 FLIGHT, GROUND = "flight", "ground"
-BOTH = (FLIGHT, GROUND)
 WORD = 200
 """Longest word on a failure, in characters."""
 
@@ -18,15 +17,13 @@ WORD = 200
 class Metric:
     """One number of an episode; none is negative."""
 
-    unit: str
-    """Unit."""
     doc: str
     """Meaning."""
     kind: type
     """`float`, `int`, `bool`, or `str`: just this type."""
     most: float = 1.0
     """Largest value: far beyond what an episode can give, and near enough that no sum of them overflows."""
-    worlds: tuple[str, ...] = BOTH
+    worlds: tuple[str, ...] = (FLIGHT, GROUND)
     """Where it has a meaning; None elsewhere."""
     least: float = 0.0
     """Smallest value: above 0 where others are divided by it."""
@@ -59,55 +56,48 @@ class Metric:
 
 
 METRICS: dict[str, Metric] = {
-    "error": Metric("", "the track's error, on which the score rests", float, CAP, least=1e-300, spread=(1e-06, 0.001)),
-    "success": Metric("", "`info['is_success']` in the end", bool),
-    "failed": Metric("", "ended early, late at a form, or not finished: costs the cap", bool),
-    "failure": Metric("", "why, in words", str),
+    "error": Metric("the track's error, on which the score rests", float, CAP, least=1e-300, spread=(1e-06, 0.001)),
+    "success": Metric("`info['is_success']` in the end", bool),
+    "failed": Metric("ended early, late at a form, or not finished: costs the cap", bool),
+    "failure": Metric("why, in words", str),
     "position_rms_m": Metric(
-        "m", "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=(1e-05, 0.0)
+        "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=(1e-05, 0.0)
     ),
     "attitude_rms_rad": Metric(
-        "rad",
         "RMS of ‖attitude error‖ after the first second; on the ground of the tilt",
         float,
         math.tau,
         spread=(1e-05, 0.0003),
     ),
     "joint_rms_rad": Metric(
-        "rad",
         "RMS over the joints of the scenario's plan − measured; ground: setpoint − measured",
         float,
         math.tau,
         spread=(2e-06, 5e-04),
     ),
-    "late_forms": Metric("", "flight: forms not reached within 0.5 s after their deadline", int, 100.0, (FLIGHT,)),
-    "final_error_m": Metric(
-        "m", "ground: distance from the goal in the end", float, 10.0, (GROUND,), spread=(0.0, 5e-05)
-    ),
-    "final_yaw_rad": Metric(
-        "rad", "ground: |heading error| in the end", float, math.tau, (GROUND,), spread=(0.0, 1e-4)
-    ),
+    "late_forms": Metric("flight: forms not reached within 0.5 s after their deadline", int, 100.0, (FLIGHT,)),
+    "final_error_m": Metric("ground: distance from the goal in the end", float, 10.0, (GROUND,), spread=(0.0, 5e-05)),
+    "final_yaw_rad": Metric("ground: |heading error| in the end", float, math.tau, (GROUND,), spread=(0.0, 1e-4)),
     "drift": Metric(
-        "m/m", "ground: final error over the way, a radian counting 0.5 m", float, 100.0, (GROUND,), spread=(0.0, 1e-4)
+        "ground: final error over the way, a radian counting 0.5 m", float, 100.0, (GROUND,), spread=(0.0, 1e-4)
     ),
     "slip_m": Metric(
-        "m", "ground: way of the worst foot's touching point on the floor", float, 100.0, (GROUND,), spread=(0.0, 0.003)
+        "ground: way of the worst foot's touching point on the floor", float, 100.0, (GROUND,), spread=(0.0, 0.003)
     ),
-    "duration_s": Metric("s", "flown, or until the crawl was finished", float, 100.0, spread=(0.026, 0.026)),
-    "energy_wh": Metric("Wh", "electrical energy", float, 1e3, spread=(1e-06, 0.04)),
-    "endurance_min": Metric("min", "predicted from the mean power", float, 1e6, spread=(1e-06, 0.1)),
-    "cost_of_transport": Metric("", "ground: energy over weight times way", float, 1e6, (GROUND,), spread=(0.0, 1.5)),
-    "thrust_mean": Metric("", "mean commanded Σλ over the weight", float, 10.0, spread=(1e-07, 0.0003)),
-    "torque_share": Metric("", "largest |joint torque| over the servo's limit", float, 10.0, spread=(1e-05, 5e-05)),
+    "duration_s": Metric("flown, or until the crawl was finished", float, 100.0, spread=(0.026, 0.026)),
+    "energy_wh": Metric("electrical energy", float, 1e3, spread=(1e-06, 0.04)),
+    "endurance_min": Metric("predicted from the mean power", float, 1e6, spread=(1e-06, 0.1)),
+    "cost_of_transport": Metric("ground: energy over weight times way", float, 1e6, (GROUND,), spread=(0.0, 1.5)),
+    "thrust_mean": Metric("mean commanded Σλ over the weight", float, 10.0, spread=(1e-07, 0.0003)),
+    "torque_share": Metric("largest |joint torque| over the servo's limit", float, 10.0, spread=(1e-05, 5e-05)),
     "violations": Metric(
-        "",
         "share of ticks with a static joint torque above the limit or a rotor that blows on another",
         float,
         spread=(0.0025, 0.0025),
     ),
-    "unsolved": Metric("", "ticks whose QP had no optimum", int, 1e5),
+    "unsolved": Metric("ticks whose QP had no optimum", int, 1e5),
 }
-"""Every number of an episode, by name.
+"""Every number of an episode, by name, which ends in its unit where it has one.
 
 Its `spread` is some thirty times the largest difference that rounding made in 274 scenarios of all 14 rows, and one
 tick of control for times and shares of ticks, which did not move at all; nor did a success, a failure, or a count. Rows

@@ -110,14 +110,13 @@ class Change:
     """Upper end."""
 
 
-def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator, *, draws: int = DRAWS) -> Change:
+def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Change:
     """Paired comparison on the same scenarios, with intervals over them and over one's own runs.
 
     Args:
         before: Errors of the other one, shape (scenarios,).
         after: Errors, shape (runs, scenarios).
         rng: Source of the draws.
-        draws: How many.
     """
-    change = stratified_bootstrap([(before, after)], one(paired_difference), rng, draws=draws)
+    change = stratified_bootstrap([(before, after)], one(paired_difference), rng)
     return Change(float(iqm(before)), float(iqm(after.mean(axis=0))), change.value, change.low, change.high)

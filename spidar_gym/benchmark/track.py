@@ -23,9 +23,6 @@ POSITION_SCALE, ATTITUDE_SCALE = 0.05, 0.05
 REST_SCALE, ENERGY_SCALE = 0.02, 20.0
 """A crawl that ends this far from the goal [m, a radian counts 0.5 m] and takes this much energy [Wh/m] has error 1."""
 
-FLIGHT_ERROR = "½ (position RMS / 0.05 m + attitude RMS / 0.05 rad)"
-GROUND_ERROR = "½ (final error / 0.02 m + energy per metre / 20 Wh/m), a radian counts 0.5 m"
-
 
 @dataclass(frozen=True)
 class Track:
@@ -57,7 +54,9 @@ class Track:
     @property
     def formula(self) -> str:
         """Error of a scenario, in words."""
-        return FLIGHT_ERROR if self.flies else GROUND_ERROR
+        if self.flies:
+            return f"½ (position RMS / {POSITION_SCALE:g} m + attitude RMS / {ATTITUDE_SCALE:g} rad)"
+        return f"½ (final error / {REST_SCALE:g} m + energy per metre / {ENERGY_SCALE:g} Wh/m), a radian counts 0.5 m"
 
 
 _REAL = {"sensors": True, "randomization": 0.3}

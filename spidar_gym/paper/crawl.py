@@ -124,7 +124,6 @@ def crawl_paper(
     power: bool = False,
     noise: bool = False,
     seed: int = 0,
-    plant: PlantConfig | None = None,
     on_tick: Callable[[int], object] = lambda _: None,
 ) -> CrawlLog:
     """Crawl the paper's way, or another one.
@@ -138,7 +137,6 @@ def crawl_paper(
         power: Minimise electrical power instead of Σ ‖f‖².
         noise: Use `crawl_robot` rather than the description with true states.
         seed: Seed of that robot and its noise.
-        plant: A simulated robot of one's own, instead of `noise`.
         on_tick: Called after every tick with how many the plan has, for progress.
 
     Raises:
@@ -147,12 +145,15 @@ def crawl_paper(
     """
     check_way(preset, distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
     config = replace(crawler_config(preset), power=power)
-    if noise and plant is None:
-        plant = crawl_robot(np.random.Generator(np.random.PCG64(seed)))
     env = CrawlEnv(
-        distance=distance, direction=direction, turn=turn, joint_speed=joint_speed, controller=config, plant=plant,
+        distance=distance,
+        direction=direction,
+        turn=turn,
+        joint_speed=joint_speed,
+        controller=config,
+        plant=crawl_robot(np.random.Generator(np.random.PCG64(seed))) if noise else None,
         horizon_s=LIMIT,
-    )  # fmt: skip
+    )
     rows: list[dict[str, Any]] = []
     contacts: list[np.ndarray] = []
     info: dict[str, Any] = {}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.statistics import compare
+from spidar_gym.benchmark.statistics import Change, compare
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
 from spidar_gym.control.presets import controller_config
@@ -88,9 +88,13 @@ def speed_study(
 
 
 def _row(flown: dict[str, list[Outcome]], name: str, rng: np.random.Generator) -> dict[str, Any]:
-    own, base = flown[name], flown["paper"]
-    position = compare(np.array([o.position for o in base]), np.array([[o.position for o in own]]), rng)
-    attitude = compare(np.array([o.attitude for o in base]), np.array([[o.attitude for o in own]]), rng)
+    own = flown[name]
+
+    def change(metric: str) -> Change:
+        before, after = (np.array([getattr(o, metric) for o in outcomes]) for outcomes in (flown["paper"], own))
+        return compare(before, after[None], rng)
+
+    position, attitude = change("position"), change("attitude")
     return {
         "position_mm": 1e3 * position.after,
         "attitude_mrad": 1e3 * attitude.after,

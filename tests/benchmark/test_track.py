@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.benchmark import CRAWL, HOVER, TRACKS
-from spidar_gym.benchmark.track import (
-    CAP,
-    FLIGHT_ERROR,
-    GROUND_ERROR,
-    find_track,
-    flight_error,
-    ground_error,
-)
+from spidar_gym.benchmark.track import CAP, find_track, flight_error, ground_error
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.crawl.task import CrawlProgress
@@ -58,7 +51,7 @@ def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name)
     track = TRACKS[name]
     assert track.env_id == (HOVER if name.startswith("flight-") else CRAWL)
     assert track.flies == name.startswith("flight-")
-    assert track.formula == (FLIGHT_ERROR if track.flies else GROUND_ERROR)
+    assert track.formula == TRACKS["flight-paper" if track.flies else "ground-paper"].formula
     assert track.doc
     assert "\n" not in track.doc
     assert sum(other.doc == track.doc for other in TRACKS.values()) == 1
@@ -118,14 +111,14 @@ def test_a_failure_costs_the_cap_and_nothing_costs_more(error):
 def test_the_formulas_in_words_agree_with_the_numbers():
     rng = np.random.default_rng(3)
     for a, b in rng.uniform(0.0, 0.05, (20, 2)).tolist():
-        flight = by_words(FLIGHT_ERROR, position_RMS=a, attitude_RMS=b)
+        flight = by_words(TRACKS["flight-paper"].formula, position_RMS=a, attitude_RMS=b)
         assert flight_error(a, b, failed=False) == pytest.approx(flight, rel=1e-9)
-        ground = by_words(GROUND_ERROR, final_error=a, energy_per_metre=100.0 * b)
+        ground = by_words(TRACKS["ground-paper"].formula, final_error=a, energy_per_metre=100.0 * b)
         assert ground_error(a, 100.0 * b, failed=False) == pytest.approx(ground, rel=1e-9)
 
 
 def test_on_the_ground_a_radian_counts_what_the_formula_says():
-    (length,) = re.findall(r"a radian counts ([\d.]+) m", GROUND_ERROR)
+    (length,) = re.findall(r"a radian counts ([\d.]+) m", TRACKS["ground-paper"].formula)
     progress = CrawlProgress(Pose2(0.0, 0.0, 0.0), 1.0, np.zeros(3))
     progress.update_errors(np.zeros(3), np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]))
     assert progress.distance == pytest.approx(float(length) * math.atan2(0.6, 0.8))

@@ -2,10 +2,12 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
-from spidar_gym.benchmark.statistics import compare
+from spidar_gym.benchmark import statistics
+from spidar_gym.benchmark.statistics import stratified_bootstrap
 from spidar_gym.control.presets import controller_config
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper.trial import Outcome
@@ -46,7 +48,7 @@ def test_a_study_of_speeds_goes_on_where_it_was(tmp_path, monkeypatch):
         return Outcome(0.01 + trial.seed % 3 * 1e-3, 0.02, 0, 1.0, 0, "")
 
     monkeypatch.setattr("spidar_gym.paper.trial.fly", fly)
-    monkeypatch.setattr(studies, "compare", lambda a, b, rng: compare(a, b, rng, draws=20))
+    monkeypatch.setattr(statistics, "stratified_bootstrap", partial(stratified_bootstrap, draws=20))
     with pytest.raises(KeyboardInterrupt):
         studies.speed_study(speeds=(0.2, 1.0), count=1, folder=tmp_path)
     rows = studies.speed_study(speeds=(0.2, 1.0), count=1, folder=tmp_path)
