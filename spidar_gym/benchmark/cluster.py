@@ -13,13 +13,6 @@ PATIENCE = 5.0
 """How long a cluster may take to answer [s]; Ray itself tries again for many minutes."""
 
 
-def require_answer(address: str) -> None:
-    """Refuse an address where nobody listens (`OSError`)."""
-    host, colon, port = address.rpartition("://")[2].rpartition(":")
-    if colon and port.isdigit():
-        socket.create_connection((host, int(port)), PATIENCE).close()
-
-
 @contextmanager
 def cluster(
     address: str,
@@ -53,7 +46,9 @@ def cluster(
             if address == "local":
                 ray.init(num_cpus=workers, log_to_driver=False, include_dashboard=False, runtime_env=env, **options)
             else:
-                require_answer(address)
+                host, colon, port = address.rpartition("://")[2].rpartition(":")
+                if colon and port.isdigit():
+                    socket.create_connection((host, int(port)), PATIENCE).close()
                 ray.init(address=address, log_to_driver=False, runtime_env=env, **options)
         except (OSError, RuntimeError, ValueError) as error:
             raise SpidarError(

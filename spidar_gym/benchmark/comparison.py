@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -36,8 +35,18 @@ COMPARED: dict[str, dict[str, tuple[str, float, str]]] = {
 
 
 @dataclass(frozen=True)
+class Gain(Interval):
+    """Share of successes less the base's."""
+
+    before: float
+    """The base's share."""
+    after: float
+    """One's own."""
+
+
+@dataclass(frozen=True)
 class Comparison:
-    """A row against a base on one track."""
+    """A row against a base on one track, in SI units."""
 
     track: str
     """Track."""
@@ -45,10 +54,8 @@ class Comparison:
     """How many both have played."""
     changes: Mapping[str, Change]
     """Metric → change of the IQM."""
-    success: Interval
-    """Share of successes less the base's."""
-    successes: tuple[float, float]
-    """The two shares: the base's, one's own."""
+    success: Gain
+    """Share of successes."""
 
 
 def _gain(base: np.ndarray, own: np.ndarray) -> Numbers:
@@ -70,8 +77,9 @@ def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
         changes[metric] = compare(before, after, named_generator(row.name, base.name, track, metric))
     before, after = columns("success")
     generator = named_generator(row.name, base.name, track, "success")
-    success = stratified_bootstrap([(before, after)], one(_gain), generator)
-    return Comparison(track, places.shape[1], changes, success, (float(before.mean()), float(after.mean())))
+    gain = stratified_bootstrap([(before, after)], one(_gain), generator)
+    success = Gain(**vars(gain), before=float(before.mean()), after=float(after.mean()))
+    return Comparison(track, places.shape[1], changes, success)
 
 
 def compare_rows(row: Row, base: Row) -> list[Comparison]:
@@ -110,22 +118,11 @@ def _cells(comparison: Comparison, shown: Mapping[str, tuple[str, float, str]]) 
         c = comparison.changes[metric]
         numbers = f"{factor * c.before:.3g} → {factor * c.after:.3g} {unit}".strip()
         cells.append(f"{numbers}, {c.relative:+.0%} [{c.low:+.0%}, {c.high:+.0%}]")
-    before, after = comparison.successes
-    gain = comparison.success
-    return [*cells, f"{before:.0%} → {after:.0%} [{gain.low:+.0%}, {gain.high:+.0%}]"]
+    c = comparison.success
+    return [*cells, f"{c.before:.0%} → {c.after:.0%} [{c.low:+.0%}, {c.high:+.0%}]"]
 
 
 def comparison_text(row: Row, base: Row) -> str:
     """Compared for a terminal."""
     tables = [format_table(cells) for cells in comparison_tables(compare_rows(row, base))]
     return "\n\n".join([f"{row.name} against {base.name}, IQM of paired differences with 95 % intervals:", *tables])
-
-
-def comparison_json(comparison: Comparison) -> dict[str, Any]:
-    """As JSON, in SI units."""
-    return {
-        "track": comparison.track,
-        "scenarios": comparison.scenarios,
-        "changes": {metric: vars(change) for metric, change in comparison.changes.items()},
-        "success": vars(comparison.success) | dict(zip(("before", "after"), comparison.successes, strict=True)),
-    }

@@ -82,15 +82,11 @@ def finish(
     rest = {k: item for k, item in enumerate(items) if k not in results}
     for k, made in _on_ray(call, rest, workers, ray) if ray else _in_processes(call, rest, workers, label):
         if k in files:
-            _write(files[k], made)
+            # The digest binds the result to this file.
+            write_text(files[k], json.dumps({"result": made, "sha256": digest_of(files[k].stem, made)}))
         results[k] = json.loads(json.dumps(made))
         on_done(k, results[k])
     return [results[k] for k in range(len(items))]
-
-
-def _write(file: Path, result: Any) -> None:  # noqa: ANN401 - JSON
-    """Write a result with a digest that binds it to this file."""
-    write_text(file, json.dumps({"result": result, "sha256": digest_of(file.stem, result)}))
 
 
 def _read(file: Path) -> Any:  # noqa: ANN401 - JSON

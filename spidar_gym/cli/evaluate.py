@@ -1,6 +1,7 @@
 """`spidar eval`, `spidar leaderboard`, `spidar scenarios`: the benchmark at the command line."""
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +12,7 @@ from tqdm import tqdm
 from spidar_gym import viz
 from spidar_gym.benchmark import answers as answering
 from spidar_gym.benchmark import verify as verifying
-from spidar_gym.benchmark.comparison import compare_rows, comparison_json, comparison_text
+from spidar_gym.benchmark.comparison import compare_rows, comparison_text
 from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.leaderboard import as_json, summary, tabulate
 from spidar_gym.benchmark.leaderboard_tables import markdown, report, text
@@ -205,7 +206,7 @@ def compare(
     require_name("row", base, known)
     own = read_row(row)
     if json:
-        print(json_text({"comparisons": [comparison_json(c) for c in compare_rows(own, known[base])]}))
+        print(json_text({"comparisons": [asdict(c) for c in compare_rows(own, known[base])]}))
         return
     print(comparison_text(own, known[base]))
 

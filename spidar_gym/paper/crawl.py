@@ -15,7 +15,7 @@ from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.errors import InvalidValueError, SpidarError
-from spidar_gym.paper.flight import qp_figures
+from spidar_gym.paper.flight import qp_figures, qp_lines
 from spidar_gym.policies.rollout import columns, rollout
 from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.sim.actuators import ActuatorConfig
@@ -244,33 +244,37 @@ def _ripple(log: CrawlLog) -> float:
     return float(np.sqrt((rate[swing] ** 2).mean())) if swing.any() else 0.0
 
 
+LINES: tuple[tuple[str, str, float, str, str], ...] = (
+    ("final yaw [mrad]", "yaw_final_rad", 1e3, ".1f", "–"),
+    ("yaw, peak to peak, legs up [mrad]", "yaw_peak_to_peak_rad", 1e3, ".1f", "“relatively large drift”"),
+    ("roll and pitch, legs up [mrad]", "roll_pitch_legs_up_rad", 1e3, ".1f", "“unstable”"),
+    ("roll and pitch, torso moves [mrad]", "roll_pitch_torso_rad", 1e3, ".1f", "–"),
+    ("duration [s]", "duration_s", 1.0, ".1f", "about 20"),
+    ("… of which the torso moves [s]", "duration_torso_s", 1.0, ".1f", "6"),
+    ("duration, preset overlapped [s]", "duration_overlapped_s", 1.0, ".1f", "–"),
+    ("Σλ / mg, mean", "thrust_fraction_mean", 1.0, ".3f", "below 0.5"),
+    ("Σλ / mg, peak", "thrust_fraction_peak", 1.0, ".3f", "–"),
+    ("largest step of Σλ in a tick [N]", "thrust_step_n", 1.0, ".1f", "–"),
+    ("legs in the air during the swing", "airborne_share", 1.0, ".1%", "–"),
+    ("way that the worst foot slides [mm]", "foot_slip_m", 1e3, ".1f", "–"),
+    ("lowest duct over the floor [mm]", "duct_clearance_m", 1e3, ".0f", "–"),
+    ("saturated joint-time", "saturation_share", 1.0, ".2%", "–"),
+    ("power, mean [W]", "power_w", 1.0, ".0f", "–"),
+    ("endurance (predicted) [min]", "endurance_min", 1.0, ".1f", "25"),
+    ("cost of transport", "cost_of_transport", 1.0, ".0f", "–"),
+)
+"""Lines of the table: what it says, figure, factor, format, and the paper's figure."""
+
+
 def crawl_lines(figures: dict[str, Any]) -> list[list[str]]:
     """Our figures beside the paper's: the cells of a table."""
-    f, qp = figures, figures["qp"]
-    x, y, z = (1000.0 * v for v in f["final_position_error_m"])
-    overlapped = f["duration_overlapped_s"]
-    title = f"crawl, {f['preset']}, {f['joint_speed_rad_s']:g} rad/s" + (", with noise" if f["noise"] else "")
-    return [
-        [title, "simulated", "paper"],
+    title = f"crawl, {figures['preset']}, {figures['joint_speed_rad_s']:g} rad/s"
+    x, y, z = (1000.0 * v for v in figures["final_position_error_m"])
+    lines = [
+        [title + (", with noise" if figures["noise"] else ""), "simulated", "paper"],
         ["final position error x y z [mm]", f"{x:.1f}  {y:.1f}  {z:.1f}", "10  10  5"],
-        ["final yaw [mrad]", f"{1000 * f['yaw_final_rad']:.1f}", "–"],
-        ["yaw, peak to peak, legs up [mrad]", f"{1000 * f['yaw_peak_to_peak_rad']:.1f}", "“relatively large drift”"],
-        ["roll and pitch, legs up [mrad]", f"{1000 * f['roll_pitch_legs_up_rad']:.1f}", "“unstable”"],
-        ["roll and pitch, torso moves [mrad]", f"{1000 * f['roll_pitch_torso_rad']:.1f}", "–"],
-        ["duration [s]", f"{f['duration_s']:.1f}", "about 20"],
-        ["… of which the torso moves [s]", f"{f['duration_torso_s']:.1f}", "6"],
-        ["duration, preset overlapped [s]", "–" if overlapped is None else f"{overlapped:.1f}", "–"],
-        ["Σλ / mg, mean", f"{f['thrust_fraction_mean']:.3f}", "below 0.5"],
-        ["Σλ / mg, peak", f"{f['thrust_fraction_peak']:.3f}", "–"],
-        ["largest step of Σλ in a tick [N]", f"{f['thrust_step_n']:.1f}", "–"],
-        ["legs in the air during the swing", f"{f['airborne_share']:.1%}", "–"],
-        ["way that the worst foot slides [mm]", f"{1000 * f['foot_slip_m']:.1f}", "–"],
-        ["lowest duct over the floor [mm]", f"{1000 * f['duct_clearance_m']:.0f}", "–"],
-        ["saturated joint-time", f"{f['saturation_share']:.2%}", "–"],
-        ["power, mean [W]", f"{f['power_w']:.0f}", "–"],
-        ["endurance (predicted) [min]", f"{f['endurance_min']:.1f}", "25"],
-        ["cost of transport", f"{f['cost_of_transport']:.0f}", "–"],
-        ["ticks without an optimum", f"{qp['unsolved']}", "–"],
-        ["QP time here, median / p99 / max [µs]",
-         f"{qp['median_us']:.0f} / {qp['p99_us']:.0f} / {qp['max_us']:.0f}", "–"],
-    ]  # fmt: skip
+    ]
+    for label, name, factor, form, paper in LINES:
+        value = figures[name]
+        lines.append([label, "–" if value is None else f"{factor * value:{form}}", paper])
+    return lines + qp_lines(figures["qp"])

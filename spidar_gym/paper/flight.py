@@ -228,8 +228,6 @@ def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
 
     recovered = "  ".join("never" if t is None else f"{t:.2f}" for t in figures["recovery_s"])
     form1, form3 = (sum(figures[f"thrust_{form}_n"]) for form in ("form1", "form3"))
-    qp = figures["qp"]
-    times = f"{qp['median_us']:.0f} / {qp['p99_us']:.0f} / {qp['max_us']:.0f}"
     flown = f"flight, preset {figures['preset']}" + (", with noise" if figures["noise"] else "")
     return [
         row(flown, "simulated", "paper"),
@@ -246,6 +244,14 @@ def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
         row("… in its first 0.5 s [m]", numbers(figures["sink_half_second_m"], 3)),
         row("recovery to 5 cm after it [s]", recovered, "recovered"),
         row("endurance in form ① (calibrated) [min]", f"{figures['endurance_min']:.1f}", "9"),
-        row("ticks without an optimum", f"{qp['unsolved']}"),
-        row("QP time here, median / p99 / max [µs]", times),
+        *qp_lines(figures["qp"]),
+    ]
+
+
+def qp_lines(qp: dict[str, Any]) -> list[list[str]]:
+    """What `qp_figures` gives, at the end of an experiment's table."""
+    times = " / ".join(f"{qp[name]:.0f}" for name in ("median_us", "p99_us", "max_us"))
+    return [
+        ["ticks without an optimum", f"{qp['unsolved']}", "–"],
+        ["QP time here, median / p99 / max [µs]", times, "–"],
     ]

@@ -56,7 +56,7 @@ def test_successes_are_compared_as_shares():
     base = made_row({FLIGHT: [flown([0.1] * 4, success=[True, False, False, False])]})
     own = made_row({FLIGHT: [flown([0.1] * 4, success=[True, True, True, False])] * 2}, "own")
     (found,) = compare_rows(own, base)
-    assert found.successes == (0.25, 0.75)
+    assert (found.success.before, found.success.after) == (0.25, 0.75)
     assert found.success.value == pytest.approx(0.5)
     assert found.success.low <= 0.5 <= found.success.high
 
