@@ -128,10 +128,7 @@ ACTION_MODES: dict[str, ActionMode] = {
 
 
 CRAWL_MODES: dict[str, ActionMode] = {
-    **{
-        name: ACTION_MODES[name]
-        for name in ("residual_wrench", "residual_joint", "residual", "residual_force", "direct")
-    },
+    **ACTION_MODES,
     "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
     "residual_gait_force": ActionMode(
         (GAIT, LEG_FORCES), _gait_force, "shapes the gait and pulls at the legs; as `residual_force` does, by leg"

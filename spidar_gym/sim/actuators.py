@@ -132,25 +132,6 @@ class ActuatorConfig:
         model.dof_frictionloss[dofs] = self.joint_friction
         model.dof_damping[dofs] = self.joint_damping
 
-    def write_asymmetry(
-        self, model: mujoco.MjModel, rotors: np.ndarray, joints: np.ndarray, falling: np.ndarray, loose: np.ndarray
-    ) -> None:
-        """Write what depends on a direction into the model: the lag of falling thrusts, and the play of the joints.
-
-        Inside its play a servo's spring has no grip, outside it starts from the play's edge.
-
-        Args:
-            model: Written.
-            rotors: Ids of the modules' actuators.
-            joints: Ids of the joint servos.
-            falling: Modules whose thrust falls.
-            loose: Where each joint is within its play [rad].
-        """
-        if self.spin_down != 1.0:
-            model.actuator_dynprm[rotors, 0] = self.thrust_lag * np.where(falling, self.spin_down, 1.0)
-        if self.backlash > 0.0:
-            model.actuator_biasprm[joints, 0] = -(self.joint_kp * self.servo_stiffness) * loose
-
 
 def thrust_noise(noise: np.ndarray, sigma: float, dt: float, rng: np.random.Generator) -> np.ndarray:
     """The next sample of a first-order coloured noise of standard deviation `sigma`, `dt` [s] later."""

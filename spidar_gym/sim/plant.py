@@ -69,23 +69,23 @@ class Plant:
         """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
         self.config = config
         """What was chosen about the robot."""
-        self._write_config()
-        self._aero, self._sensors = Aero(self.model, self.data, config.aero), Sensors(config.sensors)
+        self._aero, self._sensors = self._write_config()
 
     def configure(self, config: PlantConfig) -> None:
         """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
         if config.ground.uneven != self.config.ground.uneven:
             raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
         self.config = config
-        self._write_config()
-        self._aero, self._sensors = Aero(self.model, self.data, config.aero), Sensors(config.sensors)
+        self._aero, self._sensors = self._write_config()
 
-    def _write_config(self) -> None:
-        """Write what MuJoCo can do by itself into its model."""
+    def _write_config(self) -> tuple[Aero, Sensors]:
+        """Write what MuJoCo can do by itself into its model; the air and the sensors of this robot."""
         config = self.config
         config.actuators.apply(self.model, config.joint_speed)
         config.body.apply(self.model, scene(visual=False, uneven=config.ground.uneven))
         config.ground.apply(self.model)
+        sensors = Sensors(config.sensors, config.actuators.offsets[N_ROTORS:])
+        return Aero(self.model, self.data, config.aero), sensors
 
     @property
     def period(self) -> float:
@@ -148,8 +148,7 @@ class Plant:
         memory.power = self._power()
         state = self.state()
         if self.config.sense and rng is not None:
-            actuators = self.config.actuators
-            memory.sensors = self._sensors.start(state, rng, actuators.joint_offset, actuators.vectoring_offset)
+            memory.sensors = self._sensors.start(state, rng)
             self._choose_events()
         return state
 
@@ -297,14 +296,10 @@ class Plant:
                 memory.stuck = self._q.take(self._qpos[N_JOINTS + 2 * k : N_JOINTS + 2 * k + 2])
         targets += actuators.offsets
         delay, vectoring_delay = actuators.delay_steps
-        if delay == vectoring_delay == 0:
-            self._control[self._ctrl] = targets
-            self._hold_stuck()
-        else:
-            early = slice(0, _GIMBALS.start)
-            memory.pending.append((memory.clock + delay, early, targets[early].copy()))
-            memory.pending.append((memory.clock + vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
-            self._deliver_due_commands()
+        early = slice(0, _GIMBALS.start)
+        memory.pending.append((memory.clock + delay, early, targets[early].copy()))
+        memory.pending.append((memory.clock + vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
+        self._deliver_due_commands()
         if not (command.joint_torque_limit == memory.torque_limit).all():
             self._limit_torque(command.joint_torque_limit.copy())
 
@@ -315,12 +310,8 @@ class Plant:
             if due <= memory.clock:
                 self._control[self._ctrl[part]] = values
         memory.pending = [entry for entry in memory.pending if entry[0] > memory.clock]
-        self._hold_stuck()
-
-    def _hold_stuck(self) -> None:
-        """A vectoring servo that has failed stays where it is, whatever it is told."""
-        memory = self.memory
         if memory.stuck is not None:
+            # A vectoring servo that has failed stays where it is, whatever it is told.
             first = _GIMBALS.start + 2 * (memory.disturbances.lost_rotor - 1)
             self._control[self._ctrl[first : first + 2]] = memory.stuck
 
@@ -357,20 +348,24 @@ class Plant:
         self._write_asymmetry()
 
     def _write_asymmetry(self) -> None:
-        """Tell MuJoCo what depends on a direction."""
-        memory = self.memory
-        self.config.actuators.write_asymmetry(
-            self.model, self._rotors, self._joint_servos, memory.falling, memory.loose
-        )
+        """Tell MuJoCo what depends on a direction: the lag of thrusts, and the play of joints.
+
+        Inside its play a servo's spring has no grip, outside it starts from the play's edge.
+        """
+        memory, actuators = self.memory, self.config.actuators
+        if actuators.spin_down != 1.0:
+            slower = np.where(memory.falling, actuators.spin_down, 1.0)
+            self.model.actuator_dynprm[self._rotors, 0] = actuators.thrust_lag * slower
+        if actuators.backlash > 0.0:
+            stiffness = actuators.joint_kp * actuators.servo_stiffness
+            self.model.actuator_biasprm[self._joint_servos, 0] = -stiffness * memory.loose
 
     def _sample_sensors(self) -> None:
         """Let the sensors measure."""
-        memory, actuators = self.memory, self.config.actuators
+        memory = self.memory
         assert memory.sensors is not None
         assert memory.rng is not None
-        self._sensors.sample(
-            memory.sensors, self.state(), actuators.joint_offset, actuators.vectoring_offset, memory.rng
-        )
+        self._sensors.sample(memory.sensors, self.state(), memory.rng)
 
     def _power(self) -> float:
         """Electrical power now [W]."""

@@ -9,6 +9,8 @@ import importlib
 import os
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import mujoco
@@ -16,7 +18,7 @@ import mujoco.viewer
 import numpy as np
 from mujoco.rendering.classic import gl_context
 
-from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
+from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.opengl import INSTALL_GL, require_opengl
@@ -37,45 +39,58 @@ def require_display() -> None:
         )
 
 
-def choose_offscreen_library() -> None:
-    """Without a screen, have MuJoCo draw with EGL or OSMesa, also where it was imported before anyone could say so."""
-    if has_display() or "MUJOCO_GL" in os.environ:
-        return
-    for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
-        if ctypes.util.find_library(library):
-            gl_context.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
-            return
+@contextmanager
+def offscreen_library() -> Iterator[None]:
+    """Where an OpenGL context is opened without a window; `MissingDependencyError` says what to install.
+
+    Without a screen MuJoCo draws with EGL or OSMesa, also where it was imported before anyone could say so.
+    """
+    require_opengl()
+    try:
+        if not has_display() and "MUJOCO_GL" not in os.environ:
+            for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
+                if ctypes.util.find_library(library):
+                    gl_context.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
+                    break
+        yield
+    except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
+        raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
 
 
-def place(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring what is drawn to where `data.qpos` has it: bodies, centres of mass, cameras and lights."""
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_camlight(model, data)
+class Drawn:
+    """The robot over a floor, as it is drawn: model and data of its own."""
+
+    def __init__(self, ground: GroundConfig | None, *, film: bool) -> None:
+        """Lay the floor, a plane by default; with `film` it looks as in films and figures."""
+        ground = ground or GroundConfig()
+        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film))
+        self._data = mujoco.MjData(self._model)
+        self.lay(ground)
+
+    def lay(self, ground: GroundConfig) -> None:
+        """Draw another floor of the same kind from now on."""
+        ground.apply(self._model)
+
+    def _place(self, qpos: np.ndarray) -> None:
+        """Bring what is drawn to a configuration: bodies, centres of mass, cameras and lights."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
 
 
-class OffscreenRenderer:
+class OffscreenRenderer(Drawn):
     """Pictures of the robot from one of its cameras."""
 
-    def __init__(
-        self, camera: str = "chase", width: int = 640, height: int = 480, ground: GroundConfig | None = None
-    ) -> None:
+    def __init__(self, camera: str, width: int, height: int, ground: GroundConfig | None = None) -> None:
         """Open an OpenGL context over a floor (`MissingDependencyError` says what to install where there is none)."""
-        if camera not in CAMERAS:
-            raise UnknownNameError("camera", camera, CAMERAS)
+        require_name("camera", camera, CAMERAS)
+        if width > MAX_WIDTH or height > MAX_HEIGHT:
+            raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}")
+        super().__init__(ground, film=False)
         self._camera = camera
-        ground = ground or GroundConfig()
-        self._model = copy.copy(scene(visual=True, uneven=ground.uneven))
-        ground.apply(self._model)
-        self._data = mujoco.MjData(self._model)
-        require_opengl()
-        try:
-            choose_offscreen_library()
+        with offscreen_library():
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
-        except ValueError as error:
-            raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}") from error
-        except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
-            raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
 
@@ -86,8 +101,7 @@ class OffscreenRenderer:
             qpos: Configuration of the simulated robot.
             depth: Distances instead of colours.
         """
-        self._data.qpos[:] = qpos
-        place(self._model, self._data)
+        self._place(qpos)
         if depth:
             self._renderer.enable_depth_rendering()
         self._renderer.update_scene(self._data, self._camera, self._options)
@@ -96,10 +110,6 @@ class OffscreenRenderer:
             self._renderer.disable_depth_rendering()
         return image
 
-    def lay(self, ground: GroundConfig) -> None:
-        """Draw another floor of the same kind from now on."""
-        ground.apply(self._model)
-
     def close(self) -> None:
         """Give the OpenGL context back; a second call does nothing."""
         renderer, self._renderer = self._renderer, None
@@ -107,23 +117,16 @@ class OffscreenRenderer:
             renderer.close()
 
 
-class Window:
+class Window(Drawn):
     """MuJoCo's interactive viewer, which shows one configuration a `period` [s] of real time."""
 
     def __init__(self, period: float, ground: GroundConfig | None = None) -> None:
         """Open the window over a floor (`SpidarError` where there is no screen)."""
-        self._period, self._due = period, 0.0
         require_display()
-        ground = ground or GroundConfig()
-        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=True))
-        ground.apply(self._model)
-        self._data = mujoco.MjData(self._model)
+        super().__init__(ground, film=True)
+        self._period, self._due = period, 0.0
         self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
         self._viewer.opt.geomgroup[3] = 0
-
-    def lay(self, ground: GroundConfig) -> None:
-        """Draw another floor of the same kind from now on."""
-        ground.apply(self._model)
 
     def render(self, qpos: np.ndarray) -> None:
         """Show a configuration; nothing happens any more once the user has closed the window."""

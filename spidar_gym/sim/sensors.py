@@ -72,9 +72,6 @@ ENCODER_STEPS = np.concatenate(
 """Counts of joints, then of vectoring angles [rad]."""
 
 
-_NO_JOINT_OFFSET, _NO_VECTORING_OFFSET = np.zeros(N_JOINTS), np.zeros((N_ROTORS, 2))
-
-
 @dataclass
 class SensorMemory:
     """Everything about the sensors that changes during an episode."""
@@ -108,18 +105,12 @@ class SensorMemory:
 class Sensors:
     """Measures one robot; `sample` is called at every instant of the inertial unit."""
 
-    def __init__(self, config: SensorConfig) -> None:
-        """Take the noise's sizes."""
-        self.config = config
+    def __init__(self, config: SensorConfig, offset: np.ndarray | float = 0.0) -> None:
+        """Take the noise's sizes, and true minus indicated angles of joints, then vectoring servos (32,) [rad]."""
+        self.config, self._offset = config, offset
 
-    def start(
-        self,
-        state: RobotState,
-        rng: np.random.Generator,
-        joint_offset: np.ndarray = _NO_JOINT_OFFSET,
-        vectoring_offset: np.ndarray = _NO_VECTORING_OFFSET,
-    ) -> SensorMemory:
-        """Switch the sensors on in a state; biases and drifts are drawn. The arguments are those of `sample`."""
+    def start(self, state: RobotState, rng: np.random.Generator) -> SensorMemory:
+        """Switch the sensors on in a state; biases and drifts are drawn."""
         c = self.config
         scale = c.factor * np.repeat([c.position_drift, c.rotation_drift], 3)
         memory = SensorMemory(
@@ -128,28 +119,13 @@ class Sensors:
             drift=scale * rng.standard_normal(6),
             velocity_w=_imu_velocity(state, quat_to_matrix(state.quat_wb)),
         )
-        self.sample(memory, state, joint_offset, vectoring_offset, rng)
+        self.sample(memory, state, rng)
         # The robot has stood there for a while: its first frame has arrived.
         memory.frames = [(state.time - c.latency, p, q) for _, p, q in memory.frames]
         return memory
 
-    def sample(
-        self,
-        memory: SensorMemory,
-        state: RobotState,
-        joint_offset: np.ndarray,
-        vectoring_offset: np.ndarray,
-        rng: np.random.Generator,
-    ) -> None:
-        """Measure at one instant, every 5 ms.
-
-        Args:
-            memory: What the sensors remember; written.
-            state: The true state.
-            joint_offset: True minus indicated joint angles [rad].
-            vectoring_offset: True minus indicated vectoring angles [rad].
-            rng: Source of the noise.
-        """
+    def sample(self, memory: SensorMemory, state: RobotState, rng: np.random.Generator) -> None:
+        """Measure a true state, every 5 ms; what the sensors remember is written."""
         c, time = self.config, state.time
         R = quat_to_matrix(state.quat_wb)
         velocity = _imu_velocity(state, R)
@@ -176,9 +152,7 @@ class Sensors:
                 memory.frames = [*memory.frames, (time, position, matrix_to_quat(attitude))]
         if time >= memory.next_encoder - 1e-9:
             memory.next_encoder += ENCODER_PERIOD
-            angles = np.concatenate(
-                [state.joint_position - joint_offset, (state.vectoring - vectoring_offset).reshape(-1)]
-            )
+            angles = np.concatenate([state.joint_position, state.vectoring.reshape(-1)]) - self._offset
             counts = angles / ENCODER_STEPS + c.factor * c.encoder_noise * rng.standard_normal(len(angles))
             memory.angles = np.round(counts) * ENCODER_STEPS
             memory.torque = state.joint_torque * (1.0 + c.factor * c.torque_noise * rng.standard_normal(N_JOINTS))

@@ -7,20 +7,19 @@ changes but the robot and its shadow: only the part of the picture that holds th
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
-import copy
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco.rendering.classic import gl_context
 
-from spidar_gym.errors import MissingDependencyError, require_name
+from spidar_gym.errors import require_name
 from spidar_gym.robot import ROBOT, ROTOR_SITES
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.opengl import INSTALL_GL, require_opengl
-from spidar_gym.sim.renderer import choose_offscreen_library, place
+from spidar_gym.sim.renderer import Drawn, offscreen_library
 from spidar_gym.sim.scene import scene
 
 FIXED = "fixed"
@@ -53,31 +52,30 @@ def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
 
 def cog(qpos: np.ndarray) -> np.ndarray:
     """Centre of gravity in each configuration (n, 39): (n, 3), world [m]."""
-    model = scene(visual=False)
-    data = mujoco.MjData(model)
-    found = []
-    for row in qpos:
-        data.qpos[:] = row
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        found.append(data.subtree_com[1].copy())
-    return np.array(found)
+    return np.array([data.subtree_com[1].copy() for data in _placed(scene(visual=False), qpos)])
 
 
 def extent(qpos: np.ndarray) -> np.ndarray:
     """Points (k, 3) round the robot in some configurations (n, 39), and on the floor under its torso [m]."""
     model = scene(visual=True, film=True)
-    data = mujoco.MjData(model)
     shown = _robot(model)
     reach = model.geom_rbound[shown][:, None]
     found = []
+    for data in _placed(model, qpos):
+        centres = data.geom_xpos[shown]
+        found += [(centres - reach).min(axis=0), (centres + reach).max(axis=0)]
+        found += [*centres, np.array([*data.qpos[:2], 0.0])]
+    return np.array(found)
+
+
+def _placed(model: mujoco.MjModel, qpos: np.ndarray) -> Iterator[mujoco.MjData]:
+    """Bodies and centre of gravity of each configuration, in the same data."""
+    data = mujoco.MjData(model)
     for row in qpos:
         data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
-        centres = data.geom_xpos[shown]
-        found += [(centres - reach).min(axis=0), (centres + reach).max(axis=0)]
-        found += [*centres, np.array([row[0], row[1], 0.0])]
-    return np.array(found)
+        mujoco.mj_comPos(model, data)
+        yield data
 
 
 def standing(points: np.ndarray, aspect: float, window: tuple[float, float, float, float]) -> mujoco.MjvCamera:
@@ -96,17 +94,14 @@ def standing(points: np.ndarray, aspect: float, window: tuple[float, float, floa
     centre = points.mean(axis=0)
     depth = (points - centre) @ ahead
     slope = math.tan(math.radians(scene(visual=True, film=True).vis.global_.fovy) / 2.0)
-    lowest, highest, slopes = [], [], []
+    bounds = []
     for axis, half, low, high in ((right, slope * aspect, *window[:2]), (up, slope, *window[2:])):
         # A point at depth e is in the window where its place lies within low … high times e + the distance.
         low, high = half * (2.0 * low - 1.0), half * (2.0 * high - 1.0)
-        place_ = (points - centre) @ axis
-        lowest.append((place_ - low * depth).min())
-        highest.append((place_ - high * depth).max())
-        slopes.append((low, high))
-    distance = max((high - low) / (b - a) for low, high, (a, b) in zip(lowest, highest, slopes, strict=True))
-    shift = [(low - a * distance + high - b * distance) / 2.0
-             for low, high, (a, b) in zip(lowest, highest, slopes, strict=True)]  # fmt: skip
+        place = (points - centre) @ axis
+        bounds.append(((place - low * depth).min(), (place - high * depth).max(), low, high))
+    distance = max((last - first) / (high - low) for first, last, low, high in bounds)
+    shift = [(first - low * distance + last - high * distance) / 2.0 for first, last, low, high in bounds]
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.azimuth, camera.elevation = math.degrees(AZIMUTH), math.degrees(ELEVATION)
@@ -120,7 +115,7 @@ def _robot(model: mujoco.MjModel) -> np.ndarray:
     return np.flatnonzero((model.geom_bodyid > 0) & (model.geom_group != 3))
 
 
-class Stage:
+class Stage(Drawn):
     """Pictures of the robot, `width` × `height`, from one camera."""
 
     def __init__(
@@ -134,27 +129,20 @@ class Stage:
             height: … [px].
             ground: The floor.
         """
-        ground = ground or GroundConfig()
+        super().__init__(ground, film=True)
         self._size = width, height
-        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=True))
-        ground.apply(self._model)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
-        self._data = mujoco.MjData(self._model)
         self._camera, self._stands = camera, not isinstance(camera, str)
         if isinstance(camera, str):
             require_name("camera", camera, CAMERAS)
             self._camera = mujoco.MjvCamera()
             self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
             self._camera.fixedcamid = self._model.camera(camera).id
-        require_opengl()
-        try:
-            choose_offscreen_library()
+        with offscreen_library():
             self._gl: Any = gl_context.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
-            raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
         self._picture = mujoco.MjvScene(self._model, maxgeom=2000)
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
@@ -179,8 +167,7 @@ class Stage:
             whole: Draw all of it anew, also where nothing moves.
         """
         self._gl.make_current()
-        self._data.qpos[:] = qpos
-        place(self._model, self._data)
+        self._place(qpos)
         if self._stands and not whole and self._empty is None:
             self._update(mujoco.mjtCatBit.mjCAT_STATIC)
             self._empty = self._draw((0, 0, *self._size))

@@ -117,7 +117,7 @@ def follow(motion, config=PERFECT, seconds=4.0, seed=0, blind=(0.0, 0.0), wrong=
     for n in range(round(seconds / 0.005) + 1):
         state = motion(0.005 * n)
         if n:
-            sensors.sample(memory, state, np.zeros(16), np.zeros((8, 2)), rng)
+            sensors.sample(memory, state, rng)
         if n % 5 == 0:
             measurement = sensors.read(memory, state.time)
             if blind[0] < state.time <= blind[1]:
@@ -191,7 +191,7 @@ def midway() -> tuple[Estimator, Measurement]:
     memory = sensors.start(wander(0.0), rng)
     estimator.reset(wander(0.0))
     for n in range(1, 101):
-        sensors.sample(memory, wander(0.005 * n), np.zeros(16), np.zeros((8, 2)), rng)
+        sensors.sample(memory, wander(0.005 * n), rng)
         if n % 5 == 0:
             measurement = sensors.read(memory, 0.005 * n)
             if n < 100:

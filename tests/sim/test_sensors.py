@@ -27,7 +27,6 @@ JOINT_STEPS = np.tile([2 * math.pi / 2**13, 2 * math.pi / 2**12], 8)
 """Yaw and pitch: 13 and 12 bits a turn [rad]."""
 VECTORING_STEPS = np.tile([0.00092, 0.00115], (8, 1))
 STILL = resting(FORMS["form2"], joint_torque=np.linspace(-5.0, 5.0, 16))
-NO_JOINTS, NO_ANGLES = np.zeros(16), np.zeros((8, 2))
 QUIET = {f.name: 0.0 for f in fields(SensorConfig) if f.name not in ("latency", "factor")}
 """Every kind of noise off, one by one."""
 
@@ -57,7 +56,7 @@ def watch(config, seconds, *, motion=None, seed=0, tick=0.025):
     each = round(tick / 0.005)
     # The clock of the simulation is a sum of its steps.
     for n, time in enumerate(np.cumsum(np.full(2 * round(seconds / 0.005), TIMESTEP))[1::2].tolist(), 1):
-        sensors.sample(memory, motion(time), NO_JOINTS, NO_ANGLES, rng)
+        sensors.sample(memory, motion(time), rng)
         if n % each == 0:
             said.append(sensors.read(memory, time))
     return said
