@@ -9,7 +9,7 @@ from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.row import Row
 from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.benchmark.verify import require_ours, shard_of
+from spidar_gym.benchmark.verify import require_own_policies, shard_of
 from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.native.library import core_path
 from spidar_gym.policies.load import load_policy
@@ -50,7 +50,7 @@ def answer_shards(
     """
     found = []
     for name, row in rows.items():
-        require_ours(row, trust=trust)
+        require_own_policies(row, trust=trust)
         for track in (t for t in tracks if t in row.tracks):
             count = min(scenarios, len(row.scenarios(track)))
             found += [(name, shard_of(row, track, run, k)) for run in range(len(row.policies)) for k in range(count)]

@@ -12,7 +12,7 @@ from spidar_gym.benchmark.statistics import (
     Numbers,
     compare,
     named_generator,
-    one,
+    on_one_track,
     stratified_bootstrap,
 )
 from spidar_gym.benchmark.track import TRACKS
@@ -77,7 +77,7 @@ def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
         changes[metric] = compare(before, after, named_generator(row.name, base.name, track, metric))
     before, after = columns("success")
     generator = named_generator(row.name, base.name, track, "success")
-    gain = stratified_bootstrap([(before, after)], one(_gain), generator)
+    gain = stratified_bootstrap([(before, after)], on_one_track(_gain), generator)
     success = Gain(**vars(gain), before=float(before.mean()), after=float(after.mean()))
     return Comparison(track, places.shape[1], changes, success)
 

@@ -14,7 +14,7 @@ from spidar_gym.benchmark.statistics import (
     improvement,
     iqm,
     named_generator,
-    one,
+    on_one_track,
     overall_score,
     paired_difference,
     ratio_score,
@@ -119,7 +119,7 @@ def cell(row: Row, base: Row, track: str) -> Cell:
     strata = [pair(row, base, track)]
 
     def interval(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Interval:
-        return stratified_bootstrap(strata, one(statistic), named_generator(row.name, track))
+        return stratified_bootstrap(strata, on_one_track(statistic), named_generator(row.name, track))
 
     metrics = {}
     for name, *_ in SHOWN[TRACKS[track].group]:

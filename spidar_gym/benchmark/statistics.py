@@ -84,7 +84,7 @@ def stratified_bootstrap(
     return Interval(float(statistic(strata)), low, high)
 
 
-def one(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Callable[[Strata], Numbers]:
+def on_one_track(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Callable[[Strata], Numbers]:
     """A statistic of one track as one of strata."""
     return lambda strata: statistic(*strata[0])
 
@@ -118,5 +118,5 @@ def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> 
         after: Errors, shape (runs, scenarios).
         rng: Source of the draws.
     """
-    change = stratified_bootstrap([(before, after)], one(paired_difference), rng)
+    change = stratified_bootstrap([(before, after)], on_one_track(paired_difference), rng)
     return Change(float(iqm(before)), float(iqm(after.mean(axis=0))), change.value, change.low, change.high)

@@ -25,8 +25,8 @@ class Check:
     """Name of the row."""
     line: str
     """What came out, in words."""
-    apart: str
-    """In what the row was made otherwise, in words: processor, versions, control; empty where all are the same."""
+    conditions: str
+    """Processor, versions, control with which the row was made where they are others, in words; else empty."""
     moved: Mapping[str, float]
     """Metrics that are not equal: by how much, as a share of what rounding may do."""
 
@@ -36,12 +36,12 @@ class Check:
         return not self.moved
 
     @property
-    def fine(self) -> bool:
+    def passes(self) -> bool:
         """Equal, or every metric within its tolerance where something is otherwise."""
-        return self.equal or (bool(self.apart) and max(self.moved.values()) <= 1.0)
+        return self.equal or (bool(self.conditions) and max(self.moved.values()) <= 1.0)
 
 
-def require_ours(row: Row, *, trust: bool) -> None:
+def require_own_policies(row: Row, *, trust: bool) -> None:
     """Refuse a row whose policies may not run here, or are not the files that were evaluated; nothing is imported.
 
     Args:
@@ -69,8 +69,8 @@ def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> 
     return Shard(row.policies[run], track, split, scenario, control=control)
 
 
-def made_apart(row: Row, control: str = CONTROL) -> str:
-    """In what a row was made otherwise than it would be here, in words; empty where its numbers have to be equal."""
+def other_conditions(row: Row, control: str = CONTROL) -> str:
+    """With what a row was made that is different here, in words; empty where its numbers have to be equal."""
     present = versions()
     words = [
         f"{package} {number or 'none'}"
@@ -115,44 +115,44 @@ def verify(
         picks.append((row, track, run, k))
         shards.append(shard_of(row, track, run, k, control))
     for row in {id(row): row for row, *_ in picks}.values():
-        require_ours(row, trust=trust)
+        require_own_policies(row, trust=trust)
     checks: dict[int, Check] = {}
 
     def on_done(place: int, result: dict[str, Any]) -> None:
         row, track, run, k = picks[place]
-        checks[place] = _compare(row, track, run, k, result["metrics"], made_apart(row, control))
+        checks[place] = _compare(row, track, run, k, result["metrics"], other_conditions(row, control))
         on_check(checks[place])
 
     run_shards(shards, workers=workers, on_done=on_done)
     return [checks[place] for place in range(len(picks))]
 
 
-def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], apart: str) -> Check:
+def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], conditions: str) -> Check:
     then = {name: values[k] for name, values in row.content["tracks"][track]["runs"][run].items()}
     moved = differences(then, metrics, flies=TRACKS[track].flies)
     where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
-    check = Check(row.name, f"{where}, equal", apart, moved)
+    check = Check(row.name, f"{where}, equal", conditions, moved)
     if check.equal:
         return check
-    if check.fine:
+    if check.passes:
         worst = max(moved, key=lambda name: moved[name])
         return replace(check, line=f"{where}, within tolerance ({worst} {moved[worst]:.1%} of it)")
-    off = ", ".join(f"{name} {then[name]} → {metrics[name]}" for name in moved if not apart or moved[name] > 1.0)
+    off = ", ".join(f"{name} {then[name]} → {metrics[name]}" for name in moved if not conditions or moved[name] > 1.0)
     return replace(check, line=f"{where}, DIFFERS ({off})")
 
 
-def paths(checks: Sequence[Check]) -> list[str]:
+def measures(checks: Sequence[Check]) -> list[str]:
     """For each row by which measure it was held, in words."""
     lines = []
     for name in dict.fromkeys(check.row for check in checks):
         own = [check for check in checks if check.row == name]
-        equal, apart = sum(check.equal for check in own), own[0].apart
-        measure = f"within tolerance (made with {apart})" if apart else "bit for bit"
-        lines.append(f"{name}: {len(own)} {measure}" + (f", {equal} of them equal" if apart else ""))
+        equal, conditions = sum(check.equal for check in own), own[0].conditions
+        measure = f"within tolerance (made with {conditions})" if conditions else "bit for bit"
+        lines.append(f"{name}: {len(own)} {measure}" + (f", {equal} of them equal" if conditions else ""))
     return lines
 
 
-def largest(checks: Sequence[Check]) -> str:
+def largest_differences(checks: Sequence[Check]) -> str:
     """How far every metric that is not equal everywhere has moved at most, in words."""
     moved: dict[str, float] = {}
     for check in checks:
@@ -162,7 +162,7 @@ def largest(checks: Sequence[Check]) -> str:
 
 def require_verified(checks: Sequence[Check]) -> None:
     """Raise `RowError` unless every scenario gave what its row says."""
-    wrong = [check.line for check in checks if not check.fine]
+    wrong = [check.line for check in checks if not check.passes]
     if wrong:
         raise RowError(
             f"{len(wrong)} of {len(checks)} scenarios give something else ({wrong[0]}); "

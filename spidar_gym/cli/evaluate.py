@@ -240,9 +240,9 @@ def verify(
     with bar, kept(lambda: f"{bar.n} of {sample} scenarios played again; what came out stands above"):
         checks = verifying.verify(found, sample, rng, workers=workers, trust=trust, control=control, on_check=on_check)
     verifying.require_verified(checks)
-    for line in verifying.paths(checks):
+    for line in verifying.measures(checks):
         print(line)
-    if moved := verifying.largest(checks):
+    if moved := verifying.largest_differences(checks):
         print(f"largest differences, as shares of the tolerance: {moved}")
     exact = sum(check.equal for check in checks)
     print(f"{len(checks)} scenarios of {len(found)} rows played again: {exact} equal bit for bit, all within tolerance")

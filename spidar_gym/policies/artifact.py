@@ -76,15 +76,15 @@ class Washout:
 
     def reset(self) -> None:
         """Forget the actions so far."""
-        self.slow = np.zeros(len(self.share))
+        self.low_passed = np.zeros(len(self.share))
         """The actions, low-passed."""
 
     def __call__(self, action: np.ndarray) -> np.ndarray:
         """The action of this tick, with its type: where it is washed out within ± 1, elsewhere as it came."""
         if not self.share.any():
             return action
-        self.slow = self.slow + self.share * (action - self.slow)
-        washed = np.clip(action - self.slow, -1.0, 1.0).astype(action.dtype)
+        self.low_passed = self.low_passed + self.share * (action - self.low_passed)
+        washed = np.clip(action - self.low_passed, -1.0, 1.0).astype(action.dtype)
         return np.where(self.share > 0.0, washed, action)
 
 

@@ -8,7 +8,7 @@ from spidar_gym.benchmark.statistics import (
     compare,
     improvement,
     iqm,
-    one,
+    on_one_track,
     overall_score,
     paired_difference,
     ratio_score,
@@ -128,7 +128,7 @@ def test_a_win_for_one_is_a_loss_for_the_other():
 @pytest.mark.parametrize("statistic", SCORES)
 def test_a_policy_like_the_base_is_exactly_neutral_and_its_interval_has_no_width(statistic, runs):
     base = dyadic(13)
-    interval = bootstrap([(base, np.tile(base, (runs, 1)))], one(SCORES[statistic]))
+    interval = bootstrap([(base, np.tile(base, (runs, 1)))], on_one_track(SCORES[statistic]))
     assert ends(interval) == (NEUTRAL[statistic],) * 3
 
 
@@ -136,10 +136,10 @@ def test_scenarios_are_drawn_together_for_base_and_policy():
     """Errors that spread over two decades, all of them halved."""
     base = dyadic(17)
     strata = [(base, 0.5 * base[None])]
-    assert ends(bootstrap(strata, one(ratio_score))) == (2.0, 2.0, 2.0)
-    assert ends(bootstrap(strata, one(improvement))) == (1.0, 1.0, 1.0)
-    np.testing.assert_allclose(ends(bootstrap(strata, one(paired_difference))), -0.5, rtol=1e-12)
-    spread = bootstrap([(base, 0.5 * base[None, ::-1])], one(ratio_score))
+    assert ends(bootstrap(strata, on_one_track(ratio_score))) == (2.0, 2.0, 2.0)
+    assert ends(bootstrap(strata, on_one_track(improvement))) == (1.0, 1.0, 1.0)
+    np.testing.assert_allclose(ends(bootstrap(strata, on_one_track(paired_difference))), -0.5, rtol=1e-12)
+    spread = bootstrap([(base, 0.5 * base[None, ::-1])], on_one_track(ratio_score))
     assert spread.low < 1.9 < 2.1 < spread.high
 
 
@@ -154,25 +154,27 @@ def test_a_seed_gives_the_same_interval_and_another_seed_another():
 
 def test_the_interval_holds_the_value_and_a_single_scenario_has_none_to_draw_from():
     strata = [(dyadic(30), dyadic((1, 30), 1))]
-    interval = bootstrap(strata, one(ratio_score))
+    interval = bootstrap(strata, on_one_track(ratio_score))
     assert interval.low < interval.value < interval.high
     assert interval.value == float(ratio_score(*strata[0]))
-    alone = bootstrap([(np.array([3.0]), np.array([[2.0]]))], one(ratio_score))
+    alone = bootstrap([(np.array([3.0]), np.array([[2.0]]))], on_one_track(ratio_score))
     assert ends(alone) == (1.5, 1.5, 1.5)
 
 
 def test_runs_are_drawn_too():
     """A run like the base and one of twice its error: in a quarter of the draws there is only the one, or the other."""
     base, own = np.ones(8), np.array([np.ones(8), np.full(8, 2.0)])
-    np.testing.assert_allclose(ends(bootstrap([(base, own)], one(ratio_score))), [2.0 / 3.0, 0.5, 1.0], rtol=1e-12)
-    alike = bootstrap([(base, own[:1].repeat(2, axis=0))], one(ratio_score))
+    np.testing.assert_allclose(
+        ends(bootstrap([(base, own)], on_one_track(ratio_score))), [2.0 / 3.0, 0.5, 1.0], rtol=1e-12
+    )
+    alike = bootstrap([(base, own[:1].repeat(2, axis=0))], on_one_track(ratio_score))
     assert ends(alike) == (1.0, 1.0, 1.0)
 
 
 def test_a_run_is_drawn_whole():
     """Were runs drawn scenario by scenario, hardly a draw would be near one of them."""
     base = np.ones(40)
-    interval = bootstrap([(base, np.array([np.full(40, 0.5), np.full(40, 1.5)]))], one(paired_difference))
+    interval = bootstrap([(base, np.array([np.full(40, 0.5), np.full(40, 1.5)]))], on_one_track(paired_difference))
     np.testing.assert_allclose(ends(interval), [0.0, -0.5, 0.5], atol=1e-12)
 
 
@@ -189,13 +191,13 @@ def test_tracks_are_not_mixed():
 def test_a_track_is_drawn_from_as_often_as_it_has_scenarios():
     """Three wins in six: no win has 1.6 % of the draws, one or none 11 %."""
     strata = [(np.ones(6), np.array([[0.5, 0.5, 0.5, 2.0, 2.0, 2.0]]))]
-    np.testing.assert_allclose(ends(bootstrap(strata, one(improvement))), [1 / 2, 1 / 6, 5 / 6], rtol=1e-12)
+    np.testing.assert_allclose(ends(bootstrap(strata, on_one_track(improvement))), [1 / 2, 1 / 6, 5 / 6], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("n", "wins"), [(50, 25), (100, 30), (40, 38)])
 def test_the_interval_of_a_share_is_that_of_the_binomial(n, wins):
     own = np.where(np.arange(n) < wins, 0.5, 2.0)[None]
-    interval = bootstrap([(np.ones(n), own)], one(improvement), draws=4000)
+    interval = bootstrap([(np.ones(n), own)], on_one_track(improvement), draws=4000)
     low, high = stats.binom.ppf([0.025, 0.975], n, wins / n) / n
     assert interval.value == wins / n
     assert interval.low == pytest.approx(low, abs=1.01 / n)
@@ -211,7 +213,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say(statistic):
         common = source.normal(scale=0.2, size=50)
         base = 1.0 + common + source.normal(scale=0.03, size=50)
         own = 0.8 + common + source.normal(scale=0.03, size=(1, 50))
-        interval = bootstrap([(base, own)], one(SCORES[statistic]), repeat, draws=300)
+        interval = bootstrap([(base, own)], on_one_track(SCORES[statistic]), repeat, draws=300)
         held += interval.low <= truth <= interval.high
         widths.append(interval.high - interval.low)
     assert 0.85 * repeats <= held <= 0.99 * repeats
@@ -223,7 +225,7 @@ def test_more_scenarios_make_an_interval_narrower_by_the_square_root():
     def width(n):
         source = rng(n)
         strata = [(np.ones(n), np.abs(1.0 + 0.2 * source.normal(size=(1, n))))]
-        interval = bootstrap(strata, one(ratio_score))
+        interval = bootstrap(strata, on_one_track(ratio_score))
         return interval.high - interval.low
 
     assert width(25) / width(2500) == pytest.approx(10.0, rel=0.35)

@@ -17,7 +17,7 @@ from spidar_gym.benchmark.metrics import GROUND as GROUND_WORLD
 from spidar_gym.benchmark.row import RowError, make_row, read_row, row_hash, row_of, write_row
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, TRACKS
-from spidar_gym.benchmark.verify import Check, largest, made_apart, paths, require_verified, verify
+from spidar_gym.benchmark.verify import Check, largest_differences, measures, other_conditions, require_verified, verify
 from spidar_gym.errors import SpidarError
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.provenance import file_digest
@@ -84,7 +84,7 @@ def test_a_row_that_comes_out_the_same_is_verified(replay):
     replay(row)
     checks = verify({"qp": row}, 12, draw())
     assert len(checks) == 12
-    assert all(check.equal and check.fine and check.line.endswith(", equal") for check in checks)
+    assert all(check.equal and check.passes and check.line.endswith(", equal") for check in checks)
     require_verified(checks)
 
 
@@ -165,7 +165,7 @@ def test_a_number_that_was_made_better_is_found_out_though_the_hash_is_right(tmp
     assert better.content["sha256"] == row_hash(better.content) != honest.content["sha256"]
     replay(honest)
     checks = verify({"qp": better}, 3, draw())
-    assert not any(check.equal or check.fine for check in checks)
+    assert not any(check.equal or check.passes for check in checks)
     with pytest.raises(
         RowError, match=rf"3 of 3 scenarios give .*qp, {TRACK}, run 0, scenario 7.*DIFFERS \(error .*\).*valid"
     ):
@@ -179,7 +179,7 @@ def test_any_other_metric_counts_as_much_on_the_same_machine(replay, name, value
     replay(row, lambda metrics: metrics.update({name: value}))
     check = check_of(row)
     assert not check.equal
-    assert not check.fine
+    assert not check.passes
     assert f"DIFFERS ({name} " in check.line
 
 
@@ -195,7 +195,7 @@ def test_another_version_or_processor_may_change_every_number_a_little(tmp_path,
     row = elsewhere(flight(), tmp_path, change)
     replay(row, lambda metrics: metrics.update(error=0.5 + 5e-7, energy_wh=10.5 + 9e-7))
     check = check_of(row)
-    assert check.fine
+    assert check.passes
     assert not check.equal
     assert check.line.endswith("within tolerance (energy_wh 90.0% of it)")
     require_verified([check])
@@ -212,7 +212,7 @@ def test_how_little_a_metric_may_change_is_its_own_affair(tmp_path, replay, trac
         spread = metric.spread[0 if flies else 1]
         assert 0.0 < spread < 0.1 * metric.most
         replay(row, lambda metrics, name=name, spread=spread: metrics.update({name: metrics[name] + share * spread}))
-        assert check_of(row).fine == (abs(share) < 1.0), name
+        assert check_of(row).passes == (abs(share) < 1.0), name
 
 
 @pytest.mark.parametrize("change", OTHERWISE)
@@ -234,7 +234,7 @@ def test_a_forged_metric_is_found_out_whatever_processor_or_versions_the_row_nam
     row = elsewhere(honest, tmp_path, forge)
     replay(honest)
     check = check_of(row)
-    assert not check.fine
+    assert not check.passes
     assert f"DIFFERS ({name} {forged} → " in check.line
     with pytest.raises(RowError, match=name):
         require_verified([check])
@@ -242,27 +242,27 @@ def test_a_forged_metric_is_found_out_whatever_processor_or_versions_the_row_nam
 
 def test_the_summary_says_by_which_measure_each_row_was_held(tmp_path, replay):
     here, there = flight(), elsewhere(flight(), tmp_path, lambda c: c.update(processor="another"))
-    assert made_apart(here) == ""
-    assert made_apart(there) == "another"
-    assert made_apart(here, "core") == "python"
+    assert other_conditions(here) == ""
+    assert other_conditions(there) == "another"
+    assert other_conditions(here, "core") == "python"
     replay(here)
     (same,) = verify({"qp": here}, 1, draw())
     (other,) = verify({"qp": there}, 1, draw())
-    assert paths([same, same]) == ["qp: 2 bit for bit"]
-    assert paths([other]) == ["qp: 1 within tolerance (made with another), 1 of them equal"]
-    assert largest([same]) == ""
+    assert measures([same, same]) == ["qp: 2 bit for bit"]
+    assert measures([other]) == ["qp: 1 within tolerance (made with another), 1 of them equal"]
+    assert largest_differences([same]) == ""
     replay(here, lambda metrics: metrics.update(energy_wh=10.5 + 5e-7))
-    assert largest(verify({"qp": there}, 2, draw())) == "energy_wh 50.00%"
+    assert largest_differences(verify({"qp": there}, 2, draw())) == "energy_wh 50.00%"
 
 
 def test_the_compiled_core_is_held_to_the_tolerance_for_its_rounding_is_another_one(tmp_path, replay):
     row = flight()
     asked = replay(row, lambda metrics: metrics.update(energy_wh=10.5 + 5e-7))
     (check,) = verify({"qp": row}, 1, draw(), control="core")
-    assert check.fine
+    assert check.passes
     assert asked[0][0][0].control == "core"
     (check,) = verify({"qp": row}, 1, draw())
-    assert not check.fine
+    assert not check.passes
 
 
 @pytest.mark.parametrize("was", [0.5, CAP])
@@ -270,7 +270,7 @@ def test_no_version_turns_a_failure_into_none_or_none_into_one(tmp_path, replay,
     row = elsewhere(flight(was), tmp_path)
     replay(row, lambda metrics: metrics.update(failed=not metrics["failed"]))
     check = check_of(row)
-    assert not check.fine
+    assert not check.passes
     with pytest.raises(RowError, match="failed"):
         require_verified([check])
 
