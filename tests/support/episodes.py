@@ -5,7 +5,12 @@ from dataclasses import fields
 import gymnasium
 import numpy as np
 
+from spidar_gym.envs.docs import CHAPTERS
+from spidar_gym.envs.registry import ENVIRONMENTS
+
 HOVER = "spidar_gym/Hover-v0"
+EVERY = [(name, mode) for name in ENVIRONMENTS for mode in CHAPTERS[name].modes]
+"""Every environment in each of its action modes."""
 EARLY = 35
 """A seed whose independent legs start to move after 1.05 s already."""
 PUSHED = 147
@@ -63,3 +68,10 @@ def assert_same(a, b):
         assert i1.keys() == i2.keys()
         for key in i1:
             assert same(i1[key], i2[key]), key
+
+
+def direct(thrust) -> np.ndarray:
+    """An action of `direct`: thrusts [N] with rotors upright in form ①."""
+    action = np.zeros(40)
+    action[:8] = np.asarray(thrust) / 21.0 - 1.0
+    return action

@@ -1,0 +1,70 @@
+"""Pins the registered environments: specs that survive being written down, and vectors that fly like single ones."""
+
+import copy
+import json
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from support.episodes import HOVER, ROUGH, actions_of, assert_same, flight, make, same
+
+import spidar_gym
+from spidar_gym.envs.registry import ENVIRONMENTS
+
+
+def row_of(info, i):
+    """One environment's share of the infos of several."""
+    if isinstance(info, dict):
+        return {key: row_of(value, i) for key, value in info.items() if not key.startswith("_")}
+    return info[i]
+
+
+@pytest.mark.parametrize("options", [{}, ROUGH], ids=["plain", "rough"])
+def test_vector_environments_in_one_process_and_in_several_fly_like_single_ones(options):
+    n, kwargs = 2, {"forms": "equal", "joint_speed": 1.0, **options}
+    envs = [gymnasium.make_vec(HOVER, n, "sync", **kwargs)]
+    envs.append(gymnasium.make_vec(HOVER, n, "async", vector_kwargs={"context": "spawn"}, **kwargs))
+    singles = [make(**kwargs) for _ in range(n)]
+    try:
+        expected = [env.reset(seed=10 + i)[0] for i, env in enumerate(singles)]
+        for env in envs:
+            assert np.array_equal(env.reset(seed=10)[0], expected)
+        for actions in np.random.default_rng(0).uniform(-1, 1, (20, n, 6)).astype(np.float32):
+            steps = [env.step(action) for env, action in zip(singles, actions, strict=True)]
+            for env in envs:
+                observations, rewards, terminated, truncated, infos = env.step(actions)
+                assert np.array_equal(observations, [step[0] for step in steps])
+                assert np.array_equal(rewards, [step[1] for step in steps])
+                assert not terminated.any()
+                assert not truncated.any()
+                for key, value in steps[1][4].items():
+                    assert same(row_of(infos.get(key, {}), 1), value), key
+    finally:
+        for env in envs:
+            env.close()
+
+
+@pytest.mark.parametrize("through", ["json", "pickle", "deepcopy"])
+@pytest.mark.parametrize("options", [{}, ROUGH], ids=["plain", "rough"])
+def test_a_spec_survives_being_written_down_and_makes_the_same_environment(options, through):
+    options = {"action_mode": "residual", "forms": "independent", "joint_speed": 0.5, **options}
+    env = gymnasium.make(HOVER, **options, max_episode_steps=77)
+    again = {
+        "json": lambda spec: EnvSpec.from_json(json.dumps(json.loads(spec.to_json()))),
+        "pickle": lambda spec: pickle.loads(pickle.dumps(spec)),
+        "deepcopy": copy.deepcopy,
+    }[through](env.spec)
+    assert again == env.spec
+    other = gymnasium.make(again)
+    assert other.spec.max_episode_steps == 77
+    actions = actions_of(env, 10)
+    assert_same(flight(env, actions, seed=2), flight(other, actions, seed=2))
+
+
+def test_importing_the_package_registers_every_environment_under_its_horizon():
+    assert spidar_gym.__version__
+    for name, entry in ENVIRONMENTS.items():
+        assert gymnasium.spec(name).max_episode_steps == entry.horizon
+        assert isinstance(gymnasium.spec(name).entry_point, str)

@@ -1,0 +1,97 @@
+"""Plants for the tests of the simulated robot, and commands for them."""
+
+from dataclasses import asdict
+
+import numpy as np
+
+from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.so3 import exp, matrix_to_quat
+from spidar_gym.state import Command
+
+HIGH = np.array([0.0, 0.0, 5.0])
+VACUUM = AeroConfig(wake=False)
+ASKEW = matrix_to_quat(exp(np.array([0.2, -0.1, 0.3])))
+NOISE = ActuatorConfig(thrust_noise=0.3)
+STORM = Disturbances(wind=4.0, push=30.0)
+EVERYTHING = ActuatorConfig(
+    thrust_noise=0.3, delay=0.0275, vectoring_delay=0.01, backlash=0.01, spin_down=0.6, battery=True,
+    joint_friction=0.2, thrust_tilt=np.full((8, 2), 0.02), joint_offset=np.full(16, 0.01),
+    vectoring_offset=np.full((8, 2), -0.01),
+)  # fmt: skip
+ODDITIES: dict[str, tuple[PlantConfig, Disturbances]] = {
+    "vacuum": (PlantConfig(aero=VACUUM), Disturbances()),
+    "wake": (PlantConfig(), Disturbances()),
+    "noise": (PlantConfig(actuators=NOISE), Disturbances()),
+    "delay": (PlantConfig(actuators=ActuatorConfig(delay=0.0325)), Disturbances()),
+    "vectoring delay": (PlantConfig(actuators=ActuatorConfig(vectoring_delay=0.015)), Disturbances()),
+    "backlash": (PlantConfig(actuators=ActuatorConfig(backlash=0.02)), Disturbances()),
+    "spin-down": (PlantConfig(actuators=ActuatorConfig(spin_down=0.5), aero=VACUUM), Disturbances()),
+    "battery": (PlantConfig(actuators=ActuatorConfig(battery=True)), Disturbances()),
+    "wind": (PlantConfig(), Disturbances(wind=4.0)),
+    "wind in a vacuum": (PlantConfig(aero=VACUUM), Disturbances(wind=4.0)),
+    "pushes": (PlantConfig(), Disturbances(push=30.0)),
+    "lost thrust": (PlantConfig(), Disturbances(lost_rotor=3, fault_time=0.1)),
+    "lost vectoring": (PlantConfig(), Disturbances(lost_rotor=3, fault="vectoring", fault_time=0.05)),
+    "sensors": (PlantConfig(sense=True), Disturbances()),
+    "everything": (PlantConfig(substeps=7, sense=True, idle_thrust=1.2, actuators=EVERYTHING), STORM),
+}
+"""What a simulated moment can depend on, one thing at a time and all of it."""
+
+
+def command(thrust=0.0, joints=0.0, vectoring=0.0, limit=7.0) -> Command:
+    """A command; numbers stand for equal entries."""
+    shapes = ((8,), (8, 2), (16,), (16,))
+    values = (thrust, vectoring, joints, limit)
+    return Command(*(np.broadcast_to(v, s).astype(float) for v, s in zip(values, shapes, strict=True)))
+
+
+def floating(*, substeps=10, joint_speed=ROBOT.joint_speed, thrust=None, q=None, vectoring=None, **actuators) -> Plant:
+    """A plant at rest without gravity and air."""
+    config = ActuatorConfig(**actuators)
+    plant = Plant(PlantConfig(substeps=substeps, joint_speed=joint_speed, aero=VACUUM, actuators=config))
+    plant.model.opt.gravity[:] = 0.0
+    rng = np.random.default_rng(0)
+    plant.reset(HIGH, joint_position=q, vectoring=vectoring, thrust=thrust, rng=rng)
+    return plant
+
+
+def weightless(**config) -> Plant:
+    """A plant at rest without gravity and air."""
+    plant = Plant(PlantConfig(aero=VACUUM, **config))
+    plant.model.opt.gravity[:] = 0.0
+    plant.reset(HIGH)
+    return plant
+
+
+def tumbled(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
+    """Drive the robot with random thrusts, joints and vectoring angles; the full state after every tick."""
+    rng, states = np.random.default_rng(seed), []
+    for _ in range(ticks):
+        plant.step(command(rng.uniform(0, 15, 8), rng.uniform(-1, 1, 16), rng.uniform(-1, 1, (8, 2))))
+        states.append(np.concatenate([plant.data.qpos, plant.data.qvel, plant.data.act]))
+    return states
+
+
+def dropped(**config) -> Plant:
+    """A plant above the floor, askew, falling."""
+    plant = Plant(PlantConfig(**({"aero": VACUUM} | config)))
+    plant.reset(np.array([0.0, 0.0, 0.4]), ASKEW, FORMS["form1"])
+    return plant
+
+
+def witnessed(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
+    """Drive the robot as `tumbled` does; everything that anybody sees of it after every tick."""
+    seen = []
+    for k in range(ticks):
+        motion = tumbled(plant, 1, 100 * seed + k)[0]
+        memory = plant.memory
+        numbers = [memory.power, memory.energy_wh, plant.mean_power, plant.in_contact, plant.state().time]
+        parts = [motion, plant.state().joint_torque, numbers, plant.thrust_factor, plant.air_force]
+        if memory.sensors is not None:
+            parts += [np.ravel(value) for value in asdict(plant.measure()).values()]
+        seen.append(np.concatenate(parts))
+    return seen
