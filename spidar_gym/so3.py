@@ -91,6 +91,13 @@ def matrix_to_quat(R: Matrix3) -> Quaternion:
     return -quat if quat[0] < 0.0 else quat
 
 
+def euler_angles(R: Matrix3) -> Vector3:
+    """Roll, pitch, yaw (z-y-x) of an attitude [rad]."""
+    return np.array(
+        [math.atan2(R[2, 1], R[2, 2]), math.asin(max(-1.0, min(1.0, -R[2, 0]))), math.atan2(R[1, 0], R[0, 0])]
+    )
+
+
 def rotation_x(angle: float) -> Matrix3:
     """Rotation about x by `angle` [rad]."""
     c, s = math.cos(angle), math.sin(angle)

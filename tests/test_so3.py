@@ -145,6 +145,14 @@ def test_axis_rotations_turn_the_next_axis_to_the_one_after(k):
     close(rotation(0.7), so3.exp(0.7 * e[k]), atol=1e-15)
 
 
+def test_roll_pitch_and_yaw_turn_about_x_then_y_then_z():
+    for roll, pitch, yaw in np.random.default_rng(8).uniform(-1.5, 1.5, (50, 3)).tolist():
+        R = so3.rotation_z(yaw) @ so3.rotation_y(pitch) @ so3.rotation_x(roll)
+        close(so3.euler_angles(R), [roll, pitch, yaw], atol=1e-12)
+    down = so3.rotation_y(math.pi / 2)
+    close(so3.euler_angles(down * (1.0 + 1e-15))[1], math.pi / 2, atol=1e-7)
+
+
 def test_the_cross_product_has_the_very_numbers_of_numpy():
     for a, b in np.random.default_rng(7).normal(size=(200, 2, 3)):
         np.testing.assert_array_equal(so3.cross(a, b), np.cross(a, b))

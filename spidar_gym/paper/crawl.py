@@ -21,7 +21,7 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.energy import endurance_min
-from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.so3 import euler_angles, quat_to_matrix
 
 CRAWL_DISTANCE = 0.6
 """Way of the crawl experiment, in 3 cycles of 0.2 m [m] [Zhao2025, Sec. Crawling Motion]."""
@@ -186,13 +186,6 @@ def crawl_paper(
     error = np.array([goal.x - reached.x, goal.y - reached.y, math.remainder(goal.yaw - reached.yaw, 2.0 * math.pi)])
     speed = env.controller.config.joint_speed
     return CrawlLog(preset, speed, noise, **columns(rows), contacts=contacts, goal_error=error, info=info)
-
-
-def euler_angles(R: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw (z-y-x) of an attitude [rad]."""
-    return np.array(
-        [math.atan2(R[2, 1], R[2, 2]), math.asin(max(-1.0, min(1.0, -R[2, 0]))), math.atan2(R[1, 0], R[0, 0])]
-    )
 
 
 def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str, Any]:

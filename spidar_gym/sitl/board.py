@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.so3 import euler_angles
 
 ARM_ON, ARM_OFF, FORCE_LANDING = 0, 1, 2
 """Configuration commands."""
@@ -82,7 +83,7 @@ class Board:
         """
         if not self.armed:
             return np.zeros(N_ROTORS)
-        roll, pitch = math.atan2(R_wb[2, 1], R_wb[2, 2]), math.asin(max(-1.0, min(1.0, -R_wb[2, 0])))
+        roll, pitch, _ = euler_angles(R_wb).tolist()
         self.tilt = max(abs(roll), abs(pitch))
         if self.tilt > TILT_LIMIT:
             self._land("tilt")

@@ -18,7 +18,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.library import STATUS
 from spidar_gym.onboard.runner_structs import MAGIC, FlightState, LogKind, Stage, log_layouts
-from spidar_gym.paper.crawl import CrawlLog, euler_angles
+from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FLIGHT_SECONDS, FlightLog
 from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.sim.ground import Touch
@@ -26,8 +26,8 @@ from spidar_gym.sitl.faults import find_fault
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.robot import DT
 from spidar_gym.sitl.session import AFTER_FAULT, Row, Run
+from spidar_gym.so3 import euler_angles, quat_to_matrix
 from spidar_gym.so3 import log as so3_log
-from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.text import format_table
 
 

@@ -19,7 +19,7 @@ from spidar_gym.sim.sensors import IMU_POSITION_B
 from spidar_gym.sitl.board import Board
 from spidar_gym.sitl.messages import STATE_NAMES, Message
 from spidar_gym.sitl.stack import LANDING_FORM, Stack
-from spidar_gym.so3 import cross, quat_to_matrix
+from spidar_gym.so3 import cross, euler_angles, quat_to_matrix
 from spidar_gym.state import Command, Measurement
 
 DT = 0.005
@@ -203,10 +203,11 @@ class Robot:
 
     def _publish(self, m: Measurement) -> list[Message]:
         """What the sensors publish."""
+        angles = euler_angles(quat_to_matrix(self.seen.quat_wb))
         messages = [
             Message(
                 "imu", float(m.imu_time[k]),
-                {"acc": m.specific_force_b[k], "gyro": m.gyro_b[k], "angles": self._angles()},
+                {"acc": m.specific_force_b[k], "gyro": m.gyro_b[k], "angles": angles},
             )
             for k in range(m.imu_count)
         ]  # fmt: skip
@@ -220,12 +221,6 @@ class Robot:
             values = {"name": STATE_NAMES, "position": position, "effort": effort}
             messages.append(Message("joint_states", m.encoder_time, values))
         return messages
-
-    def _angles(self) -> np.ndarray:
-        R = quat_to_matrix(self.seen.quat_wb)
-        return np.array(
-            [math.atan2(R[2, 1], R[2, 2]), -math.asin(np.clip(R[2, 0], -1, 1)), math.atan2(R[1, 0], R[0, 0])]
-        )
 
     def _odometry(self) -> list[Message]:
         """The flight stack's own estimate, of CoG and flight controller."""
