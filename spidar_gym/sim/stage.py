@@ -148,6 +148,7 @@ class Stage(Drawn):
         self._options.geomgroup[3] = 0
         self._rotors = [self._model.site(name).id for name in ROTOR_SITES]
         self._shown = _robot(self._model)
+        self._level = ground is None or not (ground.uneven or ground.slope)
         self._empty: np.ndarray | None = None
 
     def render(
@@ -199,6 +200,12 @@ class Stage(Drawn):
         mujoco.mjv_updateScene(
             self._model, self._data, self._options, None, self._camera, categories.value, self._picture
         )
+        if self._level:
+            return
+        # Away from z = 0 the floor is, by rounding, deeper than in the shadow map, and would lie in its own shadow.
+        for geom in (self._picture.geoms[k] for k in range(self._picture.ngeom)):
+            if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and self._model.geom_bodyid[geom.objid] == 0:
+                geom.category = mujoco.mjtCatBit.mjCAT_DECOR  # it is drawn, and throws no shadow
 
     def _part(self, balls: np.ndarray) -> tuple[int, int, int, int]:
         """Left, low, right, top [px, from below] of what holds balls (n, 4) and their shadows on the floor."""

@@ -1,11 +1,8 @@
 """Figures and films of experiments: what the commands draw."""
 
-from spidar_gym.viz.board import leaderboard_picture
-from spidar_gym.viz.curves import learning_curves
-from spidar_gym.viz.figures import crawl_figure, flight_figure, speed_figure
-from spidar_gym.viz.film import Film, film_take
+from spidar_gym.viz.figures import crawl_figure, flight_figure, leaderboard_picture, learning_curves, speed_figure
+from spidar_gym.viz.film import Film, Take, crawl_take, crawl_traces, film_take, flight_take, flight_traces
 from spidar_gym.viz.stills import crawl_strip, forms_picture
-from spidar_gym.viz.take import Take, crawl_take, crawl_traces, flight_take, flight_traces
 
 __all__ = [
     "Film", "Take", "crawl_figure", "crawl_strip", "crawl_take", "crawl_traces", "film_take", "flight_figure",

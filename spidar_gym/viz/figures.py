@@ -1,16 +1,52 @@
-"""Figures of the paper's experiments and of the comparison over joint speeds."""
+"""Every figure: the paper's flight and crawl, errors over joint speeds, learning curves, the leaderboard."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.leaderboard import GROUPS, Board, ranking
+from spidar_gym.benchmark.row import REFERENCE
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, PAPER_FLIGHT, UNRESTRICTED, FlightLog
-from spidar_gym.viz.style import BLUE, GREY, VERMILLION, Axes, Figure, Line, label_lines, pyplot, save
+from spidar_gym.policies.policy import KINDS
+from spidar_gym.viz.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    PURPLE,
+    VERMILLION,
+    Axes,
+    Figure,
+    Line,
+    Span,
+    label_lines,
+    pyplot,
+    save,
+    spans,
+)
 
-Span = tuple[float, float]
+Labelled = tuple[Axes, Sequence[Line], Sequence[str]]
+"""A panel, its lines, and their names."""
+LOOKS = ((BLUE, "o"), (VERMILLION, "D"), (GREEN, "s"), (PURPLE, "v"), (BLACK, "^"))
+"""Colour and mark of what is told apart by both."""
+CLASSES: dict[str, tuple[str, str]] = dict(zip(KINDS, LOOKS, strict=False))
+"""Colour and mark of a class of policies."""
+STROKES = ("-", "--", ":", "-.")
+METRICS = {
+    "position_rms_m": ("position RMS [mm]", 1e3), "attitude_rms_rad": ("attitude RMS [mrad]", 1e3),
+    "duration_s": ("time [s]", 1.0), "energy_wh": ("energy [Wh]", 1.0), "error": ("error", 1.0),
+}  # fmt: skip
+"""Label and factor of the metrics of learning curves."""
+Curves = Sequence[tuple[list[float], list[float]]]
+"""For each run its steps and values."""
+COLUMNS = 3
+"""Panels of the leaderboard side by side."""
+WIDE = (0.01, 0.1, 1.0, 10.0)
+FINE = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+"""Ticks of scores, over decades or within one."""
 
 
 def flight_figure(log: FlightLog, path: Path) -> None:
@@ -27,7 +63,7 @@ def flight_figure(log: FlightLog, path: Path) -> None:
         ("vectoring angles, leg 1 [rad]", log.vectoring[:, :2].reshape(-1, 4), ["φ₁", "θ₁", "φ₂", "θ₂"]),
         ("thrust, leg 1 [N]", log.thrust[:, :2], ["λ₁", "λ₂"]),
     ]
-    figure, axes, lines = _panels(log.time, panels)
+    figure, axes, labelled = _panels(log.time, panels)
     flown = f"Flight with joint motion, preset {log.preset}{', with noise' if log.noise else ''}"
     figure.suptitle(f"{flown}; shaded: interference rows dropped")
     for axis in axes.flat:
@@ -41,7 +77,7 @@ def flight_figure(log: FlightLog, path: Path) -> None:
         _name_spans(axis, names)
     _mark_rmse(axes[0, 0], max(PAPER_FLIGHT["rmse_position_m"]), "{:g} m")
     _mark_rmse(axes[0, 1], 1e3 * max(PAPER_FLIGHT["rmse_attitude_rad"]), "{:g} mrad")
-    _finish(figure, axes, panels, lines, path)
+    _finish(figure, labelled, path)
 
 
 def crawl_figure(log: CrawlLog, path: Path) -> None:
@@ -55,15 +91,15 @@ def crawl_figure(log: CrawlLog, path: Path) -> None:
         ("vectoring angles, leg 1 [rad]", log.vectoring[:, :2].reshape(-1, 4), ["φ₁", "θ₁", "φ₂", "θ₂"]),
         ("thrust, leg 1 and mean of all [N]", thrust, ["λ₁", "λ₂", "Σλ/8"]),
     ]
-    figure, axes, lines = _panels(log.time, panels)
+    figure, axes, labelled = _panels(log.time, panels)
     figure.suptitle(f"Crawl, preset {log.preset}, {log.joint_speed:g} rad/s{', with noise' if log.noise else ''}")
-    legs, torso = _spans(log.time, np.isin(log.phase, LEGS_UP)), _spans(log.time, np.isin(log.phase, TORSO_PHASES))
+    legs, torso = spans(log.time, np.isin(log.phase, LEGS_UP)), spans(log.time, np.isin(log.phase, TORSO_PHASES))
     for axis in axes.flat:
         _shade(axis, legs, BLUE)
         _shade(axis, torso, VERMILLION)
     for axis in axes[0]:
         _name_spans(axis, [(*span, "legs") for span in legs] + [(*span, "torso") for span in torso])
-    _finish(figure, axes, panels, lines, path)
+    _finish(figure, labelled, path)
 
 
 def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
@@ -72,7 +108,7 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
     controllers = list(dict.fromkeys(row["controller"] for row in rows))
     figure, axes = plt.subplots(2, len(conditions), figsize=(7.2, 4.6), sharex=True, sharey="row", squeeze=False)
-    drawn = []
+    labelled: list[Labelled] = []
     for row_axes, key, label in zip(
         axes, ("position_mm", "attitude_mrad"), ("position error [mm]", "attitude error [mrad]"), strict=True
     ):
@@ -82,7 +118,7 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
                 own = [row for row in rows if row["controller"] == name and row["condition"] == condition]
                 lines += axis.plot([row["joint_speed"] for row in own], [row[key] for row in own], marker="o")
             axis.margins(x=0.04)
-            drawn.append((axis, lines))
+            labelled.append((axis, lines, controllers))
         row_axes[0].set_ylabel(label)
         row_axes[0].set_ylim(0.0, 1.08 * max(row[key] for row in rows))
     for axis, condition in zip(axes[0], conditions, strict=True):
@@ -90,50 +126,114 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
     for axis in axes[-1]:
         axis.set_xlabel("joint speed [rad/s]")
     figure.suptitle("Random asymmetric forms: RMS norm of a flight without its first second, interquartile mean")
-    _label(figure, drawn, controllers)
+    _finish(figure, labelled, path)
+
+
+def learning_curves(
+    panels: Mapping[str, Mapping[str, Curves]], lines: Mapping[str, Mapping[str, float]], title: str, path: Path
+) -> None:
+    """Learning curves of all runs, a panel a metric, with classical controllers as lines, written as PNG and PDF.
+
+    Args:
+        panels: Metric → row → for each run its steps and values.
+        lines: Row → metric → value.
+        title: Title.
+        path: Where the PNG goes.
+    """
+    plt = pyplot()
+    figure, axes = plt.subplots(1, len(panels), figsize=(3.9 * len(panels), 3.0), squeeze=False)
+    rows = list(dict.fromkeys(row for runs in panels.values() for row in runs))
+    labelled: list[Labelled] = []
+    for axis, (metric, runs) in zip(axes[0], panels.items(), strict=True):
+        label, factor = METRICS[metric]
+        last = []
+        for row, curves in runs.items():
+            color, mark = LOOKS[rows.index(row) % len(LOOKS)]
+            drawn = [
+                axis.plot(
+                    np.array(steps) / 1e6, factor * np.array(values), color=color, linestyle="-", linewidth=0.9,
+                    alpha=0.8, marker=mark, markersize=2.2,
+                )[0]
+                for steps, values in curves
+            ]  # fmt: skip
+            # The name stands at the run in the middle of its row.
+            last.append(sorted(drawn, key=lambda line: line.get_ydata()[-1])[len(drawn) // 2])
+        for k, values in enumerate(lines.values()):
+            last.append(axis.axhline(factor * values[metric], color=GREY, linewidth=1.0, linestyle=STROKES[k % 4]))
+        axis.margins(x=0.03)
+        axis.set_yscale("log")
+        _number(axis)
+        axis.set_xlabel("control ticks [million]")
+        axis.set_ylabel(label)
+        labelled.append((axis, last, [*runs, *lines]))
+    figure.suptitle(title)
+    _finish(figure, labelled, path)
+
+
+def leaderboard_picture(board: Board, path: Path) -> None:
+    """Scores with their 95 % intervals, written as PNG and PDF: the best of a track at the top of its panel."""
+    plt = pyplot()
+    groups = [own for tracks in GROUPS.values() if (own := [track for track in tracks if track in board.tracks])]
+    ranked = {track: ranking(board, track) for track in board.tracks}
+    lines = [tracks[k : k + COLUMNS] for tracks in groups for k in range(0, len(tracks), COLUMNS)]
+    heights = [max(len(ranked[track]) for track in line) for line in lines]
+    figure = plt.figure(figsize=(10.0, 1.1 + 0.55 * len(lines) + 0.155 * sum(heights)))
+    grid = figure.add_gridspec(len(lines), COLUMNS, height_ratios=[height + 1.5 for height in heights])
+    for k, line in enumerate(lines):
+        limits = _limits(board, next(tracks for tracks in groups if line[0] in tracks))
+        for column, track in enumerate(line):
+            axis = figure.add_subplot(grid[k, column])
+            axis.set_title(track)
+            axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+            for y, name in enumerate(ranked[track]):
+                score, (color, mark) = board.cells[name, track].score, CLASSES[board.rows[name].kind]
+                axis.plot([score.low, score.high], [y, y], color=color, linewidth=1.6, linestyle="-", alpha=0.45)
+                axis.plot([score.value], [y], mark, color=color, markersize=4)
+            axis.set_yticks(range(len(ranked[track])), ranked[track])
+            for label, name in zip(axis.get_yticklabels(), ranked[track], strict=True):
+                label.set_color(BLACK if name == REFERENCE else CLASSES[board.rows[name].kind][0])
+                label.set_fontweight("bold" if name == REFERENCE else "normal")
+            axis.set_ylim(len(ranked[track]) - 0.4, -0.6)
+            axis.tick_params(axis="y", length=0)
+            axis.set_xscale("log")
+            axis.set_xlim(limits)
+            ticks = [tick for tick in (WIDE if limits[1] > 8.0 * limits[0] else FINE) if limits[0] <= tick <= limits[1]]
+            axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            axis.minorticks_off()
+            axis.grid(axis="y", visible=False)
+    figure.supxlabel(
+        f"score: mean error of {REFERENCE} over one's own, 95 % interval, log scale; right of 1 is better", fontsize=8
+    )
+    kinds = [kind for kind in CLASSES if any(row.kind == kind for row in board.rows.values())]
+    handles = [
+        plt.Line2D([], [], color=CLASSES[kind][0], marker=CLASSES[kind][1], ls="-", label=kind) for kind in kinds
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=8)
     save(figure, path)
 
 
 def _panels(
     time: np.ndarray, panels: Sequence[tuple[str, np.ndarray, list[str]]]
-) -> tuple[Figure, Axes, list[list[Line]]]:
-    """Three rows of two panels over one time axis; the figure, its axes and each panel's lines."""
+) -> tuple[Figure, Axes, list[Labelled]]:
+    """Three rows of two panels over one time axis; the figure, its axes, and each panel with its lines and names."""
     figure, axes = pyplot().subplots(3, 2, figsize=(7.2, 6.2), sharex=True)
-    lines = []
-    for letter, axis, (title, values, _) in zip("ABCDEF", axes.flat, panels, strict=True):
-        lines.append([axis.plot(time, column)[0] for column in values.T])
+    labelled = []
+    for letter, axis, (title, values, names) in zip("ABCDEF", axes.flat, panels, strict=True):
+        labelled.append((axis, [axis.plot(time, column)[0] for column in values.T], names))
         axis.set_title(f"{letter}   {title}", pad=12 if letter in "AB" else 5)
         axis.margins(y=0.08)
         axis.set_xlim(0.0, time[-1])
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    return figure, axes, lines
+    return figure, axes, labelled
 
 
-def _finish(
-    figure: Figure,
-    axes: Axes,
-    panels: Sequence[tuple[str, np.ndarray, list[str]]],
-    lines: Sequence[Sequence[Line]],
-    path: Path,
-) -> None:
+def _finish(figure: Figure, labelled: Iterable[Labelled], path: Path) -> None:
     """Names at the lines, then the files."""
-    _label(figure, zip(axes.flat, lines, strict=True), *(names for _, _, names in panels))
-    save(figure, path)
-
-
-def _label(figure: Figure, drawn: Iterable[tuple[Axes, Sequence[Line]]], *names: list[str]) -> None:
-    """Names at the lines of several axes; one list of names may serve all of them."""
-    drawn = list(drawn)
     figure.draw_without_rendering()
-    for (axis, lines), own in zip(drawn, names * len(drawn) if len(names) == 1 else names, strict=True):
-        label_lines(axis, lines, own)
-
-
-def _spans(time: np.ndarray, inside: np.ndarray) -> list[Span]:
-    """Start and end of each stretch in which a condition holds [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], inside, [0])).astype(int))).reshape(-1, 2)
-    return [(float(time[start]), float(time[min(end, len(time) - 1)])) for start, end in edges]
+    for axis, lines, names in labelled:
+        label_lines(axis, lines, names)
+    save(figure, path)
 
 
 def _shade(axis: Axes, spans: Iterable[Span], color: str) -> None:
@@ -164,3 +264,18 @@ def _mark_rmse(axis: Axes, rmse: float, form: str) -> None:
         0.02, 0.02, words, transform=axis.transAxes, fontsize=6, color="0.35",
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
     )  # fmt: skip
+
+
+def _number(axis: Axes) -> None:
+    """Numbers instead of powers of ten on a logarithmic axis; beyond a decade not every line has room for its own."""
+    low, high = axis.get_ylim()
+    digits = "125" if high > 12.0 * low else "123456789"
+    for setter in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+        setter(lambda value, _, digits=digits: f"{value:g}" if f"{value:e}"[0] in digits else "")
+    axis.grid(which="both")
+
+
+def _limits(board: Board, tracks: list[str]) -> tuple[float, float]:
+    """Limits of the score within which all intervals of some tracks lie."""
+    scores = [cell.score for (_, track), cell in board.cells.items() if track in tracks]
+    return 0.85 * min(score.low for score in scores), 1.18 * max(score.high for score in scores)

@@ -1,20 +1,23 @@
 """Films of flights and crawls in real time: one robot, or two side by side, over what happens in time."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.files import WholeFile
+from spidar_gym.paper.crawl import CrawlLog
+from spidar_gym.paper.flight import FORM_CHANGE, UNRESTRICTED, FlightLog
+from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.opengl import require_opengl
-from spidar_gym.sim.stage import FIXED, Stage, between, extent, standing
-from spidar_gym.viz.strip import COLORS, Strip
-from spidar_gym.viz.style import BLACK, INSTALL_VIZ
-from spidar_gym.viz.take import Take, tick_at
+from spidar_gym.sim.stage import FIXED, Stage, between, cog, extent, standing
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.viz.style import BLACK, BLUE, INSTALL_VIZ, VERMILLION, pyplot, spans
 
 FPS = 30
 """Pictures a second."""
@@ -26,6 +29,76 @@ TOP = 70
 """Height of the captions [px]."""
 SAMPLED = 10
 """Every so many ticks are looked at for where the camera must stand."""
+COLORS = (BLUE, VERMILLION)
+"""Colours of the takes of a film."""
+STROKES = ("-", "--")
+DPI = 100
+OPACITY = 0.86
+"""Opacity of the strip over the picture."""
+
+
+@dataclass(frozen=True)
+class Take:
+    """One flight or crawl, one row a tick."""
+
+    title: str
+    """Who flies."""
+    time: np.ndarray
+    """(n,) [s]."""
+    qpos: np.ndarray
+    """Configuration of the simulated robot, (n, 39)."""
+    thrust: np.ndarray
+    """(n, 8) [N]."""
+    phase: Sequence[str]
+    """(n,) words."""
+    traces: Mapping[str, np.ndarray]
+    """What is drawn over time, with its unit: (n,) each."""
+    contacts: Sequence[np.ndarray | None] | None = None
+    """Contact points and forces of each tick, world: (k, 6) [m, N]."""
+    ground: GroundConfig = field(default_factory=GroundConfig)
+    """The floor."""
+
+
+def tick_at(take: Take, time: float) -> int:
+    """The tick that is nearest to a time [s]: the last one after the end."""
+    return round(float(np.interp(time, take.time, np.arange(len(take.time)))))
+
+
+class Strip:
+    """A plot of each trace of some takes; what has been is drawn strongly, what comes is pale."""
+
+    def __init__(self, takes: Sequence[Take], width: int, height: int) -> None:
+        """Draw it once, strongly and pale; a frame of the film is put together from both.
+
+        Args:
+            takes: One or two; two share their plots.
+            width: [px].
+            height: [px].
+        """
+        end = max(float(take.time[-1]) for take in takes)
+        drawn = [_draw_strip(takes, end, width, height, alpha) for alpha in (1.0, 0.28)]
+        (self._past, self._boxes), (self._coming, _) = drawn
+        self._takes, self._end = takes, end
+
+    def over(self, frame: np.ndarray, time: float) -> None:
+        """Put the strip over the lower end of a frame (height, width, 3) at a time [s]."""
+        strip = self._coming.copy()
+        for left, right, top, bottom in self._boxes:
+            now = left + round((right - left) * min(time / self._end, 1.0))
+            strip[:, left - 4 : now] = self._past[:, left - 4 : now]
+            strip[top:bottom, now - 1 : now + 1] = 40.0
+        below = frame[-len(strip) :]
+        below[:] = (1.0 - OPACITY) * below + OPACITY * strip
+
+    def values(self, time: float) -> list[tuple[int, int, list[str]]]:
+        """Where the present values are written: right and top [px, from the strip's corner], and those of each take."""
+        found = []
+        for (_, right, top, _), name in zip(self._boxes, self._takes[0].traces, strict=True):
+            largest = max(float(np.abs(take.traces[name]).max()) for take in self._takes)
+            digits = 2 if largest < 5.0 else 1 if largest < 50.0 else 0
+            numbers = [f"{take.traces[name][tick_at(take, time)]:.{digits}f}" for take in self._takes]
+            found.append((right, top, numbers))
+        return found
 
 
 class Film:
@@ -91,7 +164,7 @@ class Film:
         else:
             self._file.discard()
 
-    def __enter__(self) -> "Film":
+    def __enter__(self) -> Self:
         """Itself."""
         return self
 
@@ -111,6 +184,54 @@ def film_take(
 def length(takes: Sequence[Take]) -> int:
     """Frames of a film in real time."""
     return max(1, max(round(FPS * float(take.time[-1])) for take in takes))
+
+
+def flight_take(log: FlightLog) -> Take:
+    """The paper's flight."""
+    title = f"preset {log.preset}{', with noise' if log.noise else ''}"
+    phases = [flight_phase(time) for time in log.time.tolist()]
+    traces = flight_traces(log.qpos, log.position_error, log.attitude_error)
+    return Take(title, log.time, log.qpos, log.thrust, phases, traces)
+
+
+def flight_phase(time: float) -> str:
+    """What happens in the paper's flight at a time [s]."""
+    start, end = FORM_CHANGE
+    if any(first < time <= last for first, last in UNRESTRICTED):
+        return "form ③, constraint dropped"
+    return "hover in form ①" if time <= start else "① → ② → ③" if time <= end else "hover in form ③"
+
+
+def flight_traces(qpos: np.ndarray, position_error: np.ndarray, attitude_error: np.ndarray) -> dict[str, np.ndarray]:
+    """Height and errors of a flight, whose rows are ticks.
+
+    Args:
+        qpos: Configurations (n, 39).
+        position_error: (n, 3) [m].
+        attitude_error: (n, 3) [rad].
+    """
+    return {
+        "height of the CoG [m]": cog(qpos)[:, 2],
+        "position error [mm]": 1e3 * np.linalg.norm(position_error, axis=1),
+        "attitude error [mrad]": 1e3 * np.linalg.norm(attitude_error, axis=1),
+    }
+
+
+def crawl_take(log: CrawlLog) -> Take:
+    """A crawl."""
+    title = f"preset {log.preset}, {log.joint_speed:g} rad/s{', with noise' if log.noise else ''}"
+    phases = [str(phase) for phase in log.phase]
+    return Take(title, log.time, log.qpos, log.thrust, phases, crawl_traces(log.qpos), log.contacts)
+
+
+def crawl_traces(qpos: np.ndarray) -> dict[str, np.ndarray]:
+    """Height, way and tilt of a crawling torso, from configurations (n, 39)."""
+    tilt = [np.arccos(np.clip(quat_to_matrix(row)[2, 2], -1.0, 1.0)) for row in qpos[:, 3:7]]
+    return {
+        "height of the torso [m]": qpos[:, 2],
+        "way [m]": np.linalg.norm(qpos[:, :2] - qpos[0, :2], axis=1),
+        "tilt of the torso [mrad]": 1e3 * np.array(tilt),
+    }
 
 
 def _picture(take: Take, stage: Stage, time: float) -> np.ndarray:
@@ -157,3 +278,34 @@ def font(size: int, *, bold: bool = False) -> Any:  # noqa: ANN401 - a font
         font_manager.FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
     )
     return ImageFont.truetype(found, size)
+
+
+def _draw_strip(
+    takes: Sequence[Take], end: float, width: int, height: int, alpha: float
+) -> tuple[np.ndarray, list[tuple[int, int, int, int]]]:
+    """The strip (height, width, 3), and each plot's left, right, top, bottom [px]."""
+    plt = pyplot()
+    names = list(takes[0].traces)
+    figure, axes = plt.subplots(1, len(names), figsize=(width / DPI, height / DPI), dpi=DPI, layout="none")
+    figure.subplots_adjust(left=0.045, right=0.985, bottom=0.22, top=0.80, wspace=0.16)
+    for axis, name in zip(axes, names, strict=True):
+        for take, color, stroke in zip(takes, COLORS, STROKES, strict=False):
+            axis.plot(take.time, take.traces[name], color=color, linestyle=stroke, alpha=alpha, linewidth=1.6)
+        dropped = np.array(["dropped" in phase for phase in takes[0].phase])
+        for start, last in spans(takes[0].time, dropped):
+            axis.axvspan(start, last, color=VERMILLION, alpha=0.12, linewidth=0)
+        axis.set_title(name, fontsize=9, fontweight="normal", pad=6)
+        axis.tick_params(labelsize=8)
+        axis.set_xlim(0.0, end)
+        axis.margins(y=0.12)
+        axis.locator_params(axis="y", nbins=4)
+        if axis is axes[-1]:
+            axis.set_xlabel("time [s]", fontsize=8, loc="right", labelpad=1)
+    figure.canvas.draw()
+    image: Any = np.asarray(figure.canvas.buffer_rgba())[:, :, :3].astype(np.float32)
+    boxes = []
+    for axis in axes:
+        box = axis.get_window_extent()
+        boxes.append((round(box.x0), round(box.x1), round(height - box.y1), round(height - box.y0)))
+    plt.close(figure)
+    return image, boxes

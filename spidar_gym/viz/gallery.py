@@ -1,8 +1,7 @@
 """The guide's pictures: each environment, track and preset at work, and the paper's experiments."""
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,8 @@ from spidar_gym.paper.crawl import crawl_paper
 from spidar_gym.paper.flight import fly_paper
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import CAMERAS
-from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.stage import Stage, extent, standing
 from spidar_gym.viz.figures import crawl_figure, flight_figure, speed_figure
-from spidar_gym.viz.stills import WINDOW, crawl_strip, forms_picture, write_strip
+from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
 
 SIZE = 480, 340
 """Size of one shot of a strip [px]."""
@@ -30,18 +27,6 @@ COLORS, LARGEST = (96, 64, 48, 32, 24), 100_000
 """Colours of a picture, as many as keep it below so many bytes."""
 FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
 """Moments of the paper's flight [s]."""
-
-
-@dataclass(frozen=True)
-class Shot:
-    """One moment of an episode."""
-
-    words: str
-    """What is written on it."""
-    qpos: np.ndarray
-    """Configuration of the simulated robot, (39,)."""
-    thrust: np.ndarray
-    """(8,) [N]."""
 
 
 def gallery() -> dict[str, Callable[[Path], object]]:
@@ -109,7 +94,7 @@ def track_strip(track: str, path: Path) -> None:
     shares = (0.0, 0.3, 0.75) if isinstance(env, CrawlEnv) else (0.0, 0.5, 1.0)
     ticks = [round(share * (len(rows) - 1)) for share in shares]
     shots = [Shot(f"{tick / CONTROL_RATE:.0f} s", *rows[tick]) for tick in ticks]
-    strip(shots, path, env.plant.config.ground)
+    strip(shots, path, size=SIZE, ground=env.plant.config.ground)
     env.close()
 
 
@@ -117,15 +102,5 @@ def flight_strip(preset: str, path: Path) -> None:
     """A preset in the paper's flight."""
     log = fly_paper(preset)
     ticks = {words: int(np.argmin(np.abs(log.time - time))) for words, time in FLIGHT_SHOTS.items()}
-    strip([Shot(f"{words}, {log.time[t]:.0f} s", log.qpos[t], log.thrust[t]) for words, t in ticks.items()], path)
-
-
-def strip(shots: Sequence[Shot], path: Path, ground: GroundConfig | None = None) -> None:
-    """Moments side by side, from one camera that sees all of them, thrusts as arrows."""
-    camera = standing(extent(np.array([shot.qpos for shot in shots])), SIZE[0] / SIZE[1], WINDOW)
-    stage = Stage(camera, *SIZE, ground)
-    try:
-        pictures = [stage.render(shot.qpos, thrust=shot.thrust) for shot in shots]
-    finally:
-        stage.close()
-    write_strip(path, pictures, [shot.words for shot in shots])
+    shots = [Shot(f"{words}, {log.time[t]:.0f} s", log.qpos[t], log.thrust[t]) for words, t in ticks.items()]
+    strip(shots, path, size=SIZE)

@@ -1,6 +1,7 @@
-"""Pictures of the robot: its forms, and a gait cycle."""
+"""Pictures of the robot: moments side by side, its forms, and a gait cycle."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.files import WholeFile
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.robot import FORMS
+from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.stage import Stage, extent, standing
 from spidar_gym.viz.film import font
@@ -18,19 +20,27 @@ WINDOW = 0.03, 0.97, 0.04, 0.88
 """Left, right, bottom, top of what holds the robot, as shares of a picture; above it are the words."""
 
 
-def forms_picture(path: Path, *, size: tuple[int, int] = (560, 420)) -> None:
+@dataclass(frozen=True)
+class Shot:
+    """One moment."""
+
+    words: str
+    """What is written on it."""
+    qpos: np.ndarray
+    """Configuration of the simulated robot, (39,)."""
+    thrust: np.ndarray | None = None
+    """Drawn as arrows, (8,) [N]."""
+    contacts: np.ndarray | None = None
+    """Contact points and forces, drawn as arrows, world: (k, 6) [m, N]."""
+
+
+def forms_picture(path: Path) -> None:
     """The robot in the paper's forms ①, ②, ③, hovering, side by side (`MissingDependencyError` without OpenGL)."""
-    controller, plant, rows = FlightController(), Plant(), []
-    for q in FORMS.values():
+    controller, plant, shots = FlightController(), Plant(), []
+    for mark, q in zip("①②③", FORMS.values(), strict=True):
         plant.reset(np.array([0.0, 0.0, 1.3]), joint_position=q, vectoring=controller.rest_vectoring(q))
-        rows.append(plant.data.qpos.copy())
-    qpos = np.array(rows)
-    stage = Stage(standing(extent(qpos), size[0] / size[1], WINDOW), *size)
-    try:
-        pictures = [stage.render(row) for row in qpos]
-    finally:
-        stage.close()
-    write_strip(path, pictures, ["form ①", "form ②", "form ③"])
+        shots.append(Shot(f"form {mark}", plant.data.qpos.copy()))
+    strip(shots, path, size=(560, 420))
 
 
 def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (560, 360)) -> None:
@@ -40,15 +50,21 @@ def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (560, 360)
     starts = [k for k, run in enumerate(runs) if run[0] == "raise"]
     first = starts[min(1, len(starts) - 1)]
     cycle = [run for run in runs[first : first + 8] if run[0] in LEGS_UP + TORSO_PHASES][:6]
-    ticks = [end - 1 if name in ("raise", "up") else (start + end) // 2 for name, start, end in cycle]
-    stage = Stage(standing(extent(log.qpos[ticks]), size[0] / size[1], WINDOW), *size)
+    shots = []
+    for name, start, end in cycle:
+        t = end - 1 if name in ("raise", "up") else (start + end) // 2
+        shots.append(Shot(f"{name}, {log.time[t]:.1f} s", log.qpos[t], log.thrust[t], log.contacts[t]))
+    strip(shots, path, size=size)
+
+
+def strip(shots: Sequence[Shot], path: Path, *, size: tuple[int, int], ground: GroundConfig | None = None) -> None:
+    """Moments side by side, each of `size` [px], from one camera that sees all of them."""
+    stage = Stage(standing(extent(np.array([shot.qpos for shot in shots])), size[0] / size[1], WINDOW), *size, ground)
     try:
-        pictures = [stage.render(log.qpos[t], thrust=log.thrust[t], contacts=log.contacts[t]) for t in ticks]
+        pictures = [stage.render(shot.qpos, thrust=shot.thrust, contacts=shot.contacts) for shot in shots]
     finally:
         stage.close()
-    write_strip(
-        path, pictures, [f"{name}, {log.time[tick]:.1f} s" for (name, *_), tick in zip(cycle, ticks, strict=True)]
-    )
+    write_strip(path, pictures, [shot.words for shot in shots])
 
 
 def write_strip(path: Path, pictures: Sequence[np.ndarray], words: Sequence[str], columns: int = 3) -> None:

@@ -10,13 +10,17 @@ from scipy.optimize import isotonic_regression
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.files import WholeFile
 
-Figure = Axes = Line = Any
+Figure = Any
+Axes = Any
+Line = Any
 """Matplotlib's, which only those import who draw."""
 INSTALL_VIZ = "pip install 'spidar-gym[viz]'"
 STYLE = "spidar_gym.viz.spidar"
 """Name of the style file for Matplotlib: `spidar.mplstyle` beside this module."""
 BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 BLACK, GREY = "#222222", "#8A8A8A"
+Span = tuple[float, float]
+"""Start and end of a stretch of time [s]."""
 LABEL_GAP = 1.15
 """Names at lines stand at least so many of their heights apart."""
 
@@ -44,6 +48,12 @@ def save(figure: Figure, path: Path) -> None:
                 figure.savefig(draft, metadata=stamp)
     finally:
         plt.close(figure)
+
+
+def spans(time: np.ndarray, inside: np.ndarray) -> list[Span]:
+    """Start and end of each stretch in which a condition holds [s]."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], inside, [0])).astype(int))).reshape(-1, 2)
+    return [(float(time[start]), float(time[min(end, len(time) - 1)])) for start, end in edges]
 
 
 def spread(wanted: np.ndarray, gap: float) -> np.ndarray:

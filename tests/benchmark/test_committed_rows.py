@@ -71,11 +71,11 @@ def test_the_reference_scores_one_on_every_track():
 
 def test_in_the_picture_each_panel_names_its_rows_the_best_at_the_top(monkeypatch):
     pytest.importorskip("matplotlib")
-    from spidar_gym.viz import board as picture
+    from spidar_gym.viz import figures
 
     kept = []
-    monkeypatch.setattr(picture, "save", lambda figure, path: kept.append(figure))
-    picture.leaderboard_picture(board(), ROOT)
+    monkeypatch.setattr(figures, "save", lambda figure, path: kept.append(figure))
+    figures.leaderboard_picture(board(), ROOT)
     (figure,) = kept
     figure.canvas.draw()
     panels = {ax.get_title(loc="left"): ax for ax in figure.axes}
@@ -101,4 +101,4 @@ def test_in_the_picture_each_panel_names_its_rows_the_best_at_the_top(monkeypatc
     assert len({look for looks in kinds.values() for color, mark in looks for look in (color, mark)}) == 2 * len(kinds)
     legend = figure.legends[0].get_window_extent()
     assert legend.y0 >= max(ax.get_tightbbox().y1 for ax in figure.axes)
-    picture.pyplot().close(figure)
+    figures.pyplot().close(figure)

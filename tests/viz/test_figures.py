@@ -9,7 +9,7 @@ pytest.importorskip("matplotlib")
 from spidar_gym import viz
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FLIGHT_TICKS, PAPER_FLIGHT, UNRESTRICTED, FlightLog
-from spidar_gym.viz import board, curves, figures, style
+from spidar_gym.viz import figures, style
 
 SINK = 0.35
 
@@ -18,8 +18,7 @@ SINK = 0.35
 def kept(monkeypatch):
     """The figures that are saved, left open."""
     found = []
-    for module in (figures, curves, board):
-        monkeypatch.setattr(module, "save", lambda figure, path: found.append(figure))
+    monkeypatch.setattr(figures, "save", lambda figure, path: found.append(figure))
     yield found
     for figure in found:
         style.pyplot().close(figure)

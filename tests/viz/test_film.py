@@ -14,10 +14,10 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.robot import FORMS
+from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.stage import Stage, between, extent, standing
-from spidar_gym.viz.film import FPS, SIZE, STRIP
-from spidar_gym.viz.take import flight_phase, tick_at
+from spidar_gym.viz.film import FPS, SIZE, STRIP, flight_phase, tick_at
 
 pytestmark = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
@@ -119,6 +119,18 @@ def test_what_is_drawn_anew_gives_the_same_picture_as_drawing_all_of_it(sinking)
     finally:
         stage.close()
         stage.close()
+
+
+@pytest.mark.parametrize("ground", [GroundConfig(slope=0.1, heading=0.5), GroundConfig(tiles=np.eye(TILES) * 0.02)])
+def test_a_floor_that_slopes_or_has_tiles_does_not_lie_in_its_own_shadow(ground):
+    stage = Stage(standing(np.array([[-2.0, -2.0, 0.0], [2.0, 2.0, 0.0]]), 4 / 3, WINDOW), 320, 240, ground)
+    try:
+        lit = stage.render(qpos_at(90.0)).astype(int)
+        stage._model.light_castshadow[:] = 0
+        unshaded = stage.render(qpos_at(90.0), whole=True).astype(int)
+    finally:
+        stage.close()
+    assert np.abs(lit - unshaded).max() < 30  # a shadow is darker by 60 and more
 
 
 def test_the_camera_that_stands_sees_the_whole_way_as_near_as_the_window_allows():
