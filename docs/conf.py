@@ -64,10 +64,12 @@ def restore(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[
 SPELLED = (
     ("…", r"\\ldots "),
     ("°", r"^\\circ "),
-    (r"\\(d?dot|bar|hat|tilde|underline) ?(\\[a-zA-Z]+|[a-zA-Z])", r"{\\\1{\2}}"),
+    (r"\\(d?dot|bar|hat|tilde|underline) ?(\\[a-zA-Z]+|[a-zA-Z])", r"{\\\1{\2}{}}"),
+    (r"\\(?:\||lVert)(.+?)\\(?:\||rVert)", r"\\left\\|\1\\right\\|"),
+    (r"\bCoG\b", r"\\mathrm{CoG}"),
     (r"\\([td]?frac)(\d)(\d)", r"\\\1{\2}{\3}"),
 )
-"""Short forms of TeX that the converter does not know, or takes too much into."""
+"""Forms of TeX that the converter does not know or draws badly, as an index of an accented letter."""
 
 
 def mathml(translator: Any, node: Any) -> None:  # noqa: ANN401 - Sphinx's
