@@ -8,7 +8,7 @@ from spidar_gym import so3, state
 from spidar_gym.control import rotors
 from spidar_gym.control.allocation import allocator, blocks, cone, contact, problem, solver
 from spidar_gym.control.allocation.allocator import AllocationStatus
-from spidar_gym.control.allocation.modes import ALLOCATIONS, PROJECTION, ground_modes
+from spidar_gym.control.allocation.modes import ALLOCATIONS, PROJECTION
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Mode
 from spidar_gym.control.crawl import controller as crawl_controller
 from spidar_gym.control.crawl import footsteps, gait, pose2
@@ -65,13 +65,8 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
 
 def program_modes() -> dict[str, Mode]:
     """The modes that the core solves by name, in the order of its `sp_program_kind`; patterns alone count."""
-    c = CrawlerConfig()
     flight = {name: allocation["flight"] for name, allocation in ALLOCATIONS.items()}
-    ground = ground_modes(
-        power=c.power, torque_weight=c.torque_weight, torque_limit=c.torque_limit, foot_friction=c.foot_friction,
-        peg_friction=c.peg_friction, min_normal=c.min_normal,
-    )  # fmt: skip
-    return {**flight, PROJECTION.name: PROJECTION, **ground}
+    return {**flight, PROJECTION.name: PROJECTION, **CrawlerConfig().modes}
 
 
 PROGRAMS = tuple(program_modes())

@@ -11,12 +11,13 @@ from spidar_gym.control.allocation.allocator import LEAST_NORM, Allocation, Allo
 from spidar_gym.control.allocation.blocks import torque_map
 from spidar_gym.control.allocation.contact import MAX_PEG_FRICTION, effort_weights
 from spidar_gym.control.allocation.modes import ground_modes
-from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Demand
+from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Demand, Mode
 from spidar_gym.control.crawl.footsteps import GaitCommand, GaitConfig
 from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.crawl.memory import CrawlMemory, CrawlRecord, fresh_crawl_memory
 from spidar_gym.control.crawl.observation import CrawlObservables, observe_crawl
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.readable import ReadableController
 from spidar_gym.control.rotors import ALL_FREE
 from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.model.dynamics import Feet, Model, Snapshot
@@ -27,7 +28,6 @@ from spidar_gym.model.rotor import (
     rate_limit_vectoring,
     thrust_map,
     update_lock,
-    vectoring_to_force,
 )
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.so3 import CROSS, quat_to_matrix
@@ -89,25 +89,25 @@ class CrawlerConfig:
         if self.peg_friction >= MAX_PEG_FRICTION:
             raise InvalidValueError("peg_friction", self.peg_friction, f"a number below {MAX_PEG_FRICTION:.2f}")
 
+    @property
+    def modes(self) -> dict[str, Mode]:
+        """The allocation's modes on the ground by name."""
+        return ground_modes(
+            power=self.power, torque_weight=self.torque_weight, torque_limit=self.torque_limit,
+            foot_friction=self.foot_friction, peg_friction=self.peg_friction, min_normal=self.min_normal,
+        )  # fmt: skip
 
-class Crawler:
+
+class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
     """The crawl's controller for one robot; owns the gait, the model, the solver's work space and the memory."""
 
     def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
         """Build gait and allocation."""
-        self.config = config or CrawlerConfig()
-        self.model = model or Model()
-        c = self.config
-        self.dt = 1.0 / c.rate_hz
-        modes = ground_modes(
-            power=c.power, torque_weight=c.torque_weight, torque_limit=c.torque_limit, foot_friction=c.foot_friction,
-            peg_friction=c.peg_friction, min_normal=c.min_normal,
-        )  # fmt: skip
-        self.allocator = Allocator(modes, c.allocator)
+        self.config = c = config or CrawlerConfig()
+        super().__init__(model, rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
+        self.allocator = Allocator(c.modes, c.allocator)
         self.gait = Gait(c.gait, joint_speed=c.joint_speed, dt=self.dt)
-        self._torque_limit = np.full(N_JOINTS, c.joint_torque_limit)
         self.memory = fresh_crawl_memory(np.zeros((N_ROTORS, 2)), np.zeros(N_JOINTS))
-        self.last_step: CrawlRecord | None = None
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
         """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
@@ -180,9 +180,6 @@ class Crawler:
         """What a policy sees; see `observation.observe_crawl`."""
         return observe_crawl(observables, self.gait.memory, self.memory, bound=bound)
 
-    def close(self) -> None:
-        """Nothing is held that has to be released."""
-
     def _more(self, demand: Demand, snapshot: Snapshot, allocation: Allocation, residual: Residual) -> Allocation:
         """The allocation with a policy's forces, moved to the nearest valid point; the floor's forces as they were."""
         wish = np.zeros((N_ROTORS, 3)) if residual.forces_l is None else residual.forces_l
@@ -204,23 +201,6 @@ class Crawler:
             more = replace(more, status=allocation.status, slack=allocation.slack)
         wrench = more.wrench + demand.wrench - fixed.wrench
         return replace(more, foot_forces_f=allocation.foot_forces_f, wrench=wrench)
-
-    def _hold(self) -> Command:
-        """The last command once more, its status `held`."""
-        memory = self.memory
-        if self.last_step is not None:
-            self.last_step = replace(
-                self.last_step, allocation=replace(self.last_step.allocation, status=AllocationStatus.HELD)
-            )
-        thrust = np.linalg.norm(memory.forces_l, axis=1)
-        return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
-
-    def set_last_command(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
-        forces = vectoring_to_force(command.thrust, command.vectoring)
-        self.memory = replace(
-            self.memory, vectoring=command.vectoring, forces_l=forces, joint_position=command.joint_position
-        )
 
     def _demand(
         self, state: RobotState, plan: JointVector, R_wb: Matrix3, snapshot: Snapshot, feet: Feet, mode: str,

@@ -100,7 +100,7 @@ class Gait:
 
     @property
     def mode(self) -> str:
-        """Allocation mode of the present phase, see `control.modes.ground_modes`."""
+        """Allocation mode of the present phase, see `control.allocation.modes.ground_modes`."""
         memory = self.memory
         if memory.phase in _LEGS_UP or (memory.phase == "hold" and memory.steps[0].phases is LIFT):
             return "legs" if len(memory.steps[0].legs) == N_LEGS else "leg"

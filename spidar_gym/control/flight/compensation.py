@@ -5,7 +5,7 @@ integrals. Here are the classical answers. All are pure functions of a small mem
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -94,22 +94,19 @@ def servo_response(
 
 def momentum_torque(
     snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *, config: CompensationConfig, dt: float
-) -> tuple[Vector3, Vector3]:
-    """Torque that changes the legs' angular momentum as their motion wants it, and that momentum, torso axes.
+) -> CompensationMemory:
+    """Torque that changes the legs' angular momentum as their motion wants it, and that momentum, for the next tick.
 
     Full centroidal dynamics: L = IΣ ω + h(q, q̇), so τ = ḣ + ω × h beyond [Zhao2025, Eq. 4], which leaves h out. h is
     taken from the servo model, which the commanded joints drive: nothing is differentiated that was measured.
-
-    Returns:
-        Filtered torque [Nm] and h [Nms].
     """
     h = snapshot.momentum_map[3:] @ memory.servo_velocity
     rate = np.zeros(3) if memory.momentum is None else (h - memory.momentum) / dt
     x, y, z = omega_b.tolist()
     hx, hy, hz = h.tolist()
     wanted = rate + np.array([y * hz - z * hy, z * hx - x * hz, x * hy - y * hx])
-    share = 1.0 - math.exp(-dt / config.momentum_filter) if config.momentum_filter > 0.0 else 1.0
-    return memory.torque + share * (wanted - memory.torque), h
+    smoothing = 1.0 - math.exp(-dt / config.momentum_filter) if config.momentum_filter > 0.0 else 1.0
+    return replace(memory, torque=memory.torque + smoothing * (wanted - memory.torque), momentum=h)
 
 
 def lead_forces(
@@ -156,20 +153,21 @@ def observe_wrench(
         dt: Length of the tick [s].
 
     Returns:
-        External wrench, believed wrench of the rotors, momentum, all in world axes.
+        The memory with the observed wrench, the wrench that the rotors are believed to give, and the momentum.
     """
     L = snapshot.inertia_c @ omega_b + snapshot.momentum_map[3:] @ memory.servo_velocity
     momentum = np.concatenate((snapshot.mass * velocity_w, R_wb @ L))
     asked = np.concatenate((R_wb @ allocated[:3], R_wb @ allocated[3:]))
     if memory.observed_momentum is None:
-        return memory.external_w, asked, momentum
-    share = 1.0 - math.exp(-dt / config.observer_lag) if config.observer_lag > 0.0 else 1.0
-    delivered = memory.delivered_w + share * (asked - memory.delivered_w)
+        return replace(memory, delivered_w=asked, observed_momentum=momentum)
+    smoothing = 1.0 - math.exp(-dt / config.observer_lag) if config.observer_lag > 0.0 else 1.0
+    delivered = memory.delivered_w + smoothing * (asked - memory.delivered_w)
     residual = (momentum - memory.observed_momentum) / dt - delivered
     residual[2] += snapshot.mass * GRAVITY
     external = memory.external_w + (1.0 - math.exp(-dt / config.observer_time)) * (residual - memory.external_w)
     bound = np.repeat([MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE], 3)
-    return np.minimum(np.maximum(external, -bound), bound), delivered, momentum
+    external = np.minimum(np.maximum(external, -bound), bound)
+    return replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
 
 
 def ramp_joints(

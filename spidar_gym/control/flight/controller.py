@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Matrix3, Vectoring, Wrench
-from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator, AllocatorConfig
+from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand
 from spidar_gym.control.flight.centroidal import (
@@ -28,6 +28,7 @@ from spidar_gym.control.flight.compensation import (
 )
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
 from spidar_gym.control.flight.observation import FlightObservables, observe
+from spidar_gym.control.readable import ReadableController
 from spidar_gym.control.rotors import ALL_FREE, flight_demand
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model, Snapshot
@@ -89,7 +90,7 @@ class ControllerConfig:
                 raise InvalidValueError(name, value, "a number above 0")
 
 
-class FlightController:
+class FlightController(ReadableController[FlightMemory, FlightRecord]):
     """The paper's controller for one robot; owns the model, the solver's work space and the memory."""
 
     def __init__(
@@ -99,13 +100,10 @@ class FlightController:
         allocator: type[Allocator] = Allocator,
     ) -> None:
         """Build the allocation (`UnknownNameError` lists the valid ones), solved by a class of one's own if given."""
-        self.config = config or ControllerConfig()
-        self.model = model or Model()
-        self.allocator = allocator(find_allocation(self.config.allocation), self.config.allocator)
-        self.dt = 1.0 / self.config.rate_hz
-        self._torque_limit = np.full(N_JOINTS, self.config.joint_torque_limit)
+        self.config = c = config or ControllerConfig()
+        super().__init__(model, rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
+        self.allocator = allocator(find_allocation(c.allocation), c.allocator)
         self.memory = fresh_memory(np.zeros((N_ROTORS, 2)), np.zeros((N_ROTORS, 3)), np.zeros(N_JOINTS))
-        self.last_step: FlightRecord | None = None
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
         """Forget everything.
@@ -214,9 +212,6 @@ class FlightController:
         """What a policy sees; see `observation.observe`."""
         return observe(observables, self.memory, bound=bound)
 
-    def close(self) -> None:
-        """Nothing is held that has to be released."""
-
     def _compensate(
         self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
     ) -> tuple[CompensationMemory, Wrench]:
@@ -227,11 +222,10 @@ class FlightController:
             return memory, more
         R_wb, snapshot, omega = control_state.R_wb, control_state.snapshot, state.omega_b
         if options.observer_gain and self.last_step is not None:
-            external, delivered, momentum = observe_wrench(
+            memory = observe_wrench(
                 snapshot, memory, R_wb, omega, reference.velocity_w - control_state.error.velocity_w,
                 self.last_step.allocation.wrench, config=options, dt=dt,
             )  # fmt: skip
-            memory = replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
         if options.observer_gain:
             more[:3] = -options.observer_gain * (memory.external_w[:3] @ R_wb)
             more[3:] = -options.observer_gain * (memory.external_w[3:] @ R_wb)
@@ -240,26 +234,15 @@ class FlightController:
         )
         memory = replace(memory, servo_position=position, servo_velocity=velocity)
         if options.momentum_gain:
-            torque, h = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
-            memory = replace(memory, torque=torque, momentum=h)
-            more[3:] += options.momentum_gain * torque
+            memory = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
+            more[3:] += options.momentum_gain * memory.torque
         return memory, more
 
     def _hold(self) -> Command:
-        """The last command once more, its status `held`."""
-        memory = self.memory
+        command = super()._hold()
         if self.last_step is not None:
-            allocation = replace(self.last_step.allocation, status=AllocationStatus.HELD)
-            self.last_step = replace(self.last_step, allocation=allocation, joint_velocity=np.zeros(N_JOINTS))
-        thrust = np.linalg.norm(memory.forces_l, axis=1)
-        return Command(thrust, memory.vectoring, memory.joint_position, self._torque_limit)
-
-    def set_last_command(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
-        forces = vectoring_to_force(command.thrust, command.vectoring)
-        self.memory = replace(
-            self.memory, vectoring=command.vectoring, forces_l=forces, joint_position=command.joint_position
-        )
+            self.last_step = replace(self.last_step, joint_velocity=np.zeros(N_JOINTS))
+        return command
 
     def demand_at(
         self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench, reference: Reference | None = None

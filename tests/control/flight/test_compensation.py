@@ -132,13 +132,13 @@ def motion(rng):
 
 def fed_forward(q, vectoring, dq, ddq, omega, h=1e-5):
     """The torque of two ticks `h` apart around a moment of a motion."""
-    memory, torque = fresh_compensation(q, np.zeros(6)), None
+    memory = fresh_compensation(q, np.zeros(6))
     for t in (-0.5 * h, 0.5 * h):
         snapshot = model().snapshot(q + t * dq, np.eye(3), vectoring)
         memory = replace(memory, servo_velocity=dq + t * ddq)
-        torque, momentum = momentum_torque(snapshot, memory, omega, config=UNFILTERED, dt=h)
-        memory = replace(memory, momentum=momentum)
-    return torque
+        # Unfiltered, what was torque before is forgotten.
+        memory = momentum_torque(snapshot, memory, omega, config=UNFILTERED, dt=h)
+    return memory.torque
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -170,10 +170,9 @@ def manoeuvre(config, omega=STILL, ticks=60):
     for _ in range(ticks):
         p, v = servo_response(memory.servo_position, memory.servo_velocity, target, bandwidth=20.0, dt=DT)
         memory = replace(memory, servo_position=p, servo_velocity=v)
-        torque, h = momentum_torque(model().snapshot(p, np.eye(3), LEVEL), memory, omega, config=config, dt=DT)
-        memory = replace(memory, torque=torque, momentum=h)
-        torques.append(torque)
-        momenta.append(h)
+        memory = momentum_torque(model().snapshot(p, np.eye(3), LEVEL), memory, omega, config=config, dt=DT)
+        torques.append(memory.torque)
+        momenta.append(memory.momentum)
     return np.array(torques), np.array(momenta)
 
 
@@ -198,8 +197,7 @@ def test_a_step_of_the_wanted_torque_passes_the_filter_by_63_percent_in_its_time
     memory, config = replace(fresh_compensation(q, np.zeros(6)), servo_velocity=dq), CompensationConfig()
     config, wanted = replace(config, momentum_filter=10 * DT), np.cross(omega, snapshot.momentum_map[3:] @ dq)
     for _ in range(10):
-        torque, h = momentum_torque(snapshot, memory, omega, config=config, dt=DT)
-        memory = replace(memory, torque=torque, momentum=h)
+        memory = momentum_torque(snapshot, memory, omega, config=config, dt=DT)
     close(memory.torque, (1.0 - math.exp(-1.0)) * wanted, atol=1e-12)
     assert np.linalg.norm(wanted) > 0.02
 
@@ -216,10 +214,9 @@ def rotation_of_floating_torso(share, fold=0.3, ticks=40):
         p, v = servo_response(memory.servo_position, memory.servo_velocity, joints, bandwidth=25.0, dt=DT)
         memory = replace(memory, servo_position=p, servo_velocity=v)
         snapshot = model().snapshot(state.joint_position, np.eye(3), state.vectoring)
-        torque, h = momentum_torque(snapshot, memory, state.omega_b, config=UNFILTERED, dt=DT)
-        memory = replace(memory, torque=torque, momentum=h)
+        memory = momentum_torque(snapshot, memory, state.omega_b, config=UNFILTERED, dt=DT)
         R_wb = plant.data.xmat[torso].reshape(3, 3)
-        plant.data.xfrc_applied[torso, 3:] = share * (R_wb @ torque)
+        plant.data.xfrc_applied[torso, 3:] = share * (R_wb @ memory.torque)
         state = plant.step(Command(np.zeros(8), LEVEL, joints, np.full(16, 7.0)))
         turned.append(log(plant.data.xmat[torso].reshape(3, 3).copy()))
     return np.array(turned)
@@ -304,11 +301,8 @@ def observed(wrench, config, seconds, external=None, R_start=None):
     for _ in range(round(seconds / DT)):
         allocated = np.concatenate([R.T @ memory.delivered_w[:3], np.zeros(3)])
         omega = np.linalg.solve(snapshot.inertia_c, R.T @ L)
-        external, delivered, momentum = observe_wrench(
-            snapshot, memory, R, omega, velocity.copy(), allocated, config=config, dt=DT
-        )
-        memory = replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
-        estimates.append(external)
+        memory = observe_wrench(snapshot, memory, R, omega, velocity.copy(), allocated, config=config, dt=DT)
+        estimates.append(memory.external_w)
         for _ in range(steps):
             R = R @ exp(DT / steps * np.linalg.solve(snapshot.inertia_c, R.T @ L))
             L = L + DT / steps * wrench[3:]
@@ -361,11 +355,9 @@ def rumour(real_lag):
         asked = weight + np.array([0.0, 0.0, 20.0 * (k >= 1), 0.0, 0.0, 0.0])
         extra += (1.0 - math.exp(-DT / real_lag)) * (asked[2] - weight[2] - extra)
         velocity += DT * extra / snapshot.mass
-        external, delivered, momentum = observe_wrench(
-            snapshot, memory, np.eye(3), STILL, np.array([0.0, 0.0, velocity]), asked, config=config, dt=DT
-        )
-        memory = replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
-        worst = max(worst, np.abs(external).max())
+        velocity_w = np.array([0.0, 0.0, velocity])
+        memory = observe_wrench(snapshot, memory, np.eye(3), STILL, velocity_w, asked, config=config, dt=DT)
+        worst = max(worst, np.abs(memory.external_w).max())
     return worst
 
 
