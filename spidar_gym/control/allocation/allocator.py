@@ -4,6 +4,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -107,6 +108,19 @@ class Allocation:
     """Wall-clock time in closed form and solver [s]; differs from run to run."""
 
 
+class Optimum(NamedTuple):
+    """What was found of a program."""
+
+    x: np.ndarray | None
+    """The unknowns, in units of λ̄; None where nothing was found."""
+    status: AllocationStatus
+    """How; `PROJECTED` where the thrust spheres have still to be looked at."""
+    iterations: int
+    """Of the solvers, all attempts together."""
+    slack: float = 0.0
+    """Largest violation of a softened row, in scaled units."""
+
+
 def _sides(program: QuadraticProgram, x: np.ndarray) -> np.ndarray:
     """+1 for rows that x brings to their upper bound, −1 for the lower: a guess of the active rows, shape (m,)."""
     r = program.A @ x
@@ -120,7 +134,7 @@ class Allocator:
         """Take the modes by name and the solver's settings."""
         self.config = config or AllocatorConfig()
         self.modes = modes
-        self._workspaces: dict[tuple[str, str], Workspace] = {}
+        self._workspaces: dict[tuple[str, bool], Workspace] = {}
 
     def allocate(
         self, demand: Demand, mode: str, previous_l: RotorForces, guess: np.ndarray | None = None
@@ -144,15 +158,13 @@ class Allocator:
                 program = assemble(rows, demand)
             except ValueError:  # the sine of infinity
                 return self._hold(demand, previous_l, 0, start)
-            x, status, iterations = self._cube_optimum(rows, program, guess)
-            slack = 0.0
-            if status is AllocationStatus.PROJECTED:
-                x, status, more, slack = self._within_spheres(rows, program, x)
-                iterations += more
-            if x is None:
-                return self._hold(demand, previous_l, iterations, start)
-            allocation = self._answer(demand, FORCE_SCALE * x, status, iterations, slack, start)
-            return allocation if guess is None else replace(allocation, active=_sides(program, x))
+            optimum = self._cube_optimum(rows, program, guess)
+            if optimum.status is AllocationStatus.PROJECTED:
+                optimum = self._within_spheres(rows, program, optimum)
+            if optimum.x is None:
+                return self._hold(demand, previous_l, optimum.iterations, start)
+            allocation = self._answer(demand, FORCE_SCALE * optimum.x, optimum, start)
+            return allocation if guess is None else replace(allocation, active=_sides(program, optimum.x))
 
     def mode(self, name: str) -> Mode:
         """Mode by name (`UnknownNameError` lists the valid ones)."""
@@ -161,14 +173,8 @@ class Allocator:
         return self.modes[name]
 
     @staticmethod
-    def _answer(
-        demand: Demand,
-        f: np.ndarray,
-        status: AllocationStatus,
-        iterations: int,
-        slack: float,
-        start: float,
-    ) -> Allocation:
+    def _answer(demand: Demand, f: np.ndarray, optimum: Optimum, start: float) -> Allocation:
+        """The allocation of these forces [N]; the thrust sphere holds in it whatever rounding left."""
         solve_time = time.perf_counter() - start
         forces, feet = f[:N_FORCES].reshape(N_ROTORS, 3), f[N_FORCES:]
         if demand.lost.any():
@@ -188,16 +194,14 @@ class Allocator:
             wrench=wrench,
             unallocated_wrench=demand.wrench - wrench,
             active=_NO_GUESS,
-            status=status,
-            iterations=iterations,
-            slack=slack,
+            status=optimum.status,
+            iterations=optimum.iterations,
+            slack=optimum.slack,
             solve_time=solve_time,
         )
 
-    def _cube_optimum(
-        self, mode: Mode, program: QuadraticProgram, guess: np.ndarray | None = None
-    ) -> tuple[np.ndarray | None, AllocationStatus, int]:
-        """The program's own optimum, None where there is none; `PROJECTED` where the spheres have to be looked at."""
+    def _cube_optimum(self, mode: Mode, program: QuadraticProgram, guess: np.ndarray | None = None) -> Optimum:
+        """The program's own optimum; its status is `PROJECTED` where it is none, or leaves the thrust spheres."""
         x = None
         if guess is not None and len(guess) == len(program.l):
             x = closed_form(program, guess)
@@ -205,7 +209,7 @@ class Allocator:
             x = closed_form(program)
         status, iterations = AllocationStatus.CLOSED_FORM, 0
         if x is None and not _finite(program):
-            return None, AllocationStatus.HELD, 0
+            return Optimum(None, AllocationStatus.HELD, 0)
         for rho in (RHO, OTHER_RHO):
             if x is not None:
                 break
@@ -220,25 +224,18 @@ class Allocator:
             if infeasible:
                 break
         within = x is not None and _largest_thrust(x) <= 1.0 + SPHERE_TOLERANCE
-        return x, status if within else AllocationStatus.PROJECTED, iterations
+        return Optimum(x, status if within else AllocationStatus.PROJECTED, iterations)
 
-    def _within_spheres(
-        self, mode: Mode, program: QuadraticProgram, cube: np.ndarray | None
-    ) -> tuple[np.ndarray | None, AllocationStatus, int, float]:
-        """The optimum within the spheres, of the softened rows if need be: x, its name, iterations and slack.
-
-        Args:
-            mode: The mode.
-            program: Its program.
-            cube: Optimum of the program, which leaves the spheres; None where none was found.
-        """
-        x, iterations = sphere_optimum(program)
+    def _within_spheres(self, mode: Mode, program: QuadraticProgram, cube: Optimum) -> Optimum:
+        """The optimum within the spheres, of the softened rows if need be, where that of the `cube` leaves them."""
+        x, steps = sphere_optimum(program)
+        iterations = cube.iterations + steps
         if x is not None:
-            missed = cube is None and _largest_thrust(x) < 1.0 - SIDE_TOLERANCE  # then it is the cube's too
-            return x, AllocationStatus.SOLVED if missed else AllocationStatus.PROJECTED, iterations, 0.0
-        if cube is None:
+            missed = cube.x is None and _largest_thrust(x) < 1.0 - SIDE_TOLERANCE  # then it is the cube's too
+            return Optimum(x, AllocationStatus.SOLVED if missed else AllocationStatus.PROJECTED, iterations)
+        if cube.x is None:
             soft = soften(program, mode.soft_rows, price=self.config.price)
-            y, solved, more, duals, _ = self._workspace(mode, "soft").solve(soft)
+            y, solved, more, duals, _ = self.solver(mode, soft=True).solve(soft)
             iterations += more
             exact = closed_form(soft, duals, rounds=MORE_ROUNDS)
             if exact is not None:
@@ -246,10 +243,10 @@ class Allocator:
             found = exact is not None or (solved and soft.violation(y) <= self.config.check_tolerance)
             if found and _largest_thrust(y) <= 1.0 + SPHERE_TOLERANCE:
                 slack = float(np.abs(y[mode.size :]).max())
-                return y[: mode.size], AllocationStatus.SOFTENED, iterations, slack
-        x, more = sphere_optimum(program, mode.soft_rows, self.config.price)
+                return Optimum(y[: mode.size], AllocationStatus.SOFTENED, iterations, slack)
+        x, steps = sphere_optimum(program, mode.soft_rows, self.config.price)
         slack = 0.0 if x is None else program.violation(x)
-        return x, AllocationStatus.SOFTENED, iterations + more, slack
+        return Optimum(x, AllocationStatus.SOFTENED, iterations + steps, slack)
 
     def _hold(self, demand: Demand, previous_l: RotorForces, iterations: int, start: float) -> Allocation:
         """The previous forces, bounded; of the feet nothing is known."""
@@ -257,17 +254,14 @@ class Allocator:
         held = np.concatenate((_bounded(previous_l).reshape(-1), np.zeros(feet)))
         unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / WRENCH_SCALE
         slack = float(unmet) if np.isfinite(unmet) else INFINITY
-        return self._answer(demand, held, AllocationStatus.HELD, iterations, slack, start)
+        return self._answer(demand, held, Optimum(None, AllocationStatus.HELD, iterations, slack), start)
 
-    def solver(self, mode: Mode) -> Workspace:
-        """The OSQP workspace of a mode's own program, for benchmarks and comparisons."""
-        return self._workspace(mode, "hard")
-
-    def _workspace(self, mode: Mode, kind: str) -> Workspace:
-        key = (mode.name, kind)
+    def solver(self, mode: Mode, *, soft: bool = False) -> Workspace:
+        """The OSQP workspace of a mode's program, or of its softened one."""
+        key = (mode.name, soft)
         if key not in self._workspaces:
             self._workspaces[key] = Workspace(
-                *patterns(mode, soft=kind == "soft"), max_iter=self.config.max_iter, tolerance=self.config.tolerance
+                *patterns(mode, soft=soft), max_iter=self.config.max_iter, tolerance=self.config.tolerance
             )
         return self._workspaces[key]
 
@@ -285,13 +279,13 @@ class Allocator:
                 program = replace(assemble(PROJECTION, demand), q=-forces_l.reshape(-1) / FORCE_SCALE)
             except ValueError:
                 return self._hold(demand, previous_l, 0, start)
-            x, status, iterations = self._cube_optimum(PROJECTION, program)
-            if status is AllocationStatus.PROJECTED:  # here the spheres are part of what is asked
-                x, more = sphere_optimum(program)
-                status, iterations = AllocationStatus.SOLVED, iterations + more
-            if x is None:
-                return replace(self._hold(demand, previous_l, iterations, start), slack=0.0)
-            return self._answer(demand, FORCE_SCALE * x, status, iterations, 0.0, start)
+            optimum = self._cube_optimum(PROJECTION, program)
+            if optimum.status is AllocationStatus.PROJECTED:  # here the spheres are part of what is asked
+                x, steps = sphere_optimum(program)
+                optimum = Optimum(x, AllocationStatus.SOLVED, optimum.iterations + steps)
+            if optimum.x is None:
+                return replace(self._hold(demand, previous_l, optimum.iterations, start), slack=0.0)
+            return self._answer(demand, FORCE_SCALE * optimum.x, optimum, start)
 
 
 def _largest_thrust(x: np.ndarray) -> float:

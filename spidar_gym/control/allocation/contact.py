@@ -1,4 +1,4 @@
-"""The blocks of the ground: what pegs and feet can carry, and a cost that spends less. Unknowns as in `control.qp`."""
+"""The blocks of the ground: what pegs and feet can carry, and a cost that spends less. Unknowns as in `problem.py`."""
 
 import math
 from dataclasses import dataclass

@@ -103,19 +103,28 @@ def patterns(mode: Mode, *, soft: bool = False) -> tuple[np.ndarray, np.ndarray]
     return P, A
 
 
-def sparse(P_pattern: np.ndarray, A_pattern: np.ndarray) -> tuple[sp.csc_matrix, sp.csc_matrix, np.ndarray, np.ndarray]:
-    """The program that a workspace begins with, and where its numbers stand in the dense matrices.
+class SparseProgram(NamedTuple):
+    """The program that a workspace begins with, and where its numbers stand in the dense matrices."""
 
-    Returns:
-        P, upper triangle of the identity, and A, ones; the places of their numbers in P (n, n) and A (m, n), flat.
-    """
+    P: sp.csc_matrix
+    """Upper triangle of the identity."""
+    A: sp.csc_matrix
+    """Ones."""
+    P_at: np.ndarray
+    """Places of the numbers of P in the dense matrix (n, n), flat."""
+    A_at: np.ndarray
+    """Places of those of A in the dense matrix (m, n), flat."""
+
+
+def sparse(P_pattern: np.ndarray, A_pattern: np.ndarray) -> SparseProgram:
+    """The first program of a workspace for these patterns."""
     m, n = A_pattern.shape
     P_rows, P_columns = _by_columns(np.triu(P_pattern))
     A_rows, A_columns = _by_columns(A_pattern)
     identity = (P_rows == P_columns).astype(float)
     P = sp.csc_matrix((identity, (P_rows, P_columns)), shape=(n, n))
     A = sp.csc_matrix((np.ones(len(A_rows)), (A_rows, A_columns)), shape=(m, n))
-    return P, A, n * P_rows + P_columns, n * A_rows + A_columns
+    return SparseProgram(P, A, n * P_rows + P_columns, n * A_rows + A_columns)
 
 
 def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
