@@ -23,7 +23,6 @@ from spidar_gym.robot import (
     N_LEGS,
     N_ROTORS,
     ROBOT,
-    ROTOR_SITES,
 )
 from spidar_gym.robot.description import mjcf_path
 from spidar_gym.so3 import CROSS
@@ -138,47 +137,13 @@ class Model:
         J_foot *= self._carries
         return snapshot, Feet(feet, J_foot)
 
-    def segments(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Masses (k,) [kg], CoGs from the torso's origin (k, 3) [m] and Jacobians (k, 3, 16) of the k = 33 segments."""
-        self._configure(q, vectoring)
-        pin.computeJointJacobians(self._model, self._data, self._q)
-        masses, positions, jacobians = [], [], []
-        for j in range(1, self._model.njoints):
-            inertia, placement = self._model.inertias[j], self._data.oMi[j]
-            position = placement.act(inertia.lever)
-            J = pin.getJointJacobian(self._model, self._data, j, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            offset = position - placement.translation
-            masses.append(inertia.mass)
-            positions.append(position)
-            jacobians.append((J[:3] + np.cross(J[3:].T, offset).T)[:, self._v_joint])
-        return np.array(masses), np.array(positions), np.array(jacobians)
-
     def contacts(self, q: JointVector) -> tuple[np.ndarray, np.ndarray]:
         """Positions from the torso's origin (12, 3) [m] and Jacobians (12, 3, 16) of the points in `CONTACT_SITES`."""
-        return self._frames(CONTACT_SITES, q, np.zeros((N_ROTORS, 2)))
-
-    def rotors(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray]:
-        """Positions from the torso's origin (8, 3) [m] and attitudes (8, 3, 3) of the thrust frames."""
-        self._configure(q, vectoring)
-        pin.framesForwardKinematics(self._model, self._data, self._q)
-        placements = [self._data.oMf[self._model.getFrameId(name)] for name in ROTOR_SITES]
-        return np.array([p.translation for p in placements]), np.array([p.rotation for p in placements])
-
-    def mass_matrix(self, q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, list[str]]:
-        """Joint-space inertia (38, 38) with a free torso at the origin, and the names of its joints, root first."""
-        self._configure(q, vectoring)
-        upper = np.triu(pin.crba(self._model, self._data, self._q))
-        return upper + np.triu(upper, 1).T, list(self._model.names)[1:]
-
-    def _configure(self, q: JointVector, vectoring: Vectoring) -> None:
         self._q[self._q_joint] = q
-        self._q[self._q_gimbal] = vectoring.reshape(-1)
-
-    def _frames(self, names: tuple[str, ...], q: JointVector, vectoring: Vectoring) -> tuple[np.ndarray, np.ndarray]:
-        self._configure(q, vectoring)
+        self._q[self._q_gimbal] = 0.0
         pin.computeJointJacobians(self._model, self._data, self._q)
         pin.updateFramePlacements(self._model, self._data)
-        ids = [self._model.getFrameId(name) for name in names]
+        ids = [self._model.getFrameId(name) for name in CONTACT_SITES]
         world_aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobians = [pin.getFrameJacobian(self._model, self._data, i, world_aligned)[:3, self._v_joint] for i in ids]
         return np.array([self._data.oMf[i].translation for i in ids]), np.array(jacobians)

@@ -72,21 +72,14 @@ def force_to_angles(
         return (phi0 if held is None else held), theta0
     theta = math.atan2(fx, along)
     if held is None:
-        way = phi - phi0
-        if abs(way) > HALF_PI:
-            turns = round(way / math.pi)
+        turn = phi - phi0
+        if abs(turn) > HALF_PI:
+            turns = round(turn / math.pi)
             phi -= math.pi * turns
             if turns % 2:
                 theta = math.pi - theta
-    way = theta - theta0
-    return phi, (theta if -math.pi <= way <= math.pi else theta - TWO_PI * round(way / TWO_PI))
-
-
-def force_to_vectoring(forces_l: RotorForces, present: Vectoring) -> Vectoring:
-    """Vectoring angles (φ, θ) [rad] of eight forces in link axes [N], none of them locked; see `force_to_angles`."""
-    return np.array(
-        [force_to_angles(f, *angles) for f, angles in zip(forces_l.tolist(), present.tolist(), strict=True)]
-    )
+    turn = theta - theta0
+    return phi, (theta if -math.pi <= turn <= math.pi else theta - TWO_PI * round(turn / TWO_PI))
 
 
 def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> Vectoring:
@@ -198,9 +191,9 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
         room = HALF_PI - config.most
         return held + max(-room, min(room, off)) - off
     weight = max(0.0, 1.0 - lean / config.leave)
-    way = (tangential - phi_hat) % math.pi
-    back = math.pi - way
-    forward = phi_hat + min(way, config.most, max(config.least, weight * way))
+    ahead = (tangential - phi_hat) % math.pi
+    back = math.pi - ahead
+    forward = phi_hat + min(ahead, config.most, max(config.least, weight * ahead))
     backward = phi_hat - min(back, config.most, max(config.least, weight * back))
     return backward if abs(backward - held) + bias < abs(forward - held) else forward
 

@@ -11,21 +11,14 @@ from spidar_gym.robot.spec import (
     N_LEGS,
     N_LINKS,
     N_ROTORS,
-    PARTS,
     PEG_SITES,
     ROBOT,
     ROTOR_SITES,
-    Inertial,
     RobotSpec,
-    differences,
     field_docs,
-    merge,
-    require_kind,
-    spec_rows,
-)  # fmt: skip
+)
 
 __all__ = [
     "CONTACT_SITES", "FOOT_SITES", "FORMS", "GIMBAL_NAMES", "GRAVITY", "JOINT_NAMES", "N_JOINTS", "N_LEGS",
-    "N_LINKS", "N_ROTORS", "PARTS", "PEG_SITES", "ROBOT", "ROTOR_SITES", "Inertial", "RobotSpec", "differences",
-    "field_docs", "merge", "require_kind", "spec_rows",
+    "N_LINKS", "N_ROTORS", "PEG_SITES", "ROBOT", "ROTOR_SITES", "RobotSpec", "field_docs",
 ]  # fmt: skip

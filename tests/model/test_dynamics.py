@@ -5,6 +5,7 @@ from dataclasses import fields
 import mujoco
 import numpy as np
 import pytest
+from support.parts import mass_matrix, rotors, segments
 
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import nominal_vectoring
@@ -71,7 +72,7 @@ def upright(model, form):
 
 def test_com_and_rotor_frames_are_mujocos(model, engine):
     for q, R, vectoring in configurations(1):
-        snapshot, (positions, attitudes) = model.snapshot(q, R, vectoring), model.rotors(q, vectoring)
+        snapshot, (positions, attitudes) = model.snapshot(q, R, vectoring), rotors(model, q, vectoring)
         close(snapshot.com_b, engine.com(q, vectoring))
         sites = [engine.data.site(name) for name in ROTOR_SITES]
         close(positions, [site.xpos for site in sites])
@@ -82,7 +83,7 @@ def test_com_and_rotor_frames_are_mujocos(model, engine):
 
 def test_rotor_jacobian_is_the_derivative_of_the_rotor_centres(model):
     for q, R, vectoring in configurations(2):
-        derivative = gradient(lambda x, v=vectoring: model.rotors(x, v)[0], q)
+        derivative = gradient(lambda x, v=vectoring: rotors(model, x, v)[0], q)
         close(model.snapshot(q, R, vectoring).J_rotor, derivative)
 
 
@@ -105,7 +106,7 @@ def test_gravity_torque_holds_the_links_in_their_potential_at_any_attitude(model
 
 def test_gravity_torque_is_the_sum_over_the_segments_weights(model):
     for q, R, vectoring in configurations(5):
-        masses, _, jacobians = model.segments(q, vectoring)
+        masses, _, jacobians = segments(model, q, vectoring)
         weights_b = masses[:, None] * (R.T @ [0.0, 0.0, -GRAVITY])
         close(model.snapshot(q, R, vectoring).gravity_torque, -np.einsum("sij,si->j", jacobians, weights_b))
 
@@ -119,11 +120,11 @@ def test_the_flat_robots_inner_pitch_joints_would_need_three_times_their_torque_
 
 def test_segments_carry_the_robots_mass_and_centre(model, engine):
     for q, _, vectoring in configurations(6):
-        masses, positions, jacobians = model.segments(q, vectoring)
+        masses, positions, jacobians = segments(model, q, vectoring)
         assert len(masses) == 33
         assert abs(masses.sum() - 16.0) < 1e-9
         close(masses @ positions / 16.0, engine.com(q, vectoring))
-        close(jacobians, gradient(lambda x, v=vectoring: model.segments(x, v)[1], q))
+        close(jacobians, gradient(lambda x, v=vectoring: segments(model, x, v)[1], q))
 
 
 def test_linear_momentum_map_is_the_mass_times_the_derivative_of_the_com(model, engine):
@@ -157,7 +158,7 @@ def test_kinetic_energy_of_the_free_robot_is_mujocos(model, engine):
     """The names order the 38 velocities: six of the torso in its own axes, then one per joint."""
     rng = np.random.default_rng(10)
     for q, _, vectoring in configurations(10):
-        M, names = model.mass_matrix(q, vectoring)
+        M, names = mass_matrix(model, q, vectoring)
         engine.move(q, vectoring)
         expected = np.zeros((38, 38))
         mujoco.mj_fullM(engine.model, engine.data, expected)
@@ -183,8 +184,8 @@ def test_a_snapshot_is_untouched_by_later_calls_and_repeats_bit_for_bit(model):
     names = [f.name for f in fields(model.snapshot(q, R, vectoring))]
     snapshot = model.snapshot(q, R, vectoring)
     kept = {name: np.array(getattr(snapshot, name)) for name in names}
-    others = (model.snapshot(q2, R2, vectoring2), model.contacts(q2), model.rotors(q2, vectoring2))
-    others += (model.segments(q2, vectoring2), model.mass_matrix(q2, vectoring2))
+    others = (model.snapshot(q2, R2, vectoring2), model.contacts(q2), rotors(model, q2, vectoring2))
+    others += (segments(model, q2, vectoring2), mass_matrix(model, q2, vectoring2))
     again = model.snapshot(q, R, vectoring)
     assert not np.array_equal(others[0].com_b, kept["com_b"])
     for name in names:
@@ -196,8 +197,8 @@ def test_tables_of_one_call_survive_the_next(model):
     (q, _, vectoring), (q2, _, vectoring2) = configurations(13, count=2)
 
     def tables(q, vectoring):
-        M, _ = model.mass_matrix(q, vectoring)
-        return *model.rotors(q, vectoring), *model.contacts(q), *model.segments(q, vectoring), M
+        M, _ = mass_matrix(model, q, vectoring)
+        return *rotors(model, q, vectoring), *model.contacts(q), *segments(model, q, vectoring), M
 
     first = tables(q, vectoring)
     kept = [np.array(table) for table in first]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.parts import rotors
 
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.interference import (
@@ -153,7 +154,7 @@ def test_at_the_bound_the_thrust_frame_of_the_robot_points_its_jet_past_the_oute
     _, nominal = upright(model, q)
     tilted = nominal.copy()
     tilted[:, 1] = np.where(INNER, from_rest(model, q).lower, nominal[:, 1])
-    positions, attitudes = model.rotors(q, tilted)
+    positions, attitudes = rotors(model, q, tilted)
     for i in range(0, 8, 2):
         jet, step = -attitudes[i][:, 2], positions[i + 1] - positions[i]
         to_axis = step - (step @ jet) * jet

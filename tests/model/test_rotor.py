@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.parts import rotors
 
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import (
     Lock,
     LockConfig,
     force_to_angles,
-    force_to_vectoring,
     nominal_vectoring,
     thrust_map,
     update_lock,
@@ -39,6 +39,13 @@ def close(actual, desired, *, atol=1e-12):
 
 def direction(phi, theta):
     return vectoring_to_force(np.ones(8), np.tile([phi, theta], (8, 1)))[0]
+
+
+def force_to_vectoring(forces_l, present):
+    """(φ, θ) of eight forces, none of them locked."""
+    return np.array(
+        [force_to_angles(f, *angles) for f, angles in zip(forces_l.tolist(), present.tolist(), strict=True)]
+    )
 
 
 def upright(model, q, present=LEVEL):
@@ -137,7 +144,7 @@ def test_force_points_along_the_z_axis_of_the_thrust_frame(model):
         q, vectoring = rng.uniform(-1.5, 1.5, 16), rng.uniform(-4.0, 4.0, (8, 2))
         thrust = rng.uniform(1.0, 40.0, 8)
         R_bl = model.snapshot(q, np.eye(3), vectoring).R_bl
-        axes_l = np.einsum("ikl,ik->il", R_bl, model.rotors(q, vectoring)[1][:, :, 2])
+        axes_l = np.einsum("ikl,ik->il", R_bl, rotors(model, q, vectoring)[1][:, :, 2])
         close(vectoring_to_force(thrust, vectoring), thrust[:, None] * axes_l, atol=1e-9)
 
 

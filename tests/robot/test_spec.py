@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spidar_gym import robot
-from spidar_gym.robot import PARTS, ROBOT, Inertial, RobotSpec, merge
+from spidar_gym.robot.spec import PARTS, ROBOT, Inertial, RobotSpec, merge, spec_rows
 from spidar_gym.so3 import rotation_x
 
 AS_MEASURED = RobotSpec(total_mass=15.2108)
@@ -136,7 +136,7 @@ def test_forms_are_the_papers_three():
 
 
 def test_every_number_of_the_robot_has_a_documented_value_and_source():
-    rows = robot.spec_rows()
+    rows = spec_rows()
     assert [name for name, _, _ in rows] == [f.name for f in fields(RobotSpec) if f.init]
     for name, value, doc in rows:
         assert value == str(getattr(ROBOT, name))
@@ -144,7 +144,7 @@ def test_every_number_of_the_robot_has_a_documented_value_and_source():
 
 
 def test_the_table_of_numbers_shows_the_robot_it_is_asked_for():
-    rows = {name: value for name, value, _ in robot.spec_rows(RobotSpec(joint_kp=123.5))}
+    rows = {name: value for name, value, _ in spec_rows(RobotSpec(joint_kp=123.5))}
     assert rows["joint_kp"] == "123.5"
     assert rows["joint_kd"] == str(ROBOT.joint_kd)
 

@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from support.parts import rotors
 from support.plants import HIGH, VACUUM, command, floating
 from support.states import model
 
@@ -38,7 +39,7 @@ def wrench(**actuators):
 def expected(directions=None, offsets=None, gains=None, moments=None):
     """The same from the geometry of the description; direction, offset and moment of each module in module axes."""
     q, vectoring, R_wb, _ = askew()
-    positions, attitudes = model().rotors(q, vectoring)
+    positions, attitudes = rotors(model(), q, vectoring)
     force, torque = np.zeros(3), np.zeros(3)
     for i in range(8):
         T = THRUST[i] * (1.0 if gains is None else gains[i])

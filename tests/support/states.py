@@ -13,9 +13,10 @@ from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.allocation.problem import INFINITY, Demand, Mode, QuadraticProgram, assemble
 from spidar_gym.control.crawl.controller import with_feet
 from spidar_gym.control.crawl.footsteps import GaitConfig, lying_pose
+from spidar_gym.control.rotors import ALL_FREE, flight_demand, fresh_rotors
 from spidar_gym.model.dynamics import Model
-from spidar_gym.model.interference import InterferenceConfig, find_interference, no_interference
-from spidar_gym.model.rotor import Lock, LockConfig, nominal_vectoring, thrust_map, update_lock
+from spidar_gym.model.interference import InterferenceConfig
+from spidar_gym.model.rotor import LockConfig, nominal_vectoring, thrust_map
 from spidar_gym.robot import FORMS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Reference, RobotState
@@ -58,22 +59,16 @@ def random_wrench(rng, R_wb, *, hard: bool):
 
 def demand_of(q, R_wb, wrench, phi_off=0.0, held=None) -> Demand:
     """The demand of a tick with upright rotors whose last φ was φ̂ + `phi_off`, held for the rotors in `held`."""
-    nominal, free = upright(q, R_wb), np.zeros(N_ROTORS, bool)
-    snapshot, phi = model().snapshot(q, R_wb, nominal), nominal[:, 0] + phi_off
-    bounds = find_interference(snapshot, nominal, no_interference(), config=InterferenceConfig())
-    previous = Lock(free, free if held is None else held, phi)
-    lock = update_lock(previous, bounds.restricted, nominal, snapshot, phi, config=LockConfig())
-    return Demand(
-        wrench=wrench,
-        thrust_map=thrust_map(snapshot.R_bl, snapshot.rotor_c),
-        torque_map=torque_map(snapshot),
-        gravity_torque=snapshot.gravity_torque,
-        locked=lock.active,
-        phi=lock.phi,
-        restricted=bounds.restricted,
-        lower=bounds.lower,
-        upper=bounds.upper,
-    )
+    nominal = upright(q, R_wb)
+    last = nominal + np.stack([np.broadcast_to(phi_off, N_ROTORS), np.zeros(N_ROTORS)], axis=1)
+    memory = fresh_rotors(last, np.zeros((N_ROTORS, 3)))
+    if held is not None:
+        memory = replace(memory, lock=replace(memory.lock, active=held))
+    return flight_demand(
+        memory, ALLOCATIONS["paper"]["flight"], model().snapshot(q, R_wb, nominal), nominal, wrench,
+        lost_thrust=ALL_FREE, lost_vectoring=ALL_FREE, interference_config=InterferenceConfig(),
+        lock_config=LockConfig(),
+    )[0]  # fmt: skip
 
 
 def random_demands(rng, n: int, hard: bool) -> list[Demand]:

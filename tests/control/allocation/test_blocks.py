@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.parts import rotors, segments
 from support.states import demand_of, model, random_demands, random_pose, random_wrench
 
 from spidar_gym.control.allocation.blocks import (
@@ -47,13 +48,13 @@ def scene(rng):
 
 def world_forces(q, R_wb, vectoring, thrust):
     """Rotor positions and forces in the world, the torso's origin at its origin, from the thrust frames."""
-    positions_b, attitudes = model().rotors(q, vectoring)
+    positions_b, attitudes = rotors(model(), q, vectoring)
     return positions_b @ R_wb.T, thrust[:, None] * (attitudes[:, :, 2] @ R_wb.T)
 
 
 def potential(q, R_wb, vectoring):
     """Potential energy of the segments with the torso held still [J]."""
-    masses, positions_b, _ = model().segments(q, vectoring)
+    masses, positions_b, _ = segments(model(), q, vectoring)
     return GRAVITY * masses @ (positions_b @ R_wb.T)[:, 2]
 
 
@@ -73,7 +74,7 @@ def test_wrench_rows_hold_for_the_wrench_of_the_thrusts_in_the_world_and_for_no_
     for _ in range(8):
         q, R_wb, vectoring, thrust, forces, demand = scene(rng)
         positions_w, forces_w = world_forces(q, R_wb, vectoring, thrust)
-        masses, centres_b, _ = model().segments(q, vectoring)
+        masses, centres_b, _ = segments(model(), q, vectoring)
         arms_w = positions_w - R_wb @ (masses @ centres_b) / masses.sum()
         wrench = np.concatenate([R_wb.T @ forces_w.sum(axis=0), R_wb.T @ np.cross(arms_w, forces_w).sum(axis=0)])
         for other in (0.0, 0.01, -0.01):

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from support.parts import segments
 from support.states import model, random_joints, random_pose, resting, staying, upright
 
 from spidar_gym.control.allocation.allocator import AllocationStatus, AllocatorConfig
@@ -288,7 +289,7 @@ def test_position_error_is_that_of_the_centre_of_gravity_not_of_the_torso():
     rng = np.random.default_rng(8)
     for _ in range(5):
         state = resting(random_joints(rng), exp(rng.uniform(-0.5, 0.5, 3)), position_w=rng.uniform(-1, 1, 3))
-        masses, centres_b, _ = model().segments(state.joint_position, state.vectoring)
+        masses, centres_b, _ = segments(model(), state.joint_position, state.vectoring)
         com_w = state.position_w + quat_to_matrix(state.quat_wb) @ (masses @ centres_b) / masses.sum()
         error = error_at(state, staying(HOVER, position_w=np.array([1.0, 2.0, 3.0])))
         np.testing.assert_allclose(error.position_w, np.array([1.0, 2.0, 3.0]) - com_w, atol=1e-12)
