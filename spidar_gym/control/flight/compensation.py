@@ -139,7 +139,7 @@ def observe_wrench(
     *,
     config: CompensationConfig,
     dt: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> CompensationMemory:
     """Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ), the residual of the robot's momentum [DeLuca2006].
 
     Args:
