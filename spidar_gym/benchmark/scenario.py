@@ -100,7 +100,7 @@ def draw_scenario(name: str, split: str, index: int) -> Scenario:
     env.reset(seed=seed, options=reset_options(scenario))
     if start is not None:
         assert isinstance(env, HoverEnv)
-        trim = env.trim(env.progress.goal.joint_target)
+        trim = env.compute_trim()
         if disturbances:
             trim[:3] -= _mean_air_force(track, scenario)
         start["trim"] = trim.round(3).tolist()

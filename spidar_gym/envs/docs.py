@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,8 +58,6 @@ class Chapter:
     """Least and largest number of the task's arguments, and their units."""
     layout: Any
     """Size of the action → layout of the observation."""
-    reward_terms: dict[str, tuple[float, str]]
-    """Weight and formula of each term."""
     failures: dict[str, str]
     """Words of failure and what they mean."""
     info: dict[str, tuple[str, str, str]]
@@ -79,8 +78,7 @@ class Chapter:
 
 CHAPTERS: dict[str, Chapter] = {
     "spidar_gym/Hover-v0": Chapter(
-        HoverEnv, hover_task.HoverTask, ACTION_MODES, hover_task.RANGES, layout, hover_task.REWARD_TERMS,
-        hover_task.FAILURES,
+        HoverEnv, hover_task.HoverTask, ACTION_MODES, hover_task.RANGES, layout, hover_task.FAILURES,
         {
             "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
             "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
@@ -97,8 +95,7 @@ CHAPTERS: dict[str, Chapter] = {
         "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
     ),
     "spidar_gym/Crawl-v0": Chapter(
-        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout, crawl_task.CRAWL_REWARD_TERMS,
-        crawl_task.CRAWL_FAILURES,
+        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout, crawl_task.CRAWL_FAILURES,
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
             "phase": ("str", "", "phase of the gait"),
@@ -128,6 +125,28 @@ CHAPTERS: dict[str, Chapter] = {
 """Every environment's chapter by id."""
 
 
+def _table(heading: str, rows: Iterable[str]) -> list[str]:
+    """Lines of a table; cells are parted by bars."""
+    return [f"| {heading} |", "|" + "---|" * (heading.count("|") + 1), *(f"| {row} |" for row in rows)]
+
+
+def _action_rows(modes: dict[str, ActionMode]) -> Iterator[str]:
+    for name, mode in modes.items():
+        label, start = f"`{name}` | {mode.size}", 0
+        for channel in mode.channels:
+            end = start + channel.size
+            yield f"{label} | {start}–{end - 1} `{channel.name}` | {channel.authority}"
+            label, start = " | ", end
+
+
+def _observation_rows(fields: tuple[Field, ...]) -> Iterator[str]:
+    start = 0
+    for f in fields:
+        where = f"{start}" if f.size == 1 else f"{start}–{start + f.size - 1}"
+        yield f"{where} | `{f.name}` | {f.bound:g} | {f.unit} | {f.doc}"
+        start += f.size
+
+
 def page(name: str) -> str:
     """Markdown page of an environment: `spidar list ENV_ID` prints it, `spidar assets` writes it."""
     entry = environment(name)
@@ -136,6 +155,7 @@ def page(name: str) -> str:
     defaults = inspect.signature(own.env).parameters
     fields: tuple[Field, ...] = own.layout(own.modes[defaults["action_mode"].default].size)
     info = own.info | INFO
+    size = sum(f.size for f in fields)
     lines = [
         f"# {name}",
         "",
@@ -153,47 +173,29 @@ def page(name: str) -> str:
         "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the preset in every",
         "mode but `direct`.",
         "",
-        "| action_mode | n | entries | what −1 … 1 becomes |",
-        "|---|---|---|---|",
-    ]
-    for mode_name, mode in own.modes.items():
-        start = 0
-        for channel in mode.channels:
-            end = start + channel.size
-            label = (f"`{mode_name}`", f"{mode.size}") if start == 0 else ("", "")
-            lines.append(f"| {label[0]} | {label[1]} | {start}–{end - 1} `{channel.name}` | {channel.authority} |")
-            start = end
-    lines += ["", *(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items())]
-    size = sum(f.size for f in fields)
-    lines += [
+        *_table("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
+        "",
+        *(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "",
         "## Observation Space",
         "",
         f"`Box(-bound, bound, ({size},), float32)` in the default action mode: what the real robot measures or knows.",
         "",
-        "| entries | name | bound ± | unit | meaning |",
-        "|---|---|---|---|---|",
-    ]
-    start = 0
-    for f in fields:
-        where = f"{start}" if f.size == 1 else f"{start}–{start + f.size - 1}"
-        lines.append(f"| {where} | `{f.name}` | {f.bound:g} | {f.unit} | {f.doc} |")
-        start += f.size
-    lines += [
+        *_table("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
         "",
         "## Rewards",
         "",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",
         "",
-        "| term | weight | formula |",
-        "|---|---|---|",
-        *(f"| `{term}` | {weight:g} | {formula} |" for term, (weight, formula) in own.reward_terms.items()),
+        *_table(
+            "term | weight | formula", (f"`{n}` | {w:g} | {text}" for n, (w, text) in own.env.reward_terms.items())
+        ),
         "",
         "## Info",
         "",
-        "| key | shape | unit | meaning |",
-        "|---|---|---|---|",
-        *(f"| {', '.join(f'`{k}`' for k in key.split(', '))} | {a} | {b} | {c} |" for key, (a, b, c) in info.items()),
+        *_table(
+            "key | shape | unit | meaning", (f"`{k.replace(', ', '`, `')}` | {' | '.join(v)}" for k, v in info.items())
+        ),
         "",
         "Solve times are not in `info`, because the same seed gives the same `info`: see",
         "`env.unwrapped.controller.last_step.allocation.solve_time`.",
@@ -216,19 +218,15 @@ def page(name: str) -> str:
         "",
         "## Arguments",
         "",
-        "| name | default | meaning |",
-        "|---|---|---|",
-        *(f"| `{a}` | `{b!r}` | {c} |" for a, b, c in _arguments(own)),
+        *_table("name | default | meaning", (f"`{n}` | `{value!r}` | {doc}" for n, value, doc in _arguments(own))),
         "",
         f"`reset(options={own.options})` changes this episode and those after it.",
         "",
         "### Disturbances",
         "",
-        "| name | default | meaning |",
-        "|---|---|---|",
-        *(
-            f"| `{f.name}` | `{f.default!r}` | {field_docs(Disturbances)[f.name]} |"
-            for f in dataclasses.fields(Disturbances)
+        *_table(
+            "name | default | meaning",
+            (f"`{n}` | `{getattr(Disturbances, n)!r}` | {doc}" for n, doc in field_docs(Disturbances).items()),
         ),
         "",
         "### Randomisation",
@@ -236,9 +234,10 @@ def page(name: str) -> str:
         "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The",
         own.trim,
         "",
-        "| field of `PlantConfig` | operation | distribution | unit | source |",
-        "|---|---|---|---|---|",
-        *(f"| `{r.field}` | {r.operation} | {r.distribution} | {r.unit} | {r.source} |" for r in TABLE),
+        *_table(
+            "field of `PlantConfig` | operation | distribution | unit | source",
+            (f"`{r.field}` | {r.operation} | {r.distribution} | {r.unit} | {r.source}" for r in TABLE),
+        ),
         "",
         "## Version History",
         "",

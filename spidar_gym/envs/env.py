@@ -51,9 +51,10 @@ class Task(Protocol):
 
 TaskT = TypeVar("TaskT", bound=Task)
 ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl)
+ProgressT = TypeVar("ProgressT")
 
 
-class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT]):
+class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT, ProgressT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
@@ -64,8 +65,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """What is to be done."""
     controller: ControllerT
     """What commands the robot where no action does."""
-    reward_weights: Mapping[str, float]
-    """Weight of each term of the reward; they add up to 1."""
+    reward_terms: Mapping[str, tuple[float, str]]
+    """Weight and formula of each term of the reward; the weights add up to 1."""
+    seen: RobotState
+    """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
     reset_options: tuple[str, ...] = ("disturbances",)
     """Names of the options of `reset`."""
 
@@ -134,7 +137,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         self._described = plant is None and randomization == 0.0
         self.plant = Plant(self._nominal)
         self.estimator = Estimator()
-        self._sampled_parameters: dict[str, np.ndarray] = {}
+        self.sampled_parameters: dict[str, np.ndarray] = {}
+        """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         self.render_mode = render_mode
         self._camera, self._size = camera, (width, height)
         self._renderer: Any = None
@@ -143,15 +147,11 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._state: RobotState | None = None
+        self._progress: ProgressT | None = None
         self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE))
         """Steps after which the episode ends, unless it fails before."""
         self.ticks = 0
         """Steps since the reset."""
-
-    @property
-    def seen(self) -> RobotState:
-        """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
-        return self._seen
 
     @property
     def command(self) -> Command:
@@ -161,16 +161,18 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         return self._command
 
     @property
-    def sampled_parameters(self) -> dict[str, np.ndarray]:
-        """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
-        return self._sampled_parameters
-
-    @property
     def state(self) -> RobotState:
         """The true state of the robot (`SpidarError` before the first reset)."""
         if self._state is None:
             raise SpidarError("there is no state before reset(); valid: call reset() first")
         return self._state
+
+    @property
+    def progress(self) -> ProgressT:
+        """How far the episode has come (`SpidarError` before the first reset)."""
+        if self._progress is None:
+            raise SpidarError("there is no episode before reset(); valid: call reset() first")
+        return self._progress
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -233,12 +235,12 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         if self.plant.diverged:
             # The last state that was one stays for info: a client's sums and networks take no NaN.
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, self._info("diverged")
-        self._seen = self._state = state
+        self.seen = self._state = state
         if self._nominal.sense:
-            self._seen = self.estimator.update(self.plant.measure(), self._command.thrust)
+            self.seen = self.estimator.update(self.plant.measure(), self._command.thrust)
         failure = self._advance()
         info = self._info(failure)
-        reward = sum(weight * info[f"reward_{name}"] for name, weight in self.reward_weights.items())
+        reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in self.reward_terms.items())
         if self.render_mode == "human":
             self.render()
         return self._observation(), reward, failure != "", False, info
@@ -267,17 +269,22 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _draw_robot(self, rng: np.random.Generator) -> None:
         """Become the robot of this episode, where robots are drawn."""
         if self._strength > 0.0:
-            config, self._sampled_parameters = randomize(self._nominal, rng, self._strength)
+            config, self.sampled_parameters = randomize(self._nominal, rng, self._strength)
             self.plant.configure(config)
+
+    def _place(self, rng: np.random.Generator, *pose: np.ndarray) -> None:
+        """Put the robot where an episode starts; the pose is that of `Plant.reset`."""
+        # A generator of its own, so that what the weather draws does not change what the next episode is.
+        self._state = self.plant.reset(*pose, disturbances=self._disturbances, rng=rng.spawn(1)[0])
 
     def _sense(self) -> None:
         """What is seen of the first state."""
-        self._seen = self.state
+        self.seen = self.state
         if self._nominal.sense:
             first = self.plant.measure()
             indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
             self.estimator.reset(replace(self.state, **indicated))
-            self._seen = self.estimator.update(first, self.state.thrust)
+            self.seen = self.estimator.update(first, self.state.thrust)
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
@@ -338,7 +345,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             "power_w": self.plant.memory.power,
             "energy_wh": self.plant.memory.energy_wh,
             "endurance_min": endurance_min(self.plant.mean_power),
-            "randomization": {name: draw.copy() for name, draw in self._sampled_parameters.items()},
+            "randomization": {name: draw.copy() for name, draw in self.sampled_parameters.items()},
             **self._task_info(failure),
             "failure": failure,
         }

@@ -104,7 +104,7 @@ def record_flight(ticks: int = FLIGHT_TICKS, **options: Any) -> Log:  # noqa: AN
     env = HoverEnv(max_iter=ONBOARD_ITERATIONS, **given)
     log = Log(LogKind.FLIGHT, env.controller.config, "controller_config")
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
-    log.start(env.seen, env.progress.goal.joint_target, env.preload)
+    log.start(env.seen, env.progress.goal.joint_target, env.trim)
     return _finished(log, env, steps)
 
 

@@ -222,7 +222,7 @@ def test_the_estimate_follows_the_robot_under_its_controller():
     still, errors, moved = np.zeros(env.action_space.shape), [], []
     for _ in range(120):
         assert not env.step(still)[2]
-        errors.append(deviation(env._seen, env.state))
+        errors.append(deviation(env.seen, env.state))
         moved.append(np.abs(env.state.joint_velocity).max())
     env.close()
     assert max(moved) > 0.1
@@ -343,7 +343,7 @@ def test_the_robot_flies_on_its_own_sensors():
     still, errors = np.zeros(env.action_space.shape), []
     for _ in range(120):
         assert not env.step(still)[2]
-        errors.append(deviation(env._seen, env.state))
+        errors.append(deviation(env.seen, env.state))
     env.close()
     assert np.all(rms(np.array(errors[40:])) < [4.5e-3, 4e-3, 0.03, 0.013])
 

@@ -137,7 +137,7 @@ def beside(env):
     """A controller of the core that begins where the environment's did."""
     if env.spec is None or env.spec.id != CRAWL:
         controller = CoreFlightController(env.controller.config)
-        controller.reset(env.seen, env.progress.goal.joint_target, env.preload)
+        controller.reset(env.seen, env.progress.goal.joint_target, env.trim)
     else:
         controller = CoreCrawler(env.controller.config)
         controller.reset(env.seen, [Move(Pose2(*env.way))])

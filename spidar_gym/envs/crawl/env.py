@@ -19,7 +19,7 @@ from spidar_gym.envs.actions import CRAWL_MODES, find_action_mode
 from spidar_gym.envs.controllers import make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv, own_robot, solver_settings, split_options
-from spidar_gym.errors import SpidarError, require_instance
+from spidar_gym.errors import require_instance
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
@@ -28,10 +28,10 @@ SETTLE_TICKS = 40
 """Ticks in which the robot comes to lie on a floor that is no plane."""
 
 
-class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
+class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     """SPIDAR on the ground; `spidar list spidar_gym/Crawl-v0` prints its page."""
 
-    reward_weights = {name: weight for name, (weight, _) in CRAWL_REWARD_TERMS.items()}  # noqa: RUF012 - a constant
+    reward_terms = CRAWL_REWARD_TERMS
 
     def __init__(
         self,
@@ -75,16 +75,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
             mode, crawl_layout(mode.size), joint_speed=config.joint_speed, plant=robot,
             **shared,
         )  # fmt: skip
-        self._progress: CrawlProgress | None = None
         self.way = (0.0, 0.0, 0.0)
         """Where the goal is, seen from the start: x, y [m], yaw [rad]."""
-
-    @property
-    def progress(self) -> CrawlProgress:
-        """How far the episode has come (`SpidarError` before the first reset)."""
-        if self._progress is None:
-            raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        return self._progress
 
     def _begin(self, rng: np.random.Generator) -> None:
         config, task = self.controller.config, self.task
@@ -97,13 +89,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
         q = lying_pose(config.gait)
         # Over the highest tile under torso or feet; from there it settles.
         below = ground.height(np.vstack((config.gait.home_b, np.eye(3) * 0.12, np.eye(3) * -0.12)))
-        self._state = self.plant.reset(
-            ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth + float(below.max())]),
-            matrix_to_quat(ground.R_wf),
-            q,
-            disturbances=self._disturbances,
-            rng=rng.spawn(1)[0],
-        )
+        height = ROBOT.peg_depth + float(below.max())
+        self._place(rng, ground.R_wf @ np.array([0.0, 0.0, height]), matrix_to_quat(ground.R_wf), q)
         if ground.uneven:
             still = Command(
                 np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), q, np.full(N_JOINTS, config.joint_torque_limit)
@@ -113,7 +100,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
         self._sense()
         self.way = (way.x, way.y, way.yaw)
         move = Move(way)
-        self.controller.reset(self._seen, [move])
+        self.controller.reset(self.seen, [move])
         seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
         # The goal is where the controller was told to go from where it believed itself; the error is the true one.
         start = torso_pose2(self.state.position_w, quat_to_matrix(self.state.quat_wb))
@@ -123,7 +110,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
 
     def _act(self, action: np.ndarray) -> Command:
         if self._mode.residual is not None:
-            return self.controller.step(self._seen, self._mode.residual(action))
+            return self.controller.step(self.seen, self._mode.residual(action))
         return self._act_directly(action)[0]
 
     def _update_errors(self) -> None:
@@ -154,8 +141,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl]):
         return self.task.failed(progress, self._tilt, self._touch)
 
     def _observation(self) -> np.ndarray:
-        thrust = self._seen.thrust if self._command is None else self._command.thrust
-        observables = CrawlObservables(self._seen, self.progress.goal, thrust, self._action)
+        thrust = self.seen.thrust if self._command is None else self._command.thrust
+        observables = CrawlObservables(self.seen, self.progress.goal, thrust, self._action)
         return self.controller.observe(observables, bound=self._bound)
 
     def _task_info(self, failure: str) -> dict[str, Any]:

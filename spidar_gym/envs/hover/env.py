@@ -16,7 +16,7 @@ from spidar_gym.envs.actions import find_action_mode
 from spidar_gym.envs.controllers import make_flight_controller
 from spidar_gym.envs.env import SpidarEnv, solver_settings, split_options
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, HoverTask, Progress
-from spidar_gym.errors import SpidarError, require_instance
+from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp, log, matrix_to_quat
@@ -27,11 +27,13 @@ _STILL = np.zeros(3)
 _NO_JOINTS = np.zeros(N_JOINTS)
 
 
-class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
+class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     """SPIDAR in flight; `spidar list spidar_gym/Hover-v0` prints its page."""
 
-    reward_weights = {name: weight for name, (weight, _) in REWARD_TERMS.items()}  # noqa: RUF012 - a constant
+    reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
+    truth: ControlState
+    """What a controller with the true state would make of it."""
 
     def __init__(
         self,
@@ -69,9 +71,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
         self.controller = make_flight_controller(config, control, allocator)
         super().__init__(mode, layout(mode.size), joint_speed=joint_speed, **shared)
         self._start: FlightStart | None = None
-        self.preload: np.ndarray | None = None
+        self.trim: np.ndarray | None = None
         """Wrench with which the integrals began [N, Nm]; None for the described robot."""
-        self._progress: Progress | None = None
         self._reference: Reference | None = None
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
@@ -83,44 +84,22 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
         self._reference = None
         start = self._start or FlightStart(tuple(self.task.schedule(rng)), *self.task.offset(rng))
         self._progress = Progress(list(start.goals))
-        position, rotation = start.position, start.rotation
         self._draw_robot(rng)
         q = self.progress.goal.joint_target
-        R_wb = exp(rotation)
+        R_wb = exp(start.rotation)
         vectoring = self.controller.rest_vectoring(q)
         com_b = self.controller.model.snapshot(q, R_wb, vectoring).com_b
-        self._state = self.plant.reset(
-            self.task.position_w + position - R_wb @ com_b,
-            matrix_to_quat(R_wb),
-            q,
-            vectoring,
-            np.full(N_ROTORS, ROBOT.hover_thrust),
-            disturbances=self._disturbances,
-            # Of its own, so that what the weather draws does not change what the next episode is.
-            rng=rng.spawn(1)[0],
-        )
+        position_w = self.task.position_w + start.position - R_wb @ com_b
+        self._place(rng, position_w, matrix_to_quat(R_wb), q, vectoring, np.full(N_ROTORS, ROBOT.hover_thrust))
         self._sense()
         # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
-        trim = start.trim
-        if trim is None and not self._described:
-            trim = self.trim(q)
-        self.preload = trim
-        self.controller.reset(self._seen, q, trim)
+        self.trim = start.trim
+        if self.trim is None and not self._described:
+            self.trim = self.compute_trim()
+        self.controller.reset(self.seen, q, self.trim)
         self._leg_momentum = self._leg_momentum_rate = _STILL
         self._joint_velocity = _NO_JOINTS
         self._update_errors()
-
-    @property
-    def progress(self) -> Progress:
-        """How far the episode has come (`SpidarError` before the first reset)."""
-        if self._progress is None:
-            raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        return self._progress
-
-    @property
-    def truth(self) -> ControlState:
-        """What a controller with the true state would make of it."""
-        return self._truth
 
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
@@ -142,14 +121,14 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
         controller = self.controller
         if self._mode.residual is not None:
             residual = self._mode.residual(action)
-            command = controller.step(self._seen, self.reference(), residual, self._control_state)
+            command = controller.step(self.seen, self.reference(), residual, self._control_state)
             assert controller.last_step is not None
             self._joint_velocity = controller.last_step.joint_velocity
             return command
         command, self._joint_velocity = self._act_directly(action)
         return command
 
-    def trim(self, q: np.ndarray) -> np.ndarray:
+    def compute_trim(self) -> np.ndarray:
         """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
         state = self.state
         control_state = self.controller.compute_state(state, self.reference())
@@ -165,17 +144,17 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
 
     def _update_errors(self) -> None:
         """What the controller makes of what it sees, and what is true."""
-        self._control_state = self.controller.compute_state(self._seen, self.reference())
-        self._truth = self._control_state
-        if self._seen is not self._state:
-            self._truth = self.controller.compute_state(self.state, self.reference())
+        self._control_state = self.controller.compute_state(self.seen, self.reference())
+        self.truth = self._control_state
+        if self.seen is not self._state:
+            self.truth = self.controller.compute_state(self.state, self.reference())
 
     def _errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Position error, world [m], and attitude error log(RᵀR_d), torso axes [rad], of the true state.
 
         The CoG is the one that the description gives at the true state: nobody knows where the real one is.
         """
-        return self._truth.error.position_w, log(self._truth.R_wb.T)  # the reference is level
+        return self.truth.error.position_w, log(self.truth.R_wb.T)  # the reference is level
 
     def _advance(self) -> str:
         self._update_errors()
@@ -184,16 +163,16 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl]):
         self._leg_momentum_rate = (self._leg_momentum - before) * CONTROL_RATE
         errors = self._errors()
         self.progress.advance(*errors, self.state.joint_position)
-        tilt = math.acos(max(-1.0, min(1.0, float(self._truth.R_wb[2, 2]))))
+        tilt = math.acos(max(-1.0, min(1.0, float(self.truth.R_wb[2, 2]))))
         return self.task.failed(errors[0], tilt, self.plant.in_contact)
 
     def _observation(self) -> np.ndarray:
         progress = self.progress
         goal, upcoming = progress.goal, progress.next_goal
         observables = FlightObservables(
-            state=self._seen,
+            state=self.seen,
             control_state=self._control_state,
-            thrust_command=self._seen.thrust if self._command is None else self._command.thrust,
+            thrust_command=self.seen.thrust if self._command is None else self._command.thrust,
             joint_command_velocity=self._joint_velocity,
             leg_momentum=self._leg_momentum,
             leg_momentum_rate=self._leg_momentum_rate,

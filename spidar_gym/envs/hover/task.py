@@ -118,24 +118,13 @@ def _numbers(name: str, value: object, size: int) -> np.ndarray:
     return array
 
 
-def _equal_legs(rng: np.random.Generator) -> JointVector:
-    """All legs alike, with a common twist of the yaw joints [rad]."""
-    leg = rng.uniform((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4))
-    return np.tile(leg, N_LEGS)
-
-
-def _independent_legs(rng: np.random.Generator) -> JointVector:
-    """Every leg for itself: yaw ±0.5, inner pitch −0.2 … 0.8, outer pitch 0 … 1.4 rad."""
-    return rng.uniform(np.tile((-0.5, -0.2, -0.5, 0.0), N_LEGS), np.tile((0.5, 0.8, 0.5, 1.4), N_LEGS))
-
-
-def _narrow_legs(rng: np.random.Generator) -> JointVector:
-    """Every leg for itself near form ③, outer rotor under the inner one: every inner rotor blows on another."""
-    return rng.uniform(np.tile((-0.25, 0.65, -0.15, 1.35), N_LEGS), np.tile((0.25, 0.9, 0.15, 1.57), N_LEGS))
-
-
-SAMPLERS = {"equal": _equal_legs, "independent": _independent_legs, "narrow": _narrow_legs}
-SEQUENCES = ("paper", *FORMS, *SAMPLERS, "mixed")
+WIDE = (-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4)
+"""Least and largest angles of a leg's joints in drawn forms: yaw, pitch, yaw, pitch from the torso on [rad]."""
+NARROW = (-0.25, 0.65, -0.15, 1.35), (0.25, 0.9, 0.15, 1.57)
+"""The same near form ③, outer rotor under the inner one: every inner rotor blows on another."""
+DRAWN_FORMS = {"equal": (WIDE, 1), "independent": (WIDE, N_LEGS), "narrow": (NARROW, N_LEGS)}
+"""Angles, and how many legs are drawn: of one, all legs are alike, with a common twist of the yaw joints."""
+SEQUENCES = ("paper", *FORMS, *DRAWN_FORMS, "mixed")
 """Valid form sequences."""
 
 
@@ -211,12 +200,14 @@ class HoverTask:
         goals.append(FormGoal(start, start + travel / self.joint_speed, target))
 
     def _sample(self, rng: np.random.Generator) -> JointVector:
-        if self.forms != "mixed":
-            return SAMPLERS[self.forms](rng)
-        kind = rng.random()
-        if kind < 0.25:
-            return FORMS[f"form{rng.integers(1, 4)}"]
-        return _equal_legs(rng) if kind < 0.55 else _independent_legs(rng)
+        forms = self.forms
+        if forms == "mixed":
+            kind = rng.random()
+            if kind < 0.25:
+                return FORMS[f"form{rng.integers(1, 4)}"]
+            forms = "equal" if kind < 0.55 else "independent"
+        (least, most), legs = DRAWN_FORMS[forms]
+        return np.tile(rng.uniform(np.tile(least, legs), np.tile(most, legs)), N_LEGS // legs)
 
     def offset(self, rng: np.random.Generator) -> tuple[Vector3, Vector3]:
         """Initial offset of the torso: position [m] and rotation vector [rad]."""
