@@ -7,13 +7,13 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import SpidarError, StaleAssetError
 
 BEFORE, AFTER = ".spidar.", ".part"
 """How the name of a writer's own folder begins and ends."""
@@ -186,6 +186,25 @@ def json_text(result: dict[str, Any]) -> str:
 def has_text(path: Path, text: str) -> bool:
     """Whether a file is there and holds just this text."""
     return path.is_file() and path.read_text(encoding="utf-8") == text
+
+
+def refresh(files: Mapping[Path, str], command: str, *, check: bool) -> int:
+    """Write the generated files that are missing or differ, and say how many they are.
+
+    Args:
+        files: File → the text that it should hold.
+        command: What writes them.
+        check: Write nothing, and raise instead.
+
+    Raises:
+        StaleAssetError: With `check`, names the files that are stale.
+    """
+    stale = [path for path, text in files.items() if not has_text(path, text)]
+    if stale and check:
+        raise StaleAssetError(", ".join(map(str, stale)), command)
+    for path in stale:
+        write_text(path, files[path])
+    return len(stale)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -13,8 +13,7 @@ import tyro
 
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.cli.console import run_cli
-from spidar_gym.errors import StaleAssetError
-from spidar_gym.files import has_text, write_text
+from spidar_gym.files import refresh
 from train.residual import PRESETS
 from train.residual import Args as Settings
 
@@ -95,12 +94,9 @@ class Args:
 def main() -> None:
     """Entry point."""
     args = tyro.cli(Args, description=__doc__, prog="python -m train.presets", config=(tyro.conf.FlagCreatePairsOff,))
-    for algorithm, text in zoo().items():
-        path = FOLDER / f"{algorithm}.yml"
-        if not has_text(path, text):
-            if args.check:
-                raise StaleAssetError(path, "python -m train.presets")
-            write_text(path, text)
+    files = {FOLDER / f"{algorithm}.yml": text for algorithm, text in zoo().items()}
+    refresh(files, "python -m train.presets", check=args.check)
+    for path in files:
         print(f"{path} is up to date")
 
 

@@ -4,7 +4,6 @@ python -m train.speed
 """
 
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,10 +12,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 import tyro
-from tqdm import tqdm
 
+from spidar_gym.cli.arguments import Flag
 from spidar_gym.cli.bench import ROUNDS, machine
-from spidar_gym.cli.console import run_cli
+from spidar_gym.cli.console import named_steps, progress, run_cli
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.files import json_text
@@ -171,7 +170,7 @@ class Args:
 
     seconds: float = 0.5
     """Time for which the environment is stepped in a round [s]; a learner takes a batch, however long."""
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: Flag = False
     """Print one JSON object on stdout and nothing else there."""
 
     def __post_init__(self) -> None:
@@ -184,13 +183,8 @@ def main() -> None:
     """Entry point."""
     args = tyro.cli(Args, description=__doc__, prog="python -m train.speed")
     require_frameworks()
-    with tqdm(total=PARTS, unit="part", desc="speed", file=sys.__stderr__, leave=False) as bar:
-
-        def on_step(name: str) -> None:
-            bar.set_postfix_str(name)
-            bar.update()
-
-        result = run_speed(seconds=args.seconds, on_step=on_step)
+    with progress(total=PARTS, unit="part", desc="speed", leave=False) as bar:
+        result = run_speed(seconds=args.seconds, on_step=named_steps(bar))
     print(json_text(result) if args.json else speed_table(result))
 
 

@@ -6,7 +6,6 @@
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -55,21 +54,9 @@ HARD_STATES = 400
 """How many hard states the solver is timed on."""
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Distribution of one duration [µs]."""
-
-    median: float
-    """Median."""
-    p99: float
-    """99th percentile."""
-    best: float
-    """Fastest."""
-
-
 def measure(
     function: Callable[[], object], *, seconds: float = 0.5, before: Callable[[], object] = lambda: None
-) -> Timing:
+) -> dict[str, float]:
     """Call `function` again and again for about `seconds` and report the durations, those of `before` left out."""
     durations = []
     before()
@@ -83,10 +70,10 @@ def measure(
     return summary(durations)
 
 
-def summary(durations: list[float]) -> Timing:
+def summary(durations: list[float]) -> dict[str, float]:
     """Median, 99th percentile and minimum of durations [s], in µs."""
     us = 1e6 * np.array(durations)
-    return Timing(float(np.median(us)), float(np.percentile(us, 99)), float(us.min()))
+    return {"median": float(np.median(us)), "p99": float(np.percentile(us, 99)), "best": float(us.min())}
 
 
 def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
@@ -111,7 +98,7 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
     result: dict[str, Any] = {"machine": machine()}
     on_step("reference")
     x = np.arange(8.0)
-    result["numpy_add_us"] = measure(lambda: x + x, seconds=seconds / 5).__dict__
+    result["numpy_add_us"] = measure(lambda: x + x, seconds=seconds / 5)
     for preset_name in ("as_flown", "paper"):
         block: dict[str, Any] = {}
         for form in FORMS:
@@ -169,11 +156,11 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
         "allocation_us": lambda: allocator.allocate(demand, "flight", forces),
         "control_tick_us": lambda: controller.step(state, reference),
     }
-    timings: dict[str, Any] = {name: measure(function, seconds=seconds).__dict__ for name, function in figures.items()}
+    timings = {name: measure(function, seconds=seconds) for name, function in figures.items()}
     tick = measure(
         lambda: mujoco.mj_step(plant.model, plant.data, 10), seconds=seconds, before=lambda: plant.restore(saved)
     )
-    timings["mj_step_us"] = {name: value / 10 for name, value in tick.__dict__.items()}
+    timings["mj_step_us"] = {name: value / 10 for name, value in tick.items()}
     wrapped.close()
     return timings
 
@@ -199,9 +186,9 @@ def _hard() -> dict[str, Any]:
     for demand in demands:
         total.append(allocator.allocate(demand, "flight", forces).solve_time)
     return {
-        "osqp_us": summary(osqp).__dict__,
+        "osqp_us": summary(osqp),
         "osqp_iterations": {"median": float(np.median(iterations)), "max": int(max(iterations))},
-        "allocation_us": summary(total).__dict__,
+        "allocation_us": summary(total),
         "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
     }
 
@@ -222,7 +209,7 @@ def _core(seconds: float) -> dict[str, Any]:
         seconds=seconds,
     )
     env.close()
-    result: dict[str, Any] = {"tick_us": tick.__dict__}
+    result: dict[str, Any] = {"tick_us": tick}
     for name, arguments in PAIRS.items():
         pair = [
             gymnasium.make(**{"id": "spidar_gym/Hover-v0", "control": control, **arguments})

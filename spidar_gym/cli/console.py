@@ -10,13 +10,19 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from tqdm import tqdm
 
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import MissingDependencyError, SpidarError
+from spidar_gym.files import json_text, write_text
 from spidar_gym.processes import LostWorkerError
+
+progress = partial(tqdm, file=sys.__stderr__)
+"""A progress bar, on the true stderr: while a command is parsed, the other one is kept back."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -35,6 +41,31 @@ def kept(words: Callable[[], str]) -> Iterator[None]:
     except (KeyboardInterrupt, LostWorkerError) as stop:
         stop.add_note(words())
         raise
+
+
+def published(folder: Path, name: str, result: dict[str, Any], table: str, json: bool) -> str:
+    """Write a result as NAME.json; what to print of it: the same JSON, or the table."""
+    text = json_text(result)
+    write_text(folder / f"{name}.json", text)
+    return text if json else table
+
+
+def drawn(what: str, draw: Callable[[], object]) -> None:
+    """Draw what can be drawn here; where a library is missing, say so and go on."""
+    try:
+        draw()
+    except MissingDependencyError as error:
+        print(f"no {what}: {error}", file=sys.__stderr__)
+
+
+def named_steps(bar: tqdm) -> Callable[[str], None]:
+    """A function that counts a step of a bar and shows the step's name."""
+
+    def on_step(name: str) -> None:
+        bar.set_postfix_str(name)
+        bar.update()
+
+    return on_step
 
 
 def goes_on(bar: tqdm, folder: Path) -> Callable[[], str]:

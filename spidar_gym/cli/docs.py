@@ -8,13 +8,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-import tyro
-from tqdm import tqdm
-
 import spidar_gym
+from spidar_gym.cli.arguments import Flag
+from spidar_gym.cli.console import progress
 from spidar_gym.cli.tables import pages, with_tables
-from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetError, UnknownNameError
-from spidar_gym.files import output_folder, write_text
+from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
+from spidar_gym.files import output_folder, refresh
 from spidar_gym.viz.gallery import draw, gallery
 
 NEEDED = ("sphinx", "myst_parser", "furo", "sphinx_copybutton")
@@ -23,9 +22,9 @@ NEEDED = ("sphinx", "myst_parser", "furo", "sphinx_copybutton")
 
 def docs(
     out: Path = Path("out/docs"),
-    tables: tyro.conf.FlagCreatePairsOff[bool] = False,
-    check: tyro.conf.FlagCreatePairsOff[bool] = False,
-    pictures: tyro.conf.FlagCreatePairsOff[bool] = False,
+    tables: Flag = False,
+    check: Flag = False,
+    pictures: Flag = False,
     only: str = "",
 ) -> None:
     """Build the guide as HTML and print the path of its first page; needs a checkout and the extra docs.
@@ -43,7 +42,7 @@ def docs(
         if not names:
             raise UnknownNameError("picture", only, gallery())
         folder = output_folder(root / "docs" / "pictures")
-        for name in tqdm(names, unit="picture", desc="pictures", file=sys.__stderr__):
+        for name in progress(names, unit="picture", desc="pictures"):
             draw(name, folder)
         print(f"{len(names)} pictures drawn in {folder}")
         return
@@ -56,20 +55,8 @@ def docs(
     folder = output_folder(out)
     # A process of its own: Sphinx imports what it documents, and changes warnings and logging for good. All of it anew:
     # of a page that has not changed it would not repeat the warnings.
-    command = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-q",
-        "-E",
-        "-a",
-        "-W",
-        "--keep-going",
-        "-j",
-        "auto",
-        str(root / "docs"),
-        str(folder),
-    ]
+    options = ["-q", "-E", "-a", "-W", "--keep-going", "-j", "auto"]
+    command = [sys.executable, "-m", "sphinx", *options, str(root / "docs"), str(folder)]
     if subprocess.run(command, check=False).returncode:
         raise SpidarError("the guide is not sound; valid: pages that Sphinx builds without the warnings above")
     broken = [f"{page.relative_to(folder)}: {target}" for page, target in broken_links(folder)]
@@ -87,19 +74,9 @@ def checkout() -> Path:
 
 
 def _tables(root: Path, check: bool) -> None:
-    stale = {}
-    for path in pages(root):
-        text = path.read_text(encoding="utf-8")
-        if (written := with_tables(root, text)) != text:
-            stale[path] = written
-    if check:
-        if stale:
-            raise StaleAssetError(", ".join(map(str, stale)), "spidar docs --tables")
-        print("every table is what its result gives")
-        return
-    for path, text in stale.items():
-        write_text(path, text)
-    print(f"{len(stale)} of {len(pages(root))} pages written")
+    files = {path: with_tables(root, path.read_text(encoding="utf-8")) for path in pages(root)}
+    written = refresh(files, "spidar docs --tables", check=check)
+    print("every table is what its result gives" if check else f"{written} of {len(files)} pages written")
 
 
 class _Page(HTMLParser):

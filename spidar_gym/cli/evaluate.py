@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from spidar_gym import viz
 from spidar_gym.benchmark import answers as answering
@@ -33,10 +32,10 @@ from spidar_gym.benchmark.row import (
 from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
-from spidar_gym.cli.arguments import choice
-from spidar_gym.cli.console import goes_on, kept
-from spidar_gym.errors import InvalidValueError, StaleAssetError, require_least, require_name
-from spidar_gym.files import has_text, json_text, write_text
+from spidar_gym.cli.arguments import Flag, JsonArg, choice
+from spidar_gym.cli.console import goes_on, kept, progress
+from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.files import json_text, refresh, write_text
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import defined_on, policy_name
 from spidar_gym.processes import cpu_count
@@ -55,7 +54,7 @@ SplitArg = Annotated[str, choice(SPLITS)]
 def eval_(
     policy: tuple[str, ...] = (),
     tracks: tuple[str, ...] = (),
-    baselines: tyro.conf.FlagCreatePairsOff[bool] = False,
+    baselines: Flag = False,
     split: SplitArg = "test",
     scenarios: int = SCENARIOS,
     out: Path = Path("out/scores"),
@@ -63,7 +62,7 @@ def eval_(
     workers: int = cpu_count(),
     ray: str | None = None,
     act_limit: float = ACT_LIMIT_S,
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+    json: JsonArg = False,
 ) -> None:
     """Evaluate a policy on the benchmark's tracks and write its row; goes on where an interrupted evaluation was.
 
@@ -79,7 +78,6 @@ def eval_(
         workers: Processes, or workers of a local Ray cluster.
         ray: Address of a Ray cluster to send the scenarios to: local, auto, or host:port.
         act_limit: How long the policy may think about one action [s].
-        json: Print one JSON object on stdout and nothing else there.
     """
     _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
     rows: list[Row] = []
@@ -93,7 +91,7 @@ def eval_(
                 continue
             raise InvalidValueError("tracks", tracks, f"tracks of {', '.join(defined) or 'another policy'}")
         total = len(chosen) * scenarios * len(specs)
-        bar = tqdm(total=total, unit="scenario", desc=policy_name(policies[0]), file=sys.__stderr__)
+        bar = progress(total=total, unit="scenario", desc=policy_name(policies[0]))
         with bar, kept(goes_on(bar, cache)):
             scores = evaluate_runs(
                 specs, chosen, scenarios, split=split, workers=workers, folder=cache, ray=ray,
@@ -137,7 +135,6 @@ def build(rows: FolderArg = Path(ROWS), out: Path = Path("baselines")) -> None:
     """Write LEADERBOARD.md and its picture from the rows.
 
     Args:
-        rows: Folder of the rows.
         out: Folder for LEADERBOARD.md and leaderboard.png.
     """
     board = tabulate(read_rows(rows))
@@ -150,8 +147,8 @@ def build(rows: FolderArg = Path(ROWS), out: Path = Path("baselines")) -> None:
 def show(
     rows: FolderArg = Path(ROWS),
     tracks: tuple[str, ...] = (),
-    wide: tyro.conf.FlagCreatePairsOff[bool] = False,
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+    wide: Flag = False,
+    json: JsonArg = False,
 ) -> None:
     """Print the leaderboard: one's own rows among the committed ones.
 
@@ -159,7 +156,6 @@ def show(
         rows: Folder of one's own rows.
         tracks: Only these tracks.
         wide: Every metric, in lines of 230 characters.
-        json: Print one JSON object on stdout and nothing else there.
     """
     for track in tracks:
         require_name("track", track, TRACKS)
@@ -180,27 +176,19 @@ def _own_rows(folder: Path) -> dict[str, Row]:
 
 @board_app.command
 def migrate(rows: FolderArg = Path(ROWS)) -> None:
-    """Bring rows of an older format, or of policies whose imports moved, up to date: hashes checked, metrics kept.
-
-    Args:
-        rows: Folder of the rows.
-    """
+    """Bring rows of an older format, or of policies whose imports moved, up to date: hashes checked, metrics kept."""
     files = sorted(rows.glob("*.json"))
     moved = sum(migrate_row(path) for path in files)
     print(f"{moved} of {len(files)} rows in {rows} brought up to date")
 
 
 @board_app.command
-def compare(
-    row: Path, base: str = "qp", rows: FolderArg = Path(ROWS), json: tyro.conf.FlagCreatePairsOff[bool] = False
-) -> None:
+def compare(row: Path, base: str = "qp", rows: FolderArg = Path(ROWS), json: JsonArg = False) -> None:
     """Compare a row with another one: paired differences of position, attitude, time, energy, success.
 
     Args:
         row: File of the row.
         base: Name of the row to compare it with: one of the folder, or else a committed one.
-        rows: Folder of the rows.
-        json: Print one JSON object on stdout and nothing else there.
     """
     known = {**committed_rows(), **_own_rows(rows)}
     require_name("row", base, known)
@@ -214,12 +202,11 @@ def compare(
 @board_app.command
 def verify(
     rows: FolderArg = Path(ROWS), sample: int = 12, seed: int = 0, workers: int = cpu_count(),
-    trust: tyro.conf.FlagCreatePairsOff[bool] = False, control: Literal["python", "core"] = CONTROL,
+    trust: Flag = False, control: Literal["python", "core"] = CONTROL,
 ) -> None:  # fmt: skip
     """Play scenarios of committed rows once more and compare; fails when one gives something else.
 
     Args:
-        rows: Folder of the rows.
         sample: How many scenarios, drawn from all rows.
         seed: Seed of the draw.
         workers: Processes.
@@ -231,7 +218,7 @@ def verify(
     require_least(0, seed=seed)
     found = read_rows(rows)
     rng = np.random.Generator(np.random.PCG64(seed))
-    bar = tqdm(total=sample, unit="scenario", desc="verify", file=sys.__stderr__)
+    bar = progress(total=sample, unit="scenario", desc="verify")
 
     def on_check(check: verifying.Check) -> None:
         bar.write(check.line, file=sys.stdout)
@@ -251,19 +238,17 @@ def verify(
 @board_app.command
 def answers(
     rows: FolderArg = Path(ROWS), names: tuple[str, ...] = (), tracks: tuple[str, ...] = (),
-    scenarios: int = SCENARIOS, workers: int = cpu_count(), trust: tyro.conf.FlagCreatePairsOff[bool] = False,
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+    scenarios: int = SCENARIOS, workers: int = cpu_count(), trust: Flag = False,
+    json: JsonArg = False,
 ) -> None:  # fmt: skip
     """Play rows once more, with the compiled core where there is one, and count how the allocation answered.
 
     Args:
-        rows: Folder of the rows.
         names: Only these rows.
         tracks: Only these tracks.
         scenarios: How many of each track, from the first on.
         workers: Processes.
         trust: Run policies from outside the package and the checkout's baselines too.
-        json: Print one JSON object on stdout and nothing else there.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     for track in tracks:
@@ -273,7 +258,7 @@ def answers(
         require_name("row", name, known)
     chosen = {name: row for name, row in known.items() if name in (names or known)}
     shards = answering.answer_shards(chosen, tracks or list(TRACKS), scenarios, trust=trust)
-    with tqdm(total=len(shards), unit="scenario", desc="answers", file=sys.__stderr__) as bar:
+    with progress(total=len(shards), unit="scenario", desc="answers") as bar:
         counts = answering.count_answers(shards, workers=workers, on_scenario=bar.update)
     if json:
         print(json_text({"answers": counts}))
@@ -281,22 +266,18 @@ def answers(
     print(answering.answers_text(counts))
 
 
-def scenarios(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+def scenarios(check: Flag = False) -> None:
     """Write the benchmark's scenario files and their hashes.
 
     Args:
         check: Write nothing; fail when a committed file is not what is drawn.
     """
     root = assets_dir()
-    with tqdm(total=len(SPLITS) * len(TRACKS) * SCENARIOS, unit="scenario", desc="draw", file=sys.__stderr__) as bar:
+    with progress(total=len(SPLITS) * len(TRACKS) * SCENARIOS, unit="scenario", desc="draw") as bar:
         files = scenario_files(on_scenario=bar.update)
-    stale = [name for name, text in files.items() if not has_text(root / name, text)]
+    written = refresh({root / name: text for name, text in files.items()}, WRITER, check=check)
     if check:
-        if stale:
-            raise StaleAssetError(", ".join(str(root / name) for name in stale), WRITER)
         print(f"{len(files)} scenario files in {root} are what is drawn")
         return
-    for name in stale:
-        write_text(root / name, files[name])
     load_scenarios.cache_clear()
-    print(f"{len(stale)} of {len(files)} files written to {root}")
+    print(f"{written} of {len(files)} files written to {root}")

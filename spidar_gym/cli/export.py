@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-import tyro
-
+from spidar_gym.cli.arguments import Flag
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.onboard.export import build as compile_core
 from spidar_gym.onboard.export import export
@@ -13,7 +12,7 @@ from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_missio
 
 def export_(
     out: Path | None = None,
-    build: tyro.conf.FlagCreatePairsOff[bool] = False,
+    build: Flag = False,
     residual: Path | None = None,
     residual_rate: float = RATE,
 ) -> None:

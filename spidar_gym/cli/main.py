@@ -9,12 +9,11 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.cli.arguments import FlightPresetArg, choice
+from spidar_gym.cli.arguments import Flag, FlightPresetArg, JsonArg, choice
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
-from spidar_gym.cli.console import goes_on, kept, run_cli
+from spidar_gym.cli.console import goes_on, kept, named_steps, progress, published, run_cli
 from spidar_gym.cli.docs import docs
 from spidar_gym.cli.evaluate import board_app, eval_, scenarios
 from spidar_gym.cli.export import export_
@@ -26,12 +25,8 @@ from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page, pages
 from spidar_gym.envs.hover.task import SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
-from spidar_gym.errors import (
-    InvalidValueError,
-    StaleAssetError,
-    require_name,
-)
-from spidar_gym.files import has_text, json_text, output_folder, write_text
+from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.files import json_text, output_folder, refresh
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper import tune as tuning
 from spidar_gym.policies.provenance import versions
@@ -55,23 +50,18 @@ app.command(sitl_app, name="sitl", help="The runner drives the simulated robot t
 
 
 @app.command
-def lost(
-    preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: tyro.conf.FlagCreatePairsOff[bool] = False
-) -> None:
+def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: JsonArg = False) -> None:
     """Lose each rotor in each form, its thrust or its vectoring: what statics allows and what flight shows.
 
     Args:
         preset: Controller.
         out: Folder for lost.json.
-        json: Print one JSON object on stdout and nothing else there.
     """
     require_name("preset", preset, PRESETS)
     folder = output_folder(out)
-    with tqdm(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost", file=sys.__stderr__) as bar:
+    with progress(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost") as bar:
         rows = studies.lost_rotors(preset, on_flight=bar.update)
-    text = json_text({"lost_rotors": rows})
-    write_text(folder / "lost.json", text)
-    print(text if json else format_table(studies.lost_lines(rows)))
+    print(published(folder, "lost", {"lost_rotors": rows}, format_table(studies.lost_lines(rows)), json))
 
 
 @app.command
@@ -97,7 +87,7 @@ def tune(
     tuning.check_search(**search)
     folder = output_folder(out)
     total = generations * (population + 1) * flights
-    with tqdm(total=total, unit="flight", desc="tune", file=sys.__stderr__) as bar, kept(goes_on(bar, folder)):
+    with progress(total=total, unit="flight", desc="tune") as bar, kept(goes_on(bar, folder)):
         last = tuning.tune(
             folder, **search, on_flight=bar.update, on_generation=lambda line: bar.set_postfix(cost=line["cost"])
         )
@@ -129,7 +119,7 @@ def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
 
 
 @app.command
-def assets(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+def assets(check: Flag = False) -> None:
     """Write the generated files: MJCF, URDF, specification table, and in a checkout the environments' pages.
 
     Args:
@@ -140,39 +130,26 @@ def assets(check: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
     guide = root.parent / "docs"
     if (guide / "conf.py").is_file():  # an installed wheel has no guide
         files |= {guide / name: text for name, text in pages().items()}
-    stale = [path for path, text in files.items() if not has_text(path, text)]
+    written = refresh(files, "spidar assets", check=check)
     if check:
-        if stale:
-            raise StaleAssetError(", ".join(map(str, stale)))
         print(f"{len(files)} generated files are up to date in {root}")
-        return
-    for path in stale:
-        write_text(path, files[path])
-    print(f"{len(stale)} of {len(files)} files written in {root.parent}")
+    else:
+        print(f"{written} of {len(files)} files written in {root.parent}")
 
 
 @app.command
-def bench(
-    seconds: float = 0.5,
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
-) -> None:
+def bench(seconds: float = 0.5, json: JsonArg = False) -> None:
     """Measure where the time goes: physics, snapshot, QP, control tick, environment steps.
 
     What a learner costs beside them is measured by `python -m train.speed`, in a clone with the extra train.
 
     Args:
         seconds: Time spent on each figure [s].
-        json: Print one JSON object on stdout and nothing else there.
     """
     if not seconds > 0.0:
         raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
-    with tqdm(total=PARTS, unit="part", desc="bench", file=sys.__stderr__, leave=False) as bar:
-
-        def on_step(name: str) -> None:
-            bar.set_postfix_str(name)
-            bar.update()
-
-        result = run_bench(seconds=seconds, on_step=on_step)
+    with progress(total=PARTS, unit="part", desc="bench", leave=False) as bar:
+        result = run_bench(seconds=seconds, on_step=named_steps(bar))
     print(json_text(result) if json else bench_table(result))
 
 

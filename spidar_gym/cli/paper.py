@@ -2,22 +2,21 @@
 
 import math
 import shutil
-import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
-from tqdm import tqdm
 
 from spidar_gym import viz
-from spidar_gym.cli.arguments import CameraArg, CrawlPresetArg, FlightPresetArg
-from spidar_gym.cli.console import goes_on, kept
+from spidar_gym.cli.arguments import CameraArg, CrawlPresetArg, Flag, FlightPresetArg, JsonArg
+from spidar_gym.cli.console import drawn, goes_on, kept, progress, published
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.crawl.task import RANGES
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name, require_within
-from spidar_gym.files import json_text, output_folder, write_text
+from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
+from spidar_gym.files import output_folder
 from spidar_gym.paper import crawl as crawl_experiment
 from spidar_gym.paper import crawl_study
 from spidar_gym.paper import flight as experiments
@@ -30,8 +29,30 @@ from spidar_gym.text import format_table
 paper_app = tyro.extras.SubcommandApp()
 
 
+@dataclass(frozen=True)
+class Options:
+    """How either experiment is made and shown."""
+
+    camera: CameraArg = FIXED
+    json: JsonArg = False
+    video: bool = True
+    """Film it (about two minutes)."""
+    noise: Flag = False
+    """With real sensors, unequal rotors and 20 ms of delay; in the crawl 25 ms, and joint zeros that are off."""
+    seed: int = 0
+    """Seed of that noise."""
+
+    def __post_init__(self) -> None:
+        """Refuse what neither can do."""
+        require_least(0, seed=self.seed)
+        require_name("camera", self.camera, VIEWS)
+
+
+OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
+
+
 @paper_app.command(name="both", is_default=True)
-def both(out: Path = Path("out"), video: bool = True, noise: tyro.conf.FlagCreatePairsOff[bool] = False) -> None:
+def both(out: Path = Path("out"), video: bool = True, noise: Flag = False) -> None:
     """Fly and crawl the paper's experiments, one after the other, and print our figures beside the paper's.
 
     Args:
@@ -39,22 +60,19 @@ def both(out: Path = Path("out"), video: bool = True, noise: tyro.conf.FlagCreat
         video: Film them.
         noise: With real sensors, delay and unequal rotors.
     """
-    flight(out=out / "flight", video=video, noise=noise)
+    options = Options(video=video, noise=noise)
+    flight(out=out / "flight", options=options)
     print()
-    crawl(out=out / "crawl", video=video, noise=noise)
+    crawl(out=out / "crawl", options=options)
 
 
 @paper_app.command
 def flight(
     preset: FlightPresetArg = "as_flown",
     out: Path = Path("out/flight"),
-    camera: CameraArg = FIXED,
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
-    video: bool = True,
-    noise: tyro.conf.FlagCreatePairsOff[bool] = False,
-    seed: int = 0,
-    speeds: tyro.conf.FlagCreatePairsOff[bool] = False,
-    ablation: tyro.conf.FlagCreatePairsOff[bool] = False,
+    options: OptionsArg = Options(),
+    speeds: Flag = False,
+    ablation: Flag = False,
     scenarios: int = 24,
     workers: int = cpu_count(),
 ) -> None:
@@ -65,96 +83,88 @@ def flight(
             beyond it.
         out: Folder for flight.json, flight.png, flight.pdf and flight.mp4; of --speeds: speeds.json, speeds.png and
             speeds.pdf.
-        camera: Camera of the video; fixed stands where it sees everything, the others follow and take longer.
-        json: Print one JSON object on stdout and nothing else there.
-        video: Film the flight (about two minutes).
-        noise: Fly with real sensors, 20 ms of delay and unequal rotors: the flight to compare with the paper's RMSE.
-        seed: Seed of that noise.
         speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
         ablation: Instead, the same at 0.2, 0.6, 1.0 rad/s, and with each option of tuned switched off.
         scenarios: Flights of a cell of --speeds and --ablation.
         workers: Processes for them.
     """
     require_least(1, scenarios=scenarios, workers=workers)
-    require_least(0, seed=seed)
     if speeds or ablation:
-        _speeds(output_folder(out), json, ablation, scenarios, workers)
+        _speeds(output_folder(out), options.json, ablation, scenarios, workers)
         return
     require_name("preset", preset, PRESETS)
-    require_name("camera", camera, VIEWS)
     folder = output_folder(out)
-    with tqdm(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}", file=sys.__stderr__) as bar:
-        log = experiments.fly_paper(preset, noise=noise, seed=seed, on_tick=bar.update)
+    with progress(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}") as bar:
+        log = experiments.fly_paper(preset, noise=options.noise, seed=options.seed, on_tick=bar.update)
     figures = experiments.flight_figures(log)
-    text = json_text({"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}})
-    write_text(folder / "flight.json", text)
+    result = {"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}}
+    text = published(folder, "flight", result, format_table(experiments.flight_lines(figures)), options.json)
     # After the flight, so that drawing does not disturb the times that it reports.
-    drawings: dict[str, Callable[[], object]] = {
-        "figure": lambda: viz.flight_figure(log, folder / "flight.png"),
-        "video": lambda: _film(viz.flight_take(log), folder / "flight.mp4", camera) if video else None,
-    }
-    shown = text if json else format_table(experiments.flight_lines(figures))
-    _report(drawings, shown, None if json else folder, "flight.*")
+    drawn("figure", lambda: viz.flight_figure(log, folder / "flight.png"))
+    if options.video:
+        drawn("video", lambda: _film(viz.flight_take(log), folder / "flight.mp4", options.camera))
+    _report(text, folder, "flight.*", options.json)
 
 
-def _report(drawings: dict[str, Callable[[], object]], text: str, folder: Path | None, pattern: str) -> None:
-    """Draw what can be drawn, print the text and which files of a folder are new, then what could not be drawn."""
-    remarks = []
-    for name, draw in drawings.items():
-        try:
-            draw()
-        except MissingDependencyError as error:
-            remarks.append(f"no {name}: {error}")
+def _report(text: str, folder: Path, pattern: str, json: bool) -> None:
+    """Print the text and, unless it is JSON, which files of a folder belong to it."""
     print(text)
-    if folder is not None:
+    if not json:
         print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob(pattern)))}")
-    for remark in remarks:
-        print(remark, file=sys.__stderr__)
+
+
+def _study(
+    folder: Path, name: str, unit: str, total: int, *, json: bool,
+    play: Callable[[Path, Callable[[], object]], list[dict[str, Any]]], table: Callable[[list[dict[str, Any]]], str],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Play a study, whose pieces survive an interruption; write NAME.json, and print it or its table."""
+    unfinished = folder / "unfinished"
+    with progress(total=total, unit=unit, desc=name) as bar, kept(goes_on(bar, unfinished)):
+        rows = play(unfinished, bar.update)
+    text = published(folder, name, {name: rows}, table(rows), json)
+    shutil.rmtree(unfinished, ignore_errors=True)
+    print(text)
+    return rows
 
 
 def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: int) -> None:
     """Compare controllers over joint speeds: table, JSON and figure."""
     name = "ablation" if ablation else "speeds"
     joint_speeds = studies.SPEEDS if ablation else studies.MANY_SPEEDS
-    flights = len(CONDITIONS) * len(joint_speeds) * len(studies.controllers(ablation)) * scenarios
-    unfinished = folder / "unfinished"
-    with tqdm(total=flights, unit="flight", desc=name, file=sys.__stderr__) as bar, kept(goes_on(bar, unfinished)):
-        rows = studies.speed_study(
+    rows = _study(
+        folder, name, "flight",
+        len(CONDITIONS) * len(joint_speeds) * len(studies.controllers(ablation)) * scenarios,
+        json=json,
+        play=lambda unfinished, on_flight: studies.speed_study(
             speeds=joint_speeds, count=scenarios, ablation=ablation, workers=workers, folder=unfinished,
-            on_flight=bar.update,
-        )  # fmt: skip
-    text = json_text({name: rows})
-    write_text(folder / f"{name}.json", text)
-    shutil.rmtree(unfinished, ignore_errors=True)
-    print(text if json else format_table(studies.speed_lines(rows), left=3))
+            on_flight=on_flight,
+        ),
+        table=lambda rows: format_table(studies.speed_lines(rows), left=3),
+    )  # fmt: skip
     if not ablation:
-        try:
-            viz.speed_figure(rows, folder / "speeds.png")
-        except MissingDependencyError as error:
-            print(f"no figure: {error}", file=sys.__stderr__)
+        drawn("figure", lambda: viz.speed_figure(rows, folder / "speeds.png"))
 
 
 def _film(take: viz.Take, path: Path, camera: str) -> None:
-    viz.film_take(take, path, camera=camera, frames=partial(tqdm, unit="frame", desc="video", file=sys.__stderr__))
+    viz.film_take(take, path, camera=camera, frames=partial(progress, unit="frame", desc="video"))
 
 
 def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int) -> None:
     """Crawl many cases: table and JSON."""
-    name = "draws" if draws else "study"
     cases = crawl_study.RANDOM_CASES if draws else crawl_study.CASES
     numbers = range(1000, 1000 + draws) if draws else range(seeds)
-    total, unfinished = len(cases) * len(numbers), folder / "unfinished"
-    with tqdm(total=total, unit="crawl", desc=name, file=sys.__stderr__) as bar, kept(goes_on(bar, unfinished)):
-        rows = crawl_study.run_cases(cases, numbers, workers=workers, folder=unfinished, on_run=bar.update)
-    text = json_text({name: rows})
-    write_text(folder / f"{name}.json", text)
-    shutil.rmtree(unfinished, ignore_errors=True)
-    print(text if json else crawl_study.study_table(rows))
+    _study(
+        folder, "draws" if draws else "study", "crawl", len(cases) * len(numbers), json=json,
+        play=lambda unfinished, on_run: crawl_study.run_cases(
+            cases, numbers, workers=workers, folder=unfinished, on_run=on_run
+        ),
+        table=crawl_study.study_table,
+    )  # fmt: skip
 
 
 def _crawled(preset: str, options: dict[str, Any]) -> crawl_experiment.CrawlLog:
     """Crawl with a bar, as long as the plan; who is slower than planned has always one tick left."""
-    with tqdm(unit="tick", desc=f"crawl, {preset}", file=sys.__stderr__) as bar:
+    with progress(unit="tick", desc=f"crawl, {preset}") as bar:
 
         def on_tick(planned: int) -> None:
             bar.total = max(planned, bar.n + 1)
@@ -167,18 +177,14 @@ def _crawled(preset: str, options: dict[str, Any]) -> crawl_experiment.CrawlLog:
 def crawl(
     preset: CrawlPresetArg = "published",
     out: Path = Path("out/crawl"),
-    camera: CameraArg = FIXED,
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
-    video: bool = True,
-    noise: tyro.conf.FlagCreatePairsOff[bool] = False,
-    seed: int = 0,
-    overlapped: tyro.conf.FlagCreatePairsOff[bool] = False,
+    options: OptionsArg = Options(),
+    overlapped: Flag = False,
     speed: float | None = None,
     distance: float = crawl_experiment.CRAWL_DISTANCE,
     direction: float = 0.0,
     turn: float = 0.0,
-    power: tyro.conf.FlagCreatePairsOff[bool] = False,
-    study: tyro.conf.FlagCreatePairsOff[bool] = False,
+    power: Flag = False,
+    study: Flag = False,
     draws: int = 0,
     seeds: int = 6,
     workers: int = cpu_count(),
@@ -188,11 +194,6 @@ def crawl(
     Args:
         preset: Crawler: published is the paper's gait, overlapped the same without waiting, robust our best defaults.
         out: Folder for crawl.json, crawl.png, crawl.pdf, cycle.png and crawl.mp4.
-        camera: Camera of the video; fixed stands where it sees everything, the others follow and take longer.
-        json: Print one JSON object on stdout and nothing else there.
-        video: Film the crawl.
-        noise: Crawl with real sensors, 25 ms of delay, unequal rotors and joint zeros that are off.
-        seed: Seed of that noise.
         overlapped: The same as --preset overlapped.
         speed: Joint speed [rad/s]; the preset's own, 0.2, if not given.
         distance: How far [m].
@@ -204,10 +205,9 @@ def crawl(
         seeds: Crawls a case of --study.
         workers: Processes for --study and --draws.
     """
-    require_least(0, seed=seed, draws=draws)
+    require_least(0, draws=draws)
     require_least(1, seeds=seeds, workers=workers)
     require_name("preset", preset, CRAWL_PRESETS)
-    require_name("camera", camera, VIEWS)
     if not (math.isfinite(direction) and math.isfinite(turn)):
         raise InvalidValueError("direction, turn", (direction, turn), "finite numbers [degrees]")
     for name, angle in (("direction", direction), ("turn", turn)):
@@ -222,18 +222,16 @@ def crawl(
     crawl_experiment.check_way(preset, **where)
     folder = output_folder(out)
     if study or draws:
-        _crawl_study(folder, json, draws, seeds, workers)
+        _crawl_study(folder, options.json, draws, seeds, workers)
         return
-    options: dict[str, Any] = dict(**where, power=power, noise=noise, seed=seed)
-    log = _crawled(preset, options)
-    fast = log if preset == "overlapped" else _crawled("overlapped", options)
+    how: dict[str, Any] = dict(**where, power=power, noise=options.noise, seed=options.seed)
+    log = _crawled(preset, how)
+    fast = log if preset == "overlapped" else _crawled("overlapped", how)
     figures = crawl_experiment.crawl_figures(log, fast)
-    text = json_text({"crawl": figures, "paper": {"crawl": crawl_experiment.PAPER_CRAWL}})
-    write_text(folder / "crawl.json", text)
-    drawings: dict[str, Callable[[], object]] = {
-        "figure": lambda: viz.crawl_figure(log, folder / "crawl.png"),
-        "strip": lambda: viz.crawl_strip(log, folder / "cycle.png"),
-        "video": lambda: _film(viz.crawl_take(log), folder / "crawl.mp4", camera) if video else None,
-    }
-    shown = text if json else format_table(crawl_experiment.crawl_lines(figures))
-    _report(drawings, shown, None if json else folder, "c*.*")
+    result = {"crawl": figures, "paper": {"crawl": crawl_experiment.PAPER_CRAWL}}
+    text = published(folder, "crawl", result, format_table(crawl_experiment.crawl_lines(figures)), options.json)
+    drawn("figure", lambda: viz.crawl_figure(log, folder / "crawl.png"))
+    drawn("strip", lambda: viz.crawl_strip(log, folder / "cycle.png"))
+    if options.video:
+        drawn("video", lambda: _film(viz.crawl_take(log), folder / "crawl.mp4", options.camera))
+    _report(text, folder, "c*.*", options.json)

@@ -1,7 +1,6 @@
 """`spidar run`: episodes of a controller alone or of a policy, shown or recorded."""
 
 import math
-import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -11,11 +10,11 @@ from typing import Annotated, Any
 import gymnasium
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from spidar_gym import viz
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S
-from spidar_gym.cli.arguments import AnyPresetArg, CameraArg, choice
+from spidar_gym.cli.arguments import AnyPresetArg, CameraArg, Flag, choice
+from spidar_gym.cli.console import progress
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
@@ -31,14 +30,48 @@ from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import rollout
-from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
 
 ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES})]
 FormsArg = Annotated[str | None, choice(SEQUENCES)]
 ScheduleArg = Annotated[str | None, choice(SCHEDULES)]
-FaultArg = Annotated[str, choice(FAULTS)]
+UNDISTURBED = Disturbances()
+
+
+@dataclass(frozen=True)
+class TaskOptions:
+    """What the task is: arguments of `gym.make`, of which only those that are given are handed over."""
+
+    preset: AnyPresetArg = None
+    """Controller; the environment's own if not given."""
+    action_mode: ModeArg = None
+    """What an action means; the environment's own if not given."""
+    joint_speed: float | None = None
+    """Joint speed [rad/s]."""
+    forms: FormsArg = None
+    """Form sequence (hover)."""
+    distance: float | None = None
+    """How far the goal is [m] (crawl); drawn if not given, like the next two."""
+    direction: float | None = None
+    """Where it is, 0 straight ahead, 90 to the left [degrees; radians in gymnasium.make] (crawl)."""
+    turn: float | None = None
+    """How far the heading turns [degrees; radians in gymnasium.make] (crawl)."""
+    schedule: ScheduleArg = None
+    """Phases one after the other or overlapped (crawl)."""
+    friction: float | None = None
+    """Sliding friction of the feet (crawl)."""
+    slope: float | None = None
+    """Angle of the floor [degrees; radians in gymnasium.make] (crawl)."""
+    steps: float | None = None
+    """The floor is of tiles with random heights up to this [m] (crawl)."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Those that are given, angles in radians."""
+        found = {name: value for name, value in vars(self).items() if value is not None}
+        return found | {name: math.radians(found[name]) for name in ("direction", "turn", "slope") if name in found}
 
 
 def run(
@@ -47,28 +80,15 @@ def run(
     against: str | None = None,
     episodes: int = 1,
     seed: int = 0,
-    preset: AnyPresetArg = None,
-    action_mode: ModeArg = None,
-    joint_speed: float | None = None,
-    forms: FormsArg = None,
-    distance: float | None = None,
-    direction: float | None = None,
-    turn: float | None = None,
-    schedule: ScheduleArg = None,
-    friction: float | None = None,
-    slope: float | None = None,
-    steps: float | None = None,
+    task: Annotated[TaskOptions, tyro.conf.arg(name="")] = TaskOptions(),
     seconds: float | None = None,
     wake: bool = True,
-    sensors: tyro.conf.FlagCreatePairsOff[bool] = False,
+    sensors: Flag = False,
     randomization: float = 0.0,
-    wind: float = 0.0,
-    push: float = 0.0,
-    lost_rotor: int = 0,
-    fault: FaultArg = "thrust",
+    disturbances: Annotated[Disturbances, tyro.conf.arg(name="")] = UNDISTURBED,
     camera: CameraArg = FIXED,
     out: Path | None = None,
-    show: tyro.conf.FlagCreatePairsOff[bool] = False,
+    show: Flag = False,
 ) -> None:
     """Run episodes with the zero action, which is the controller alone, or with a policy; show them or record them.
 
@@ -78,47 +98,23 @@ def run(
         against: A second policy, which plays the same episodes; the video shows both, side by side.
         episodes: How many episodes.
         seed: Seed of the first episode; the next ones follow it.
-        preset: Controller; the environment's own if not given.
-        action_mode: What an action means; the environment's own if not given.
-        joint_speed: Joint speed [rad/s].
-        forms: Form sequence (hover).
-        distance: How far the goal is [m] (crawl); drawn if not given, like the next two.
-        direction: Where it is, 0 straight ahead, 90 to the left [degrees; radians in gymnasium.make] (crawl).
-        turn: How far the heading turns [degrees; radians in gymnasium.make] (crawl).
-        schedule: Phases one after the other or overlapped (crawl).
-        friction: Sliding friction of the feet (crawl).
-        slope: Angle of the floor [degrees; radians in gymnasium.make] (crawl).
-        steps: The floor is of tiles with random heights up to this [m] (crawl).
         seconds: Length of an episode [s]; the environment's own if not given.
         wake: Air between the rotors.
         sensors: The controller sees real sensors through the estimator.
         randomization: Strength of the domain randomisation, 0 … 1.
-        wind: Mean wind [m/s].
-        push: Force of pushes on the torso [N].
-        lost_rotor: Module that fails after 2 s, 1 … 8; 0 for none.
-        fault: What it loses.
-        camera: Camera of the video; fixed stands where it sees everything, the others follow and take longer.
         out: Video file to write (.mp4).
         show: Open a window.
     """
     entry = _check_run(env_id, episodes, seed, camera, seconds, out, show)
     horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
-    given: dict[str, Any] = {
-        "preset": preset, "action_mode": action_mode, "joint_speed": joint_speed, "forms": forms, "distance": distance,
-        "schedule": schedule, "friction": friction, "steps": steps,
-        **{name: None if angle is None else math.radians(angle)
-           for name, angle in (("direction", direction), ("turn", turn), ("slope", slope))},
-    }  # fmt: skip
-    given = {name: value for name, value in given.items() if value is not None}
     shared: dict[str, Any] = {
         "horizon_s": horizon / CONTROL_RATE, "max_episode_steps": horizon, "wake": wake, "sensors": sensors,
-        "randomization": randomization,
-        "disturbances": {"wind": wind, "push": push, "lost_rotor": lost_rotor, "fault": fault},
+        "randomization": randomization, "disturbances": disturbances,
         "render_mode": "human" if show else None,
     }  # fmt: skip
     with ExitStack() as stack:
         players = [
-            _player(stack, env_id, spec, given, shared)
+            _player(stack, env_id, spec, task.given, shared)
             for spec in ((policy,) if against is None else (policy, against))
         ]
         film = None
@@ -136,7 +132,7 @@ def run(
                 print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(played)}")
                 takes += [played.take] if played.take is not None else []
             if film is not None and takes:
-                film.shoot(*takes, frames=partial(tqdm, unit="frame", desc="video", file=sys.__stderr__, leave=False))
+                film.shoot(*takes, frames=partial(progress, unit="frame", desc="video", leave=False))
         stayed = "stayed in the air" if isinstance(players[0].inner, HoverEnv) else "went on without failure"
         for player, (survived, succeeded, finite) in zip(players, counts.tolist(), strict=True):
             if episodes > 1:
@@ -196,7 +192,7 @@ def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool)
     planned = horizon
     if isinstance(inner, CrawlEnv):
         planned = min(horizon, round(inner.progress.nominal_time * CONTROL_RATE))
-    with tqdm(total=planned, unit="tick", desc=label, file=sys.__stderr__, leave=False) as bar:
+    with progress(total=planned, unit="tick", desc=label, leave=False) as bar:
         for step in steps:
             rewards.append(step.reward)
             infos.append(step.info)

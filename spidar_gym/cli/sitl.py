@@ -4,19 +4,20 @@ import contextlib
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from tqdm import tqdm
 
 from spidar_gym import viz
-from spidar_gym.cli.arguments import CrawlPresetArg, FlightPresetArg, choice
+from spidar_gym.cli.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
+from spidar_gym.cli.console import drawn, progress, published
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.crawl.task import CrawlTask
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
-from spidar_gym.files import json_text, output_folder, write_text
+from spidar_gym.errors import InvalidValueError, SpidarError, require_least, require_name
+from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.sitl import report
 from spidar_gym.sitl.link_socket import SocketLink
@@ -39,13 +40,42 @@ sitl_app = tyro.extras.SubcommandApp()
 LinkArg = Annotated[str, choice(LINKS)]
 
 
-def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residual: Path | None) -> None:
-    require_least(0, seed=seed)
-    require_name("link", link, LINKS)
-    folder = output_folder(out)
-    runner = build_for(link, residual)
-    with tqdm(unit="tick", desc=f"{mission.name} over {link}", file=sys.__stderr__) as bar:
-        played = play(mission, link, seed=seed, runner=runner, log=folder / "run.log", on_tick=bar.update)
+@dataclass(frozen=True)
+class Options:
+    """How either experiment is played."""
+
+    link: LinkArg = "ros"
+    """ros: through ROS 1 on the loopback in real time (a flight takes 70 s, a crawl 40 s); socket: in lock-step, faster
+    and without ROS."""
+    odometry: Flag = False
+    """The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit."""
+    residual: Path | None = None
+    """Artifact of a learned policy that adds to the controller, compiled into the runner and switched on."""
+    seed: int = 0
+    """Seed of the robot's noise and asymmetry."""
+    json: JsonArg = False
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be played."""
+        require_least(0, seed=self.seed)
+        require_name("link", self.link, LINKS)
+
+    @property
+    def mission(self) -> dict[str, bool]:
+        """What of it the mission says."""
+        return {"odometry": self.odometry, "residual": self.residual is not None}
+
+
+OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
+
+
+def _play(mission: Mission, out: Path, options: Options) -> None:
+    folder, json = output_folder(out), options.json
+    runner = build_for(options.link, options.residual)
+    with progress(unit="tick", desc=f"{mission.name} over {options.link}") as bar:
+        played = play(
+            mission, options.link, seed=options.seed, runner=runner, log=folder / "run.log", on_tick=bar.update
+        )
     write_text(folder / "mission.txt", mission.text)
     for line in played.run.words:
         print(line, file=sys.__stderr__)
@@ -53,9 +83,7 @@ def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residua
         raise SpidarError(f"the landing was forced after {played.run.landing_at:.2f} s: {played.run.board}")
     log = experiment_of(played)
     figures = figures_of(played, log)
-    text = json_text({mission.name: figures})
-    write_text(folder / f"{mission.name}.json", text)
-    print(text if json else table_of(played, figures))
+    print(published(folder, mission.name, {mission.name: figures}, table_of(played, figures), json))
     if not json:
         t = figures["timing"]
         print(
@@ -64,78 +92,53 @@ def _play(mission: Mission, link: str, seed: int, out: Path, json: bool, residua
         if "wait_median_us" in t:
             print(f"ticks begin {t['wait_median_us']:.0f} µs after they are due (p99 {t['wait_p99_us']:.0f}, worst "
                   f"{t['wait_max_us']:.0f}); longest period {t['period_max_ms']:.1f} ms")  # fmt: skip
-    try:
-        if isinstance(log, CrawlLog):
-            viz.crawl_figure(log, folder / "crawl.png")
-        else:
-            viz.flight_figure(log, folder / "flight.png")
-    except MissingDependencyError as error:
-        print(f"no figure: {error}", file=sys.__stderr__)
+    if isinstance(log, CrawlLog):
+        drawn("figure", lambda: viz.crawl_figure(log, folder / "crawl.png"))
+    else:
+        drawn("figure", lambda: viz.flight_figure(log, folder / "flight.png"))
     if not json:
         print(f"written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
 
 
 @sitl_app.command(is_default=True)
 def flight(
-    link: LinkArg = "ros",
-    preset: FlightPresetArg = "as_flown",
-    odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
-    residual: Path | None = None,
-    seed: int = 0,
-    out: Path = Path("out/sitl-flight"),
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+    preset: FlightPresetArg = "as_flown", out: Path = Path("out/sitl-flight"), options: OptionsArg = Options()
 ) -> None:
     """Arm, take off, hand over to the runner, fly the paper's flight, hand back, land; print its figures.
 
     Args:
-        link: ros: through ROS 1 on the loopback in real time (70 s); socket: in lock-step, faster and without ROS.
         preset: Controller of the runner.
-        odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
-        residual: Artifact of a learned policy that adds to the controller, compiled into the runner and switched on.
-        seed: Seed of the robot's noise and asymmetry.
         out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
-        json: Print one JSON object on stdout and nothing else there.
     """
     require_name("preset", preset, PRESETS)
-    mission = flight_mission(preset, odometry=odometry, residual=residual is not None)
-    _play(mission, link, seed, out, json, residual)
+    _play(flight_mission(preset, **options.mission), out, options)
 
 
 @sitl_app.command
 def crawl(
-    link: LinkArg = "ros",
     preset: CrawlPresetArg = "published",
-    odometry: tyro.conf.FlagCreatePairsOff[bool] = False,
-    residual: Path | None = None,
     distance: float = CRAWL_DISTANCE,
-    seed: int = 0,
     out: Path = Path("out/sitl-crawl"),
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+    options: OptionsArg = Options(),
 ) -> None:
-    """Arm, let the runner crawl the paper's 0.6 m or another way, disarm; print its figures.
+    """Arm, let the runner crawl the paper's 0.6 m or another distance, disarm; print its figures.
 
     Args:
-        link: ros: through ROS 1 on the loopback in real time (40 s); socket: in lock-step, faster and without ROS.
         preset: Crawler of the runner.
-        odometry: The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit.
-        residual: Artifact of a learned policy that adds to the controller, compiled into the runner and switched on.
         distance: How far, straight ahead [m].
-        seed: Seed of the robot's noise and asymmetry.
         out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
-        json: Print one JSON object on stdout and nothing else there.
     """
     require_name("preset", preset, CRAWL_PRESETS)
     CrawlTask(distance=distance)  # refuses what cannot be crawled
-    mission = crawl_mission(preset, Pose2(distance), odometry=odometry, residual=residual is not None)
-    _play(mission, link, seed, out, json, residual)
+    _play(crawl_mission(preset, Pose2(distance), **options.mission), out, options)
 
 
 @sitl_app.command
 def robot(
     link: LinkArg = "ros",
-    ground: tyro.conf.FlagCreatePairsOff[bool] = False,
+    ground: Flag = False,
     preset: CrawlPresetArg = "published",
-    operate: tyro.conf.FlagCreatePairsOff[bool] = False,
+    operate: Flag = False,
     master: str | None = None,
     seconds: float = math.inf,
     seed: int = 0,
@@ -194,7 +197,7 @@ def faults(
     only: tuple[str, ...] = (),
     seed: int = 0,
     out: Path = Path("out/sitl-faults"),
-    json: tyro.conf.FlagCreatePairsOff[bool] = False,
+    json: JsonArg = False,
 ) -> None:
     """Put every fault into a hover: what the runner and the flight controller make of it; a table of reactions.
 
@@ -203,7 +206,6 @@ def faults(
         only: Names of the faults; all that the link allows if none is given.
         seed: Seed of the robot's noise and of what is drawn.
         out: Folder for faults.json.
-        json: Print one JSON object on stdout and nothing else there.
     """
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
@@ -211,8 +213,6 @@ def faults(
     names = only or faults_of(link)
     for name in names:
         require_name(f"fault over {link}", name, faults_of(link))
-    with tqdm(total=len(names), unit="fault", desc=f"faults over {link}", file=sys.__stderr__) as bar:
+    with progress(total=len(names), unit="fault", desc=f"faults over {link}") as bar:
         rows = play_faults(link, names, seed=seed, on_fault=bar.update)
-    text = json_text({"faults": rows})
-    write_text(folder / "faults.json", text)
-    print(text if json else report.fault_table(rows))
+    print(published(folder, "faults", {"faults": rows}, report.fault_table(rows), json))

@@ -39,7 +39,7 @@ def test_the_hard_states_are_the_same_each_time_and_hard():
 
 def test_a_measurement_orders_its_figures():
     timing = measure(lambda: sum(range(100)), seconds=0.02)
-    assert 0.0 < timing.best <= timing.median <= timing.p99
+    assert 0.0 < timing["best"] <= timing["median"] <= timing["p99"]
 
 
 def test_the_help_says_where_learners_are_timed(capfd):

@@ -51,7 +51,7 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 11, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}.get(
+    assert len(quantities) == {"run": 12, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}.get(
         " ".join(command), 0
     )
     # A strength has no unit, but a range; friction has neither. Degrees exist on the command line only, and it says so.
