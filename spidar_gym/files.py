@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from spidar_gym.errors import SpidarError, StaleAssetError
@@ -21,54 +20,32 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a disk says that takes nothing more."""
 
 
-class WholeFile:
-    """A file, or a folder, that appears under its name when it is complete; until then it lies in the writer's own.
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path to write to, whose file or folder appears under its own name when the context ends without an error.
 
-    The writer's own folder is beside the target, on the same disk, and no two writers share one: each may write as it
-    likes, with any library or compiler, and the last to finish is read. A target that is a link is replaced itself, not
-    what it points at. As a context manager it gives the path to write to, and keeps what is there unless something is
-    raised.
+    Until then it lies in a folder of the writer's own beside the target, on the same disk, and no two writers share
+    one: each may write as it likes, with any library or compiler, and the last to finish is read. A target that is a
+    link is replaced itself, not what it points at.
+
+    Args:
+        path: The target; its folders are made if needed.
+
+    Raises:
+        SpidarError: Where the disk refuses something.
     """
-
-    def __init__(self, path: Path) -> None:
-        """Prepare to write `path`, whose folders are made if needed (`SpidarError` where nothing can be written)."""
-        self._target = path
-        self._stack = contextlib.ExitStack()
-        try:
-            self.path = self._stack.enter_context(own_folder(output_folder(path.parent))) / path.name
-        except OSError as error:
-            raise cannot_write(path, error) from error
-
-    def keep(self) -> None:
-        """Put it in its place, on the disk and not only in memory (`SpidarError` where that fails)."""
-        with self._stack:
-            try:
-                for inner in self.path.rglob("*"):
-                    _sync(inner)
-                _sync(self.path)
-                _replace(self._target, self.path)
-                _sync(self._target.parent)
-            except OSError as error:
-                raise cannot_write(self._target, error) from error
-
-    def discard(self) -> None:
-        """Throw away what was written."""
-        self._stack.close()
-
-    def __enter__(self) -> Path:
-        """Where to write."""
-        return self.path
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Keep the file; throw it away where something was raised (`SpidarError` for what the disk refused)."""
-        if error is None:
-            return self.keep()
-        self.discard()
-        if isinstance(error, OSError):
-            raise cannot_write(self._target, error) from error
-        return None
+    try:
+        with own_folder(output_folder(path.parent)) as folder:
+            made = folder / path.name
+            yield made
+            # On the disk, and not only in memory.
+            for inner in made.rglob("*"):
+                _sync(inner)
+            _sync(made)
+            _replace(path, made)
+            _sync(path.parent)
+    except OSError as error:
+        raise cannot_write(path, error) from error
 
 
 @contextlib.contextmanager
@@ -214,5 +191,5 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file whole or not at all."""
-    with WholeFile(path) as part:
+    with whole_file(path) as part:
         part.write_bytes(data)

@@ -10,7 +10,7 @@ import pytest
 
 from spidar_gym import files
 from spidar_gym.errors import SpidarError
-from spidar_gym.files import AFTER, BEFORE, WholeFile, own_folder, write_bytes, write_text
+from spidar_gym.files import AFTER, BEFORE, own_folder, whole_file, write_bytes, write_text
 
 WRITING = """
 import sys
@@ -21,8 +21,8 @@ write_text(Path(sys.argv[1]), "new")
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from spidar_gym.files import WholeFile
-with WholeFile(Path(sys.argv[1])) as part:
+from spidar_gym.files import whole_file
+with whole_file(Path(sys.argv[1])) as part:
     part.write_bytes(b"half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -42,7 +42,7 @@ def parts(folder):
 
 def test_two_writers_of_one_file_both_write_all_of_it(tmp_path):
     path = tmp_path / "one.json"
-    with WholeFile(path) as slow:
+    with whole_file(path) as slow:
         slow.write_bytes(b"slow ")
         write_bytes(path, b"quick")
         assert path.read_bytes() == b"quick"
@@ -99,7 +99,7 @@ def test_what_a_killed_writer_leaves_is_removed_and_what_a_living_one_has_is_not
 @pytest.mark.parametrize("error", [ValueError("not for files"), KeyboardInterrupt()])
 def test_what_is_raised_meanwhile_leaves_the_old_file(tmp_path, error):
     def interrupted():
-        with WholeFile(path) as part:
+        with whole_file(path) as part:
             part.write_bytes(b"half")
             raise error
 

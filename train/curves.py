@@ -52,7 +52,6 @@ class Args:
     """Processes that fly."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work."""
         require_least(1, workers=self.workers)
 
 

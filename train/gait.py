@@ -64,7 +64,6 @@ class SearchConfig:
     """Fraction of the last update's direction that the next one keeps."""
 
     def __post_init__(self) -> None:
-        """Refuse a search without an update."""
         require_least(1, steps=self.steps, directions=self.directions)
 
 
@@ -92,7 +91,6 @@ class EvaluationConfig:
     """How often it is evaluated."""
 
     def __post_init__(self) -> None:
-        """Refuse a comparison of nothing."""
         require_least(1, scenarios=self.scenarios, validations=self.validations)
 
 
@@ -107,7 +105,6 @@ class Args(TrackRecipe):
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be learned."""
         super().__post_init__()
         for track in self.tracks:
             if find_track(track).flies:

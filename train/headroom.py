@@ -46,7 +46,6 @@ class Args:
     """Processes that fly."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured."""
         require_name("preset", self.base, (*PRESETS, *CRAWL_PRESETS))
         require_least(1, scenarios=self.scenarios, workers=self.workers)
 

@@ -53,7 +53,6 @@ class ScheduleConfig:
     """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
 
     def __post_init__(self) -> None:
-        """Refuse a run without learning."""
         require_least(1, **vars(self))
 
 
@@ -67,7 +66,6 @@ class EvaluationConfig:
     """Take the best admissible agent of all validations; else the last one."""
 
     def __post_init__(self) -> None:
-        """Refuse a comparison of nothing."""
         require_least(1, scenarios=self.scenarios)
 
 

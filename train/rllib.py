@@ -39,7 +39,6 @@ class Args:
     """Seed of the learner and the environments."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no training."""
         require_least(1, iterations=self.iterations, batch=self.batch, ticks=self.ticks)
         require_least(0, runners=self.runners, seed=self.seed)
 

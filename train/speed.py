@@ -174,7 +174,6 @@ class Args:
     """Print one JSON object on stdout and nothing else there."""
 
     def __post_init__(self) -> None:
-        """Refuse a measurement of nothing."""
         if not self.seconds > 0.0:
             raise InvalidValueError("seconds", self.seconds, "a number above 0 [s]")
 

@@ -59,7 +59,6 @@ class FitConfig:
     """Weight of the mean square action beside the errors, each over the base's."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be fitted."""
         require_least(1, updates=self.updates, batch=self.batch, hidden=self.hidden)
 
 
@@ -82,7 +81,6 @@ class Args(TrackRecipe):
     fit: FitConfig = field(default_factory=FitConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be learned."""
         super().__post_init__()
         least = ("rounds", "flights", "forms", "scenarios", "workers")
         require_least(1, **{name: getattr(self, name) for name in least})

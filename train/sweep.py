@@ -70,7 +70,6 @@ class Args:
     """Folder: results.json, and the trials' runs."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no sweep."""
         require_name("preset", self.preset, residual.PRESETS)
         if not self.seeds:
             raise InvalidValueError("seeds", self.seeds, "at least one seed")

@@ -43,7 +43,6 @@ class Options:
     """Seed of that noise."""
 
     def __post_init__(self) -> None:
-        """Refuse what neither can do."""
         require_least(0, seed=self.seed)
         require_name("camera", self.camera, VIEWS)
 

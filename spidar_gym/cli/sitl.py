@@ -56,7 +56,6 @@ class Options:
     json: JsonArg = False
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
         require_least(0, seed=self.seed)
         require_name("link", self.link, LINKS)
 

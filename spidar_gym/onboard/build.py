@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
-from spidar_gym.files import WholeFile, scratch_folder
+from spidar_gym.files import scratch_folder, whole_file
 from spidar_gym.native.compiler import FLAGS, compiler, run_tool
 from spidar_gym.native.library import core_path
 from spidar_gym.onboard.export import export_files, write_files
@@ -43,7 +43,7 @@ def build_runner(
     path = core_path().parent / f"{name}-{digest.hexdigest()[:16]}"
     if path.is_file():
         return path
-    with WholeFile(path) as made, scratch_folder() as folder:
+    with whole_file(path) as made, scratch_folder() as folder:
         write_files(files, folder)
         compile_(folder, made)
     return path

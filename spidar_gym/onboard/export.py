@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import spidar_gym
 from spidar_gym.errors import SpidarError
-from spidar_gym.files import WholeFile, cannot_write, scratch_folder
+from spidar_gym.files import cannot_write, scratch_folder, whole_file
 from spidar_gym.native.codegen.header import (
     CORE,
     constants_header,
@@ -105,7 +105,7 @@ def export(
         raise cannot_write(folder, error) from error
     if not free:
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
-    with WholeFile(folder) as made:
+    with whole_file(folder) as made:
         files = export_files(residual=residual, rate=rate, extra=extra)
         write_files(files, made)
     return sorted(files)
@@ -129,7 +129,7 @@ def build(path: Path | None = None, *, residual: Path | None = None, rate: float
         SpidarError: When it does not compile, with the compiler's words, or cannot be written.
     """
     path, command = path or core_path(), compiler()
-    with WholeFile(path) as made:
+    with whole_file(path) as made:
         with scratch_folder() as folder:
             write_files(export_files(golden=False, residual=residual, rate=rate), folder)
             sources = [str(p) for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c"))]

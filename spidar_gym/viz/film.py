@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from spidar_gym.errors import MissingDependencyError
-from spidar_gym.files import WholeFile
+from spidar_gym.files import whole_file
 from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, UNRESTRICTED, FlightLog
 from spidar_gym.sim.ground import GroundConfig
@@ -116,14 +117,14 @@ class Film:
         except ImportError as error:
             raise MissingDependencyError("imageio with ffmpeg", INSTALL_VIZ) from error
         require_opengl()
-        self._camera, self._file = camera, WholeFile(path)
-        try:
+        self._camera = camera
+        with ExitStack() as stack:
+            part = stack.enter_context(whole_file(path))
             self._writer: Any = imageio.get_writer(
-                self._file.path, fps=FPS, quality=7, macro_block_size=8, output_params=["-preset", "veryfast"]
+                part, fps=FPS, quality=7, macro_block_size=8, output_params=["-preset", "veryfast"]
             )
-        except BaseException:
-            self._file.discard()
-            raise
+            stack.callback(self._writer.close)
+            self._stack = stack.pop_all()
 
     def shoot(self, *takes: Take, frames: Callable[[Iterable[int]], Iterable[int]] = iter) -> None:
         """Film a take, or several that happen at once, each in a panel of its own, in real time.
@@ -152,25 +153,13 @@ class Film:
             for stage in stages:
                 stage.close()
 
-    def close(self, *, keep: bool = True) -> None:
-        """Finish the film, or throw it away."""
-        try:
-            self._writer.close()
-        except BaseException:
-            self._file.discard()
-            raise
-        if keep:
-            self._file.keep()
-        else:
-            self._file.discard()
-
     def __enter__(self) -> Self:
         """Itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, *raised: Any) -> None:  # noqa: ANN401 - the error, where there is one
         """Keep the film, unless something was raised."""
-        self.close(keep=kind is None)
+        self._stack.__exit__(*raised)
 
 
 def film_take(

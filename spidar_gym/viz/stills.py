@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.files import WholeFile
+from spidar_gym.files import whole_file
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.ground import GroundConfig
@@ -77,5 +77,5 @@ def write_strip(path: Path, pictures: Sequence[np.ndarray], words: Sequence[str]
         ImageDraw.Draw(image).text((12, 8), text, fill=BLACK, font=font(18))
         named.append(np.asarray(image))
     rows = [np.hstack(named[k : k + columns]) for k in range(0, len(named), columns)]
-    with WholeFile(path) as target:
+    with whole_file(path) as target:
         Image.fromarray(np.vstack(rows)).save(target, optimize=True)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 from spidar_gym.errors import MissingDependencyError
-from spidar_gym.files import WholeFile
+from spidar_gym.files import whole_file
 
 Figure = Any
 Axes = Any
@@ -43,7 +43,7 @@ def save(figure: Figure, path: Path) -> None:
     plt = pyplot()
     try:
         for target, stamp in ((path, {}), (path.with_suffix(".pdf"), {"CreationDate": None})):
-            with WholeFile(target) as draft:
+            with whole_file(target) as draft:
                 # Without the hour, the same data give the same file.
                 figure.savefig(draft, metadata=stamp)
     finally:

@@ -39,7 +39,6 @@ class Recipe:
     output: OutputConfig = dataclasses.field(default_factory=OutputConfig)
 
     def __post_init__(self) -> None:
-        """Refuse a seed that is none."""
         require_least(0, seed=self.seed)
 
 
@@ -78,12 +77,17 @@ def parse(presets: Mapping[str, R], prog: str, description: str | None) -> R:
 
 def flatten(settings: object) -> dict[str, Any]:
     """Every field by name, without its group; what a run leaves behind is no setting, since nothing depends on it."""
+    return _fields(settings, OutputConfig)
+
+
+def _fields(settings: object, *left_out: type) -> dict[str, Any]:
+    """Every field by name, without its group, but for groups that are left out."""
     assert dataclasses.is_dataclass(settings)
     found: dict[str, Any] = {}
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
-        if not isinstance(value, OutputConfig):
-            found |= flatten(value) if dataclasses.is_dataclass(value) else {field.name: value}
+        if not isinstance(value, left_out):
+            found |= _fields(value, *left_out) if dataclasses.is_dataclass(value) else {field.name: value}
     return found
 
 
@@ -93,23 +97,20 @@ def override(settings: T, **changes: Any) -> T:  # noqa: ANN401 - of any field
     Raises:
         UnknownNameError: For a field that no group has.
     """
-    changed, missing = _override(settings, changes)
-    for name in missing:
-        require_name("setting", name, flatten(settings))
-    return changed
+    for name in changes:
+        require_name("setting", name, _fields(settings))
+    return _override(settings, changes)
 
 
-def _override(settings: T, changes: Mapping[str, Any]) -> tuple[T, set[str]]:
-    """The settings with what they and their groups have of the changes, and what none of them has."""
+def _override(settings: T, changes: Mapping[str, Any]) -> T:
+    """The settings with what they and their groups have of the changes."""
     assert dataclasses.is_dataclass(settings)
     assert not isinstance(settings, type)
-    values, missing = {}, set(changes)
+    values = {}
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
         if dataclasses.is_dataclass(value):
-            values[field.name], inside = _override(value, changes)
-            missing &= inside
+            values[field.name] = _override(value, changes)
         elif field.name in changes:
             values[field.name] = changes[field.name]
-            missing.discard(field.name)
-    return dataclasses.replace(settings, **values), missing
+    return dataclasses.replace(settings, **values)

@@ -58,7 +58,6 @@ class EnvConfig:
     """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
 
     def __post_init__(self) -> None:
-        """Refuse what nobody can learn in."""
         require_least(1, hold=self.hold)
         if not self.tracks:
             raise InvalidValueError("tracks", self.tracks, "at least one track")

@@ -30,7 +30,6 @@ class PPOConfig:
     """PPO: weight of the entropy."""
 
     def __post_init__(self) -> None:
-        """Refuse an empty rollout."""
         require_least(1, n_steps=self.n_steps)
 
 
@@ -74,7 +73,6 @@ class LearnerConfig:
     sac: SACConfig = field(default_factory=SACConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot learn."""
         require_name("algorithm", self.algorithm, ALGORITHMS)
         require_least(1, hidden=self.hidden, batch_size=self.batch_size)
         for name in ("gamma", "average"):

@@ -36,7 +36,6 @@ class RewardConfig:
     """Factor of the shifted reward."""
 
     def __post_init__(self) -> None:
-        """Refuse a reward that does not exist."""
         require_name("reward", self.reward, REWARDS)
 
     def __call__(self, tick: "Tick") -> float:
