@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral
 from typing import Any, TypeGuard
 
@@ -122,36 +122,39 @@ def require_array(name: str, value: object, expected: str) -> np.ndarray:
     return array.astype(float)
 
 
+def _require(values: Mapping[str, Any], fits: Callable[[Any], bool], expected: str) -> None:
+    for name, value in values.items():
+        if not fits(value):
+            raise InvalidValueError(name, value, expected)
+
+
 def require_within(low: float, high: float, unit: str = "1", **numbers: object) -> None:
     """Raise `InvalidValueError` for the first of the named numbers that is not within low … high [unit]."""
-    for name, value in numbers.items():
-        if not (is_finite(value) and low <= value <= high):
-            raise InvalidValueError(name, value, f"a number within {low:.6g} … {high:.6g} [{unit}]")
+    expected = f"a number within {low:.6g} … {high:.6g} [{unit}]"
+    _require(numbers, lambda value: is_finite(value) and low <= value <= high, expected)
 
 
 def require_flag(**flags: object) -> None:
     """Raise `InvalidValueError` for the first of the named values that is neither true nor false."""
-    for name, value in flags.items():
-        if not (isinstance(value, Integral | np.bool_) and value in (0, 1)):
-            raise InvalidValueError(name, value, "True or False")
+    _require(flags, lambda value: isinstance(value, Integral | np.bool_) and value in (0, 1), "True or False")
 
 
 def require_instance(kind: type, **values: object) -> None:
     """Raise `InvalidValueError` for the first of the named values that is not of that class."""
-    for name, value in values.items():
-        if not isinstance(value, kind):
-            raise InvalidValueError(name, value, f"a {kind.__name__}")
+    _require(values, lambda value: isinstance(value, kind), f"a {kind.__name__}")
 
 
 def require_not_negative(**numbers: object) -> None:
     """Raise `InvalidValueError` for the first of the named numbers that is negative or not finite."""
-    for name, value in numbers.items():
-        if not (is_finite(value) and value >= 0.0):
-            raise InvalidValueError(name, value, "a number of at least 0")
+    _require(numbers, lambda value: is_finite(value) and value >= 0.0, "a number of at least 0")
+
+
+def require_above(unit: str = "s", **numbers: object) -> None:
+    """Raise `InvalidValueError` for the first of the named numbers that is not above 0 [unit]."""
+    _require(numbers, lambda value: value > 0.0, f"a number above 0 [{unit}]")
 
 
 def require_least(least: int, **numbers: object) -> None:
     """Raise `InvalidValueError` for the first of the named numbers that is no whole number or below `least`."""
-    for name, value in numbers.items():
-        if not (isinstance(value, Integral) and int(value) >= least):
-            raise InvalidValueError(name, value, f"a whole number of at least {least}")
+    expected = f"a whole number of at least {least}"
+    _require(numbers, lambda value: isinstance(value, Integral) and int(value) >= least, expected)

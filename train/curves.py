@@ -14,8 +14,10 @@ import tyro
 from tqdm import tqdm
 
 from spidar_gym import __version__
+from spidar_gym.benchmark.row import BASES
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.console import run_cli
+from spidar_gym.control.presets import PRESETS
 from spidar_gym.errors import SpidarError, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.processes import Pool, cpu_count
@@ -25,15 +27,9 @@ from train.lib.config import CONTROL
 from train.lib.evaluate import Base, PairedEvaluator
 
 LINES = {
-    True: {"qp": "paper", "qp_tuned": "tuned"},
-    False: {
-        "qp": "published",
-        "qp_tuned": "robust",
-        "qp_overlapped": "overlapped",
-        "qp_robust_overlapped": "robust_overlapped",
-    },
+    flies: {row: preset for preset, row in BASES.items() if (preset in PRESETS) == flies} for flies in (True, False)
 }
-"""Whether it flies → rows that are drawn as lines, with their presets."""
+"""Whether it flies → rows of the controllers that are added to, drawn as lines, with their presets."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from spidar_gym.cli.arguments import Flag
 from spidar_gym.cli.bench import ROUNDS, machine
 from spidar_gym.cli.console import named_steps, progress, run_cli
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import require_above
 from spidar_gym.files import json_text
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.sim.plant import Plant
@@ -174,8 +174,7 @@ class Args:
     """Print one JSON object on stdout and nothing else there."""
 
     def __post_init__(self) -> None:
-        if not self.seconds > 0.0:
-            raise InvalidValueError("seconds", self.seconds, "a number above 0 [s]")
+        require_above(seconds=self.seconds)
 
 
 def main() -> None:

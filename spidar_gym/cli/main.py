@@ -25,7 +25,7 @@ from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page, pages
 from spidar_gym.envs.hover.task import SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
-from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.errors import require_above, require_name
 from spidar_gym.files import json_text, output_folder, refresh
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper import tune as tuning
@@ -146,8 +146,7 @@ def bench(seconds: float = 0.5, json: JsonArg = False) -> None:
     Args:
         seconds: Time spent on each figure [s].
     """
-    if not seconds > 0.0:
-        raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
+    require_above(seconds=seconds)
     with progress(total=PARTS, unit="part", desc="bench", leave=False) as bar:
         result = run_bench(seconds=seconds, on_step=named_steps(bar))
     print(json_text(result) if json else bench_table(result))

@@ -5,6 +5,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ from spidar_gym.cli.console import drawn, progress, published
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.crawl.task import CrawlTask
-from spidar_gym.errors import InvalidValueError, SpidarError, require_least, require_name
+from spidar_gym.errors import SpidarError, require_above, require_least, require_name
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.sitl import report
@@ -38,6 +39,7 @@ from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
 
 sitl_app = tyro.extras.SubcommandApp()
 LinkArg = Annotated[str, choice(LINKS)]
+_say = partial(print, flush=True)
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,7 @@ def robot(
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
     require_name("preset", preset, CRAWL_PRESETS)
-    if not seconds > 0.0:
-        raise InvalidValueError("seconds", seconds, "a number above 0 [s]")
+    require_above(seconds=seconds)
     mission = crawl_mission(preset) if ground else hover_mission()
     with contextlib.suppress(KeyboardInterrupt):
         if link == "socket":
@@ -169,7 +170,7 @@ def robot(
 def _serve_socket(make: Callable[[], Robot], operate: bool, seconds: float) -> None:
     end = SocketLink()
     try:
-        print(f"runner sim {end.place} MISSION --log run.log", flush=True)
+        _say(f"runner sim {end.place} MISSION --log run.log")
         serve_socket(lambda: Served(make(), operate=operate, tell=_say), end, seconds, _say)
     finally:
         end.close()
@@ -182,12 +183,8 @@ def _serve_ros(robot: Robot, operate: bool, seconds: float, master: str | None) 
         words = " ".join(
             f"{name}={value}" for name, value in end.environment().items() if name in ("ROS_MASTER_URI", "ROS_IP")
         )
-        print(f"{words} runner ros1 MISSION --log run.log", flush=True)
+        _say(f"{words} runner ros1 MISSION --log run.log")
         serve_ros(Served(robot, operate=operate, tell=_say), end, seconds)
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
 
 
 @sitl_app.command

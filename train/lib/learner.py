@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
 
 ALGORITHMS = ("ppo", "sac")
 """Learners by name."""
@@ -75,8 +75,6 @@ class LearnerConfig:
     def __post_init__(self) -> None:
         require_name("algorithm", self.algorithm, ALGORITHMS)
         require_least(1, hidden=self.hidden, batch_size=self.batch_size)
-        for name in ("gamma", "average"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidValueError(name, getattr(self, name), "a number within 0 … 1")
+        require_within(0.0, 1.0, gamma=self.gamma, average=self.average)
         if self.average == 1.0:
             raise InvalidValueError("average", 1.0, "a number below 1")
