@@ -7,6 +7,7 @@ import pytest
 from support.commands import files, refused_after_a_bar
 
 from spidar_gym import viz
+from spidar_gym.benchmark import statistics
 from spidar_gym.cli.main import main
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.paper import flight_studies as studies
@@ -31,7 +32,8 @@ def quick(monkeypatch):
 
     for module in (studies, tune):
         monkeypatch.setattr(module, "fly_all", fly_all)
-    monkeypatch.setattr(studies, "compare", functools.partial(studies.compare, draws=20))
+    fewer = functools.partial(statistics.stratified_bootstrap, draws=20)
+    monkeypatch.setattr(statistics, "stratified_bootstrap", fewer)
     return asked
 
 
