@@ -19,6 +19,7 @@ OLDEST = "gymnasium==1.2.0"
 QUICK = (
     "benchmark/comparison", "benchmark/row", "benchmark/statistics", "benchmark/track", "cli/bench",
     "control/allocation/allocator", "control/allocation/blocks", "control/allocation/contact",
+    "control/allocation/fallbacks", "control/allocation/projection",
     "control/crawl/footsteps", "control/crawl/kinematics", "control/crawl/pose2", "control/flight/centroidal",
     "control/flight/controller", "control/flight/margins", "control/flight/observation", "control/presets",
     "control/thrust", "envs/actions", "envs/docs", "errors", "files", "meta/architecture", "meta/check",

@@ -1,0 +1,123 @@
+"""Pins the observer of external wrenches: what it finds, how fast, within which bounds, and whom it does not blame."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.compensations import DT, LEVEL, STILL, close
+from support.states import model, resting, staying
+
+from spidar_gym.control.flight.compensation import (
+    CompensationConfig,
+    fresh_compensation,
+    observe_wrench,
+)
+from spidar_gym.control.flight.controller import FlightController
+from spidar_gym.control.presets import controller_config
+from spidar_gym.robot import FORMS, GRAVITY, ROBOT
+from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.plant import Plant
+from spidar_gym.so3 import exp
+
+BOUND = np.repeat([0.5 * ROBOT.weight, 10.0], 3)
+"""Largest wrench that the observer believes in [N, Nm]."""
+
+
+# ---- the observer ----
+
+
+def observed(wrench, config, seconds, external=None, R_start=None):
+    """Estimates, tick by tick, for a rigid robot of form 2 whose rotors carry it and on which `wrench` acts (world)."""
+    R = np.eye(3) if R_start is None else R_start
+    snapshot, steps = model().snapshot(FORMS["form2"], R, LEVEL), 20
+    memory = fresh_compensation(FORMS["form2"], np.zeros(6) if external is None else external)
+    memory = replace(memory, delivered_w=np.array([0.0, 0.0, snapshot.mass * GRAVITY, 0.0, 0.0, 0.0]))
+    L, velocity, estimates = np.zeros(3), np.zeros(3), []
+    for _ in range(round(seconds / DT)):
+        allocated = np.concatenate([R.T @ memory.delivered_w[:3], np.zeros(3)])
+        omega = np.linalg.solve(snapshot.inertia_c, R.T @ L)
+        memory = observe_wrench(snapshot, memory, R, omega, velocity.copy(), allocated, config=config, dt=DT)
+        estimates.append(memory.external_w)
+        for _ in range(steps):
+            R = R @ exp(DT / steps * np.linalg.solve(snapshot.inertia_c, R.T @ L))
+            L = L + DT / steps * wrench[3:]
+        velocity = velocity + DT / snapshot.mass * wrench[:3]
+    return np.array(estimates)
+
+
+WRENCH = np.array([3.0, -2.0, 4.0, 0.4, -0.3, 0.5])
+OBSERVER = CompensationConfig(observer_gain=1.0, observer_time=0.2)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+def test_the_observer_finds_a_constant_wrench_on_a_rigid_robot_whatever_its_attitude(turned):
+    R_start = exp(turned * np.array([0.6, -0.8, 0.3]))
+    estimate = observed(WRENCH, OBSERVER, 1.0 + DT, R_start=R_start)[-1]
+    close(estimate, WRENCH * (1.0 - math.exp(-5.0)), atol=2e-3)
+
+
+def test_the_observer_converges_with_its_time_constant():
+    for time in (0.1, 0.4):
+        estimates = observed(WRENCH, replace(OBSERVER, observer_time=time), 0.5)
+        # The first tick only looks.
+        passed = DT * np.arange(len(estimates))
+        close(estimates / WRENCH, np.tile(1.0 - np.exp(-passed / time), (6, 1)).T, atol=2e-3)
+
+
+def test_without_an_external_wrench_the_observer_finds_none_and_forgets_what_it_believed():
+    close(observed(np.zeros(6), OBSERVER, 1.0), np.zeros((40, 6)), atol=1e-9)
+    forgotten = observed(np.zeros(6), OBSERVER, 1.0 + DT, external=WRENCH)
+    close(forgotten[0], WRENCH, atol=0.0)
+    close(forgotten[-1], math.exp(-5.0) * WRENCH, atol=1e-9)
+
+
+def test_the_observer_believes_in_no_more_than_half_the_weight_and_ten_newton_metres():
+    for sign in (1.0, -1.0):
+        wrench = sign * np.array([200.0, 100.0, 300.0, 15.0, 20.0, 30.0])
+        estimates = observed(wrench, replace(OBSERVER, observer_time=0.05), 0.3)
+        close(estimates[-1], sign * BOUND, atol=0.0)
+        assert np.all(np.abs(estimates) <= BOUND)
+
+
+def rumour(real_lag):
+    """Largest force that the observer makes up when the lift rises by 20 N with a lag; it believes in 0.1 s."""
+    snapshot = model().snapshot(FORMS["form1"], np.eye(3), LEVEL)
+    config = CompensationConfig(observer_gain=1.0, observer_time=0.1, observer_lag=0.1)
+    weight = np.array([0.0, 0.0, snapshot.mass * GRAVITY, 0.0, 0.0, 0.0])
+    memory = replace(fresh_compensation(FORMS["form1"], np.zeros(6)), delivered_w=weight)
+    velocity, extra, worst = 0.0, 0.0, 0.0
+    for k in range(40):
+        asked = weight + np.array([0.0, 0.0, 20.0 * (k >= 1), 0.0, 0.0, 0.0])
+        extra += (1.0 - math.exp(-DT / real_lag)) * (asked[2] - weight[2] - extra)
+        velocity += DT * extra / snapshot.mass
+        velocity_w = np.array([0.0, 0.0, velocity])
+        memory = observe_wrench(snapshot, memory, np.eye(3), STILL, velocity_w, asked, config=config, dt=DT)
+        worst = max(worst, np.abs(memory.external_w).max())
+    return worst
+
+
+def test_the_observer_blames_nobody_for_rotors_that_lag_as_it_believes():
+    assert rumour(0.1) < 1e-9
+    assert rumour(0.4) > 3.0
+
+
+def test_the_observer_of_a_simulated_flight_finds_a_pull_and_cancels_its_share():
+    """A constant force and torque on the torso of a hovering robot without air."""
+    plant, config = Plant(PlantConfig(aero=AeroConfig(wake=False))), controller_config("tuned")
+    controller, q = FlightController(config, model()), FORMS["form2"]
+    rest = resting(q, vectoring=controller.rest_vectoring(q))
+    state = plant.reset(np.array([0.0, 0.0, 5.0]), rest.quat_wb, q, rest.vectoring, rest.thrust)
+    controller.reset(state)
+    reference, torso = staying(state), plant.model.body("torso").id
+    for pull in (np.zeros(6), np.array([4.0, -3.0, 5.0, 0.3, -0.4, 0.2])):
+        plant.data.xfrc_applied[torso] = pull
+        for _ in range(160):
+            state = plant.step(controller.step(state, reference))
+        # A force in the torso is off the CoG: it turns the robot as well.
+        arm = reference.position_w - plant.data.xipos[torso]
+        expected = np.concatenate([pull[:3], pull[3:] - np.cross(arm, pull[:3])])
+        found = controller.memory.compensation.external_w
+        close(found[:3], expected[:3], atol=0.2)
+        close(found[3:], expected[3:], atol=0.06)
