@@ -15,7 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.errors import StaleAssetError
-from spidar_gym.robot.spec import N_LEGS, ROBOT, Inertial, RobotSpec, differences, require_kind, spec_rows
+from spidar_gym.robot.spec import (
+    GIMBAL_NAMES,
+    JOINT_NAMES,
+    N_LEGS,
+    ROBOT,
+    ROTOR_SITES,
+    Inertial,
+    RobotSpec,
+    differences,
+    require_kind,
+    spec_rows,
+)
 
 Numbers = int | float | Iterable[int | float]
 
@@ -192,27 +203,23 @@ def mjcf(spec: RobotSpec = ROBOT) -> str:
         _add(outer_link, "site", name=f"foot{leg + 1}", pos=foot)
 
     actuator = _add(root, "actuator")
-    links = range(1, 2 * N_LEGS + 1)
-    for i in links:
-        limits = [0, spec.max_thrust]
+    limits = [0, spec.max_thrust]
+    for name in ROTOR_SITES:
         _add(
-            actuator, "general", name=f"thrust{i}", site=f"thrust{i}", gear=[0, 0, 1, 0, 0, 0], ctrlrange=limits,
+            actuator, "general", name=name, site=name, gear=[0, 0, 1, 0, 0, 0], ctrlrange=limits,
             dyntype="filterexact", dynprm=spec.thrust_lag, actrange=limits,
         )  # fmt: skip
-    for i in links:
-        for axis in ("yaw", "pitch"):
-            _add(
-                actuator, "pid", name=f"joint{i}_{axis}", joint=f"joint{i}_{axis}", input="pos", kp=spec.joint_kp,
-                kv=spec.joint_kd, slewmax=spec.joint_speed, ctrlrange=[-spec.joint_limit, spec.joint_limit],
-                forcerange=[-spec.max_joint_torque, spec.max_joint_torque],
-            )  # fmt: skip
-    for i in links:
-        for axis in ("roll", "pitch"):
-            _add(
-                actuator, "pid", name=f"gimbal{i}_{axis}", joint=f"gimbal{i}_{axis}", input="pos",
-                kp=spec.vectoring_kp, kv=spec.vectoring_kd, slewmax=spec.max_vectoring_speed,
-                forcerange=[-spec.max_vectoring_torque, spec.max_vectoring_torque],
-            )  # fmt: skip
+    for name in JOINT_NAMES:
+        _add(
+            actuator, "pid", name=name, joint=name, input="pos", kp=spec.joint_kp, kv=spec.joint_kd,
+            slewmax=spec.joint_speed, ctrlrange=[-spec.joint_limit, spec.joint_limit],
+            forcerange=[-spec.max_joint_torque, spec.max_joint_torque],
+        )  # fmt: skip
+    for name in GIMBAL_NAMES:
+        _add(
+            actuator, "pid", name=name, joint=name, input="pos", kp=spec.vectoring_kp, kv=spec.vectoring_kd,
+            slewmax=spec.max_vectoring_speed, forcerange=[-spec.max_vectoring_torque, spec.max_vectoring_torque],
+        )  # fmt: skip
     return _serialise(root)
 
 
@@ -363,10 +370,10 @@ def assets_readme(spec: RobotSpec = ROBOT) -> str:
     return "\n".join(lines)
 
 
-def generated_files(spec: RobotSpec = ROBOT) -> dict[str, str]:
+def generated_files() -> dict[str, str]:
     """Every generated asset: path relative to assets/ → text (`InvalidValueError` for a robot of another kind)."""
     require_kind()
-    return {"mjcf/spidar.xml": mjcf(spec), "urdf/spidar.urdf": urdf(spec), "README.md": assets_readme(spec)}
+    return {"mjcf/spidar.xml": mjcf(), "urdf/spidar.urdf": urdf(), "README.md": assets_readme()}
 
 
 def assets_dir() -> Path:

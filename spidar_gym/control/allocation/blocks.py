@@ -13,6 +13,8 @@ from spidar_gym.control.allocation.problem import (
     N_UNKNOWNS,
     TORQUE_SCALE,
     WRENCH_SCALE,
+    Constraint,
+    Cost,
     Demand,
 )
 from spidar_gym.model.dynamics import Snapshot
@@ -26,7 +28,7 @@ def torque_map(snapshot: Snapshot) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class ThrustEffort:
+class ThrustEffort(Cost):
     """w₁ Σ ‖f_i‖², the first term of [Zhao2025, Eq. 9]; the objective as a whole is divided by 2 λ̄²."""
 
     weight: float = 1.0
@@ -40,12 +42,11 @@ class ThrustEffort:
 
 
 @dataclass(frozen=True)
-class JointTorqueEffort:
+class JointTorqueEffort(Cost):
     """w₂ ‖τ_q‖² with τ_q = g − T f, the second term of [Zhao2025, Eq. 9]."""
 
     weight: float = 1.0
     """w₂ [1/(Nm)²]."""
-    constant: ClassVar[bool] = False
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √w₂ T and r = √w₂ g / λ̄."""
@@ -57,10 +58,9 @@ class JointTorqueEffort:
 
 
 @dataclass(frozen=True)
-class WrenchBalance:
+class WrenchBalance(Constraint):
     """Q f = w^d [Zhao2025, Eq. 10]."""
 
-    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.ones((6, N_UNKNOWNS), bool)
 
@@ -72,7 +72,7 @@ class WrenchBalance:
 
 
 @dataclass(frozen=True)
-class ThrustBox:
+class ThrustBox(Constraint):
     """−λ̄ ≤ f_{i,j} ≤ λ̄ [Zhao2025, Eq. 12]: the paper's cube, wider than the sphere ‖f‖ ≤ λ̄ at its corners.
 
     Differs from [Zhao2025, Eq. 12]: the cube has its edges along the link's axes, as flown on the robot, because there
@@ -81,8 +81,6 @@ class ThrustBox:
 
     limit: float = ROBOT.max_thrust
     """λ̄ [N]."""
-    constant: ClassVar[bool] = False
-    soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, N_UNKNOWNS, dtype=bool)
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
@@ -96,12 +94,11 @@ class ThrustBox:
 
 
 @dataclass(frozen=True)
-class JointTorqueLimit:
+class JointTorqueLimit(Constraint):
     """−τ̄_q ≤ τ_q ≤ τ̄_q with the quasi-static τ_q = g − T f [Zhao2025, Eq. 11, 13]."""
 
     limit: float = ROBOT.max_joint_torque
     """τ̄_q [Nm]."""
-    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.array(
         # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one;
@@ -126,14 +123,12 @@ class JointTorqueLimit:
 
 
 @dataclass(frozen=True)
-class VectoringLock:
+class VectoringLock(Constraint):
     """The force stays in the plane that θ sweeps while φ is held: {φ}f_y = 0 [Zhao2025, Eq. 32].
 
     The same row serves the rotors restricted by interference and those locked near a vertical link.
     """
 
-    constant: ClassVar[bool] = False
-    soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.array(
         [[c // 3 == i and c % 3 > 0 for c in range(N_UNKNOWNS)] for i in range(N_ROTORS)]
     )
@@ -150,15 +145,13 @@ class VectoringLock:
 
 
 @dataclass(frozen=True)
-class InterferenceBound:
+class InterferenceBound(Constraint):
     """μ̲ ≤ θ ≤ μ̄ as two linear rows a rotor, {inf}f_x ≥ 0 and {sup}f_x ≤ 0 [Zhao2025, Eq. 28-31].
 
     {inf} and {sup} have their z axes along the bounds, so {μ}f_x = ‖f‖ sin(θ − μ). Differs from [Zhao2025, Eq. 30, 31]:
     the paper prints the opposite signs, with which the forbidden side would be the admissible one.
     """
 
-    constant: ClassVar[bool] = False
-    soft: ClassVar[bool] = False
     pattern: ClassVar[np.ndarray] = np.array(
         [[c // 3 == i % N_ROTORS and c < N_FORCES for c in range(N_UNKNOWNS)] for i in range(2 * N_ROTORS)]
     )

@@ -90,17 +90,17 @@ def sphere_optimum(
         factors, pivots, info = dgetrf(K)
         if info != 0:
             break
-        product, d, dz, ds, way = s * z, q, z, s, 1.0
+        product, d, dz, ds, length = s * z, q, z, s, 1.0
         for aimed in (False, True):  # straight ahead first; how far that leads tells what to aim at
             push = D * (miss - product / z)
             d, _ = dgetrs(factors, pivots, np.concatenate((gradient + J.T @ push, off)))
             dz = push - D * (J @ d[:n])
             ds = -(product + s * dz) / z
-            way = min(1.0, (SHORT if aimed else 1.0) / max((-dz / z).max(), (-ds / s).max(), SHORT))
+            length = min(1.0, (SHORT if aimed else 1.0) / max((-dz / z).max(), (-ds / s).max(), SHORT))
             if not aimed:
-                share = float((s + way * ds) @ (z + way * dz)) / len(s) / mean
-                product = product - mean * share**3 + way**2 * ds * dz  # whole, it may lead in circles
-        x, y, z, s = x - way * d[:n], y - way * d[n:], z + way * dz, s + way * ds
+                left_over = float((s + length * ds) @ (z + length * dz)) / len(s) / mean
+                product = product - mean * left_over**3 + length**2 * ds * dz  # whole, it may lead in circles
+        x, y, z, s = x - length * d[:n], y - length * d[n:], z + length * dz, s + length * ds
     return found, step
 
 

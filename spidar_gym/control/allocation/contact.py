@@ -7,7 +7,16 @@ from typing import ClassVar
 import numpy as np
 
 from spidar_gym.arrays import Wrench
-from spidar_gym.control.allocation.problem import FORCE_SCALE, INFINITY, N_FORCES, N_UNKNOWNS, WRENCH_SCALE, Demand
+from spidar_gym.control.allocation.problem import (
+    FORCE_SCALE,
+    INFINITY,
+    N_FORCES,
+    N_UNKNOWNS,
+    WRENCH_SCALE,
+    Constraint,
+    Cost,
+    Demand,
+)
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.so3 import skew
 
@@ -16,7 +25,7 @@ LEAST_THRUST = 1.0
 
 
 @dataclass(frozen=True)
-class PowerEffort:
+class PowerEffort(Cost):
     """w₁ Σ e_i ‖f_i‖²: with e_i = ‖f_i‖^−½ of the last tick it becomes Σ ‖f_i‖^1.5, which is electrical power.
 
     Not in the paper. The weights are iterated from tick to tick (iteratively reweighted least squares);
@@ -25,7 +34,6 @@ class PowerEffort:
 
     weight: float = 1.0
     """w₁ [1/N²]."""
-    constant: ClassVar[bool] = False
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """W = √(w₁ e) and r = 0."""
@@ -34,7 +42,7 @@ class PowerEffort:
 
 
 @dataclass(frozen=True)
-class FootEffort:
+class FootEffort(Cost):
     """w_c Σ ‖f_c‖²: next to nothing, so that equally good foot forces have one answer. Not in the paper."""
 
     weight: float = 1e-3
@@ -78,7 +86,7 @@ MAX_PEG_FRICTION = math.sqrt(2.0) * ROBOT.yaw_axis_xy / ROBOT.peg_depth
 
 
 @dataclass(frozen=True)
-class ContactWrenchRange:
+class ContactWrenchRange(Constraint):
     """w̲ ≤ w_c ≤ w̄ for the wrench w_c that the pegs have to give: [Zhao2025, Eq. 34, 35, 37].
 
     The torso at rest, w = 0 in [Zhao2025, Eq. 34]: what the pegs give is what the weight takes and the rotors do not,
@@ -89,7 +97,6 @@ class ContactWrenchRange:
     """Planned friction of the pegs."""
     min_normal: float = 10.0
     """Least normal force of all pegs together [N]."""
-    constant: ClassVar[bool] = False
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.array([[c < N_FORCES for c in range(N_UNKNOWNS)]] * 6)
 
@@ -106,7 +113,7 @@ class ContactWrenchRange:
 
 
 @dataclass(frozen=True)
-class FrictionPyramid:
+class FrictionPyramid(Constraint):
     """|f_x|, |f_y| ≤ μ f_z and f_z ≥ f_min for each foot, floor axes: feet press and do not slide.
 
     Not in the paper, whose earlier walk leaves the foot forces free; without it the optimum pulls the feet inwards with

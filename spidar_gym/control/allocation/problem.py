@@ -84,7 +84,7 @@ NO_DEMAND = Demand(
 class Cost(Protocol):
     """A term ½‖W x − r‖² of the objective."""
 
-    constant: ClassVar[bool]
+    constant: ClassVar[bool] = False
     """Whether it is the same at every tick; then it is added once."""
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
@@ -98,9 +98,9 @@ class Constraint(Protocol):
 
     pattern: ClassVar[np.ndarray]
     """Where A may be nonzero, shape (m, 36) of bool; modes without foot forces use its first 24 columns."""
-    soft: ClassVar[bool]
+    soft: ClassVar[bool] = False
     """Whether the fallback may violate these rows at a price."""
-    constant: ClassVar[bool]
+    constant: ClassVar[bool] = False
     """Whether they are the same at every tick; then they are written once."""
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:

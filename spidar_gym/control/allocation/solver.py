@@ -134,11 +134,7 @@ def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def closed_form(
-    program: QuadraticProgram,
-    duals: np.ndarray | None = None,
-    *,
-    rounds: int = ROUNDS,
-    tolerance: float = ROW_TOLERANCE,
+    program: QuadraticProgram, duals: np.ndarray | None = None, *, rounds: int = ROUNDS
 ) -> np.ndarray | None:
     """The optimum where a good guess of the active rows is enough, else None.
 
@@ -150,7 +146,6 @@ def closed_form(
         program: The program.
         duals: First guess of the rows' multipliers, of which the signs count; without it, the equalities alone.
         rounds: How many systems are solved before giving up.
-        tolerance: Largest violation of a row, in scaled units.
     """
     P, q, A, l, u = program.P, program.q, program.A, program.l, program.u
     n = len(q)
@@ -182,9 +177,9 @@ def closed_form(
         r = A @ x
         excess = np.maximum(l - r, r - u)
         right_sign = None if signs is None else signs * solution[n:] >= 0.0
-        if excess.max() <= tolerance and (right_sign is None or right_sign.all()):  # a NaN is not
+        if excess.max() <= ROW_TOLERANCE and (right_sign is None or right_sign.all()):  # a NaN is not
             return x
-        violated = np.flatnonzero(~(excess <= tolerance))
+        violated = np.flatnonzero(~(excess <= ROW_TOLERANCE))
         above = r[violated] > u[violated]
         if right_sign is None or signs is None:
             right_sign, signs = np.ones(len(rows), bool), np.zeros(len(rows))

@@ -214,8 +214,8 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
         if mode in ("leg", "legs") and (config.leg_stiffness or config.leg_damping):
             wish = config.leg_stiffness * (plan - state.joint_position) - config.leg_damping * state.joint_velocity
             # It comes in as the mode does.
-            share = 1.0 - memory.gap if mode == memory.mode else 0.0
-            gravity = gravity + np.where(np.repeat(lifted, 4), share * wish, 0.0)
+            arrived = 1.0 - memory.gap if mode == memory.mode else 0.0
+            gravity = gravity + np.where(np.repeat(lifted, 4), arrived * wish, 0.0)
         Q, T = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot)
         R_bf = R_wb.T @ self.gait.memory.floor_R
         if self.allocator.mode(mode).feet_carry:

@@ -126,10 +126,10 @@ class Gait:
             residual: What a policy adds.
         """
         memory, dt = self.memory, self.dt
-        share = 1.0 - math.exp(-dt / FILTER_TIME)
-        turn = share * (q - memory.joints)
+        smoothing = 1.0 - math.exp(-dt / FILTER_TIME)
+        turn = smoothing * (q - memory.joints)
         memory.joints, memory.R_wb = memory.joints + turn, R_wb
-        memory.position_w = memory.position_w + share * (position_w - memory.position_w)
+        memory.position_w = memory.position_w + smoothing * (position_w - memory.position_w)
         memory.slow_w = memory.slow_w + (1.0 - math.exp(-dt / SLOW_TIME)) * (position_w - memory.slow_w)
         memory.time += dt
         if memory.phase == "done" and memory.steps:
@@ -147,8 +147,8 @@ class Gait:
             self._push(speed)
         elif memory.phase in _LEGS_UP or memory.phase == "hold":
             reach = speed * self.dt
-            way = memory.target - memory.plan
-            memory.plan = memory.plan + np.minimum(np.maximum(way, -reach), reach)
+            ahead = memory.target - memory.plan
+            memory.plan = memory.plan + np.minimum(np.maximum(ahead, -reach), reach)
         ended = self._ended(joint_rate)
         if not ended and memory.time >= config.timeout and memory.phase not in ("hold", "spool", "brace", "settle"):
             memory.timeouts += 1
@@ -160,11 +160,9 @@ class Gait:
         """Whether the present phase has reached what it is for; `joint_rate` is the fastest joint's, filtered."""
         memory, config = self.memory, self.config
         spool = config.start_time if memory.rested else config.spool_time
-        waits = {"spool": spool, "brace": spool, "settle": config.settle_time}
+        waits = {"spool": spool, "brace": spool, "settle": config.settle_time, "hold": memory.steps[0].seconds}
         if memory.phase in waits:
             return memory.time >= waits[memory.phase] - 1e-9
-        if memory.phase == "hold":
-            return memory.time >= memory.steps[0].seconds - 1e-9
         if memory.phase in _LEGS_UP:
             legs = list(memory.steps[0].legs)
             ends = {"raise": self._raised, "swing": self._swung, "lower": self._touched}
@@ -240,18 +238,18 @@ class Gait:
 
     def _aim(self, step: Step, residual: Residual) -> None:
         """Set the targets of the phase that begins."""
-        memory, legs = self.memory, list(step.legs)
+        memory, pitches = self.memory, INNER[list(step.legs)]
         if memory.phase in ("spool", "brace", "settle"):
             self._lie()
         if memory.phase == "spool":
             self._footsteps(step, residual)
         elif memory.phase == "raise":
             memory.target = memory.plan.copy()
-            memory.target[INNER[legs]] = memory.highest[INNER[legs]]
+            memory.target[pitches] = memory.highest[pitches]
         elif memory.phase == "swing":
-            raised = memory.target[INNER[legs]]
+            raised = memory.target[pitches]
             memory.target = memory.landing.copy()
-            memory.target[INNER[legs]] = raised
+            memory.target[pitches] = raised
         elif memory.phase == "lower":
             memory.target = memory.landing.copy()
         elif memory.phase == "brace":
@@ -346,8 +344,7 @@ class Gait:
         wanted = self._reach(memory.share, memory.height)
         if wanted is not None:
             before = memory.plan
-            way = wanted - before
-            memory.plan = before + np.minimum(np.maximum(way, -reach), reach)
+            memory.plan = before + np.minimum(np.maximum(wanted - before, -reach), reach)
             if config.rolling:
                 self._roll(memory.plan - before)
 
@@ -367,8 +364,8 @@ class Gait:
         yaw = math.atan2(turned[1, 0], turned[0, 0])
         memory.yaw += (1.0 - math.exp(-self.dt / FILTER_TIME)) * (yaw - memory.yaw)
         wanted = memory.way.arc(memory.share)
-        share = 1.0 - math.exp(-self.dt / RESPONSE_TIME)
-        memory.expected = memory.expected + share * (np.array([wanted.x, wanted.y, wanted.yaw]) - memory.expected)
+        smoothing = 1.0 - math.exp(-self.dt / RESPONSE_TIME)
+        memory.expected = memory.expected + smoothing * (np.array([wanted.x, wanted.y, wanted.yaw]) - memory.expected)
 
     def _error(self) -> tuple[Vector3, float]:
         """Expected − filtered pose of the torso along the floor, x, y [m], yaw [rad]; and how far its height is off."""
@@ -386,8 +383,8 @@ class Gait:
         memory.trim = np.minimum(np.maximum(memory.trim + config.trim_gain * self.dt * error, -limit), limit)
 
 
-def _towards(way: float, step: float) -> float:
-    return max(-step, min(step, way))
+def _towards(distance: float, step: float) -> float:
+    return max(-step, min(step, distance))
 
 
 def nominal_time(config: GaitConfig, commands: Sequence[GaitCommand], *, joint_speed: float, dt: float) -> float:

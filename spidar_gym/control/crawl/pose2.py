@@ -1,4 +1,4 @@
-"""Pose2 poses (x, y, yaw): where a crawl starts, goes and turns."""
+"""Poses in the plane (x, y, yaw): where a crawl starts, goes and turns."""
 
 import math
 from dataclasses import dataclass
@@ -32,16 +32,16 @@ class Pose2:
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
 
-    def arc(self, share: float) -> "Pose2":
-        """The pose after this share of the arc of constant curvature that leads from the origin to this pose."""
+    def arc(self, fraction: float) -> "Pose2":
+        """The pose after this fraction of the arc of constant curvature that leads from the origin to this pose."""
         yaw = self.yaw
         if abs(yaw) < STRAIGHT:
-            return Pose2(share * self.x, share * self.y, share * yaw)
+            return Pose2(fraction * self.x, fraction * self.y, fraction * yaw)
         # Velocity of the arc: V(yaw)⁻¹ p with V(a) = [sin a, cos a − 1; 1 − cos a, sin a] / a.
         half = 0.5 * yaw
         k = half / math.tan(half)
         vx, vy = k * self.x + half * self.y, -half * self.x + k * self.y
-        a = share * yaw
+        a = fraction * yaw
         s, c = math.sin(a) / yaw, (1.0 - math.cos(a)) / yaw
         return Pose2(s * vx - c * vy, c * vx + s * vy, a)
 
@@ -58,5 +58,5 @@ class Pose2:
 
 
 def torso_pose2(position_w: Vector3, R_wb: np.ndarray) -> Pose2:
-    """Pose2 pose of the torso in the world."""
+    """Pose of the torso in the plane of the world."""
     return Pose2(float(position_w[0]), float(position_w[1]), math.atan2(R_wb[1, 0], R_wb[0, 0]))

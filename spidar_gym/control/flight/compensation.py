@@ -183,8 +183,8 @@ def ramp_joints(
         ramp: Time from rest to that speed [s].
         dt: Length of the tick [s].
     """
-    way = target - command
-    longest = float(np.abs(way).max())
+    ahead = target - command
+    longest = float(np.abs(ahead).max())
     step = speed / ramp * dt
     if longest == 0.0 and not velocity.any():
         return command, velocity
@@ -193,7 +193,7 @@ def ramp_joints(
     far = longest / (step * dt)
     n = math.floor(math.sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9)
     reach = step * (n + (far - 0.5 * n * (n + 1)) / (n + 1))
-    wanted = way * (min(speed, reach) / longest) if longest > 0.0 else np.zeros_like(way)
+    wanted = ahead * (min(speed, reach) / longest) if longest > 0.0 else np.zeros_like(ahead)
     change = wanted - velocity
     most = float(np.abs(change).max())
     if most > step * (1.0 + 1e-9):

@@ -121,8 +121,8 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             R_wb = quat_to_matrix(state.quat_wb)
             snapshot = self.model.snapshot(joints, R_wb, state.vectoring)
             # What the observer is going to cancel, the integrals need not hold.
-            share = self.config.compensation.observer_gain
-            integrals = warm_start_integrals(snapshot, R_wb, (1.0 - share) * trim, config=self.config.centroidal)
+            kept = 1.0 - self.config.compensation.observer_gain
+            integrals = warm_start_integrals(snapshot, R_wb, kept * trim, config=self.config.centroidal)
             external = -np.concatenate((R_wb @ trim[:3], R_wb @ trim[3:]))
             compensation = fresh_compensation(joints, external)
             self.memory = replace(self.memory, integrals=integrals, compensation=compensation)
@@ -277,11 +277,11 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
                 command, self.memory.joint_velocity, target,
                 speed=max(speed, 1e-6), ramp=config.compensation.joint_ramp, dt=dt,
             )  # fmt: skip
-        way = target - command
-        longest = float(np.abs(way).max())
+        ahead = target - command
+        longest = float(np.abs(ahead).max())
         reach = config.joint_speed * dt
         if longest == 0.0:
             return command, np.zeros(N_JOINTS)
-        step = way * min(1.0, speed_scale * reach / longest)
+        step = ahead * min(1.0, speed_scale * reach / longest)
         following = command + np.minimum(np.maximum(step, -reach), reach)
         return following, (following - command) / dt
