@@ -116,7 +116,7 @@ class Optimum(NamedTuple):
     status: AllocationStatus
     """How; `PROJECTED` where the thrust spheres have still to be looked at."""
     iterations: int
-    """Of the solvers, all attempts together."""
+    """Iterations of the solvers, all attempts together."""
     slack: float = 0.0
     """Largest violation of a softened row, in scaled units."""
 
