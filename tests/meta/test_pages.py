@@ -30,6 +30,12 @@ def test_the_code_of_a_page_runs(page):
 
 
 @pytest.mark.parametrize("page", PAGES)
+def test_no_line_of_a_paragraph_begins_as_a_comment_or_a_list_would(page):
+    prose = re.sub(r"^```.*?^```$|\$\$.*?\$\$", "", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+    assert re.findall(r"^(?:%|\+ ).*", prose, re.MULTILINE) == []
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_the_files_that_a_page_names_exist(page):
     for name in re.findall(rf"`((?:{FOLDERS})/[\w./-]+)`", PAGES[page]):
         assert name in ENVIRONMENTS or (ROOT / name).exists(), name
