@@ -168,18 +168,15 @@ def robot(
 
 
 def _serve_socket(make: Callable[[], Robot], operate: bool, seconds: float) -> None:
-    end = SocketLink()
-    try:
+    with contextlib.closing(SocketLink()) as end:
         _say(f"runner sim {end.place} MISSION --log run.log")
         serve_socket(lambda: Served(make(), operate=operate, tell=_say), end, seconds, _say)
-    finally:
-        end.close()
 
 
 def _serve_ros(robot: Robot, operate: bool, seconds: float, master: str | None) -> None:
     from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
 
-    with RosLink(master=master) as end:
+    with contextlib.closing(RosLink(master=master)) as end:
         words = " ".join(
             f"{name}={value}" for name, value in end.environment().items() if name in ("ROS_MASTER_URI", "ROS_IP")
         )

@@ -1,7 +1,7 @@
 """Faults that are put between robot and runner, and what the runner has to do about each."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,15 +96,17 @@ def find_fault(name: str) -> Fault:
 
 @dataclass
 class Injector:
-    """A fault from a time on, between the robot and the link."""
+    """A fault between the robot and the link, from a time on that counts from the take-over."""
 
     fault: Fault
     """What goes wrong."""
-    start: float
-    """When [s]."""
+    after: float
+    """How long after the take-over [s]."""
     rng: np.random.Generator
     """Source of what is drawn."""
-    done: bool = field(default=False)
+    start: float = np.inf
+    """When, by the robot's clock; infinite before the take-over [s]."""
+    done: bool = False
     """Whether the processes have had their share."""
 
     def apply(self, messages: list[Message], time: float) -> list[Message]:

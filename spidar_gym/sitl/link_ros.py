@@ -1,5 +1,6 @@
 """The robot's end in ROS 1: its topics through rospy, in a process of its own, so that many robots can live in one."""
 
+import contextlib
 import ctypes
 import importlib
 import importlib.util
@@ -17,12 +18,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 from xmlrpc.client import ServerProxy
 
 import numpy as np
 
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
+from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, Message
 from spidar_gym.sitl.ros_types import FILL, KINDS, READ, RosMessage, message_types
 
@@ -57,8 +59,6 @@ class RosLink:
         self._answers: queue.Queue[tuple[str, str]] = queue.Queue()
         self._base = time.time_ns()
         self._wrong = ""
-        self.lost = 0
-        """Messages that the node was too slow to take."""
         self._node = self._spawn(master or "")
         assert self._node.stdin is not None
         assert self._node.stdout is not None
@@ -74,16 +74,13 @@ class RosLink:
             self.close()
             raise
 
-    def __enter__(self) -> Self:
-        """Itself."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """End the node."""
-        self.close()
-
-    def set_clock(self, seconds: float = 0.0) -> None:
-        """Let the robot's clock show this now; what is stamped otherwise reaches the runner as old or as to come."""
+    def appear(self, seconds: float) -> None:
+        """Say which model the robot is; from now on its clock, by which messages are stamped, goes on from this [s]."""
+        # A robot's sensors do not wait for a busy machine; where this is not allowed, they may.
+        with contextlib.suppress(PermissionError):
+            for process in (0, self._node.pid):
+                os.setpriority(os.PRIO_PROCESS, process, -10)
+        self._ask("parameter", "spidar_model_sha256", model_hash())
         self._base = time.time_ns() - round(seconds * 1e9)
         self._ask("clock", self._base)
 
@@ -95,9 +92,8 @@ class RosLink:
         values = {name: np.asarray(value).tolist() for name, value in message.values.items()}
         data = pickle.dumps(("say", (message.topic, float(message.stamp), values)))
         try:
-            os.write(self._pipe, data)  # below PIPE_BUF, so all or nothing
-        except BlockingIOError:
-            self.lost += 1
+            with contextlib.suppress(BlockingIOError):  # of a node that is too slow: the message is lost
+                os.write(self._pipe, data)  # below PIPE_BUF, so all or nothing
         except OSError as error:
             raise SpidarError(f"the link's node has ended: {error}; valid: a link that is open") from None
 
@@ -105,17 +101,9 @@ class RosLink:
         """The commands that came since the last call, in order, stamped with their arrival."""
         return [self._heard.popleft() for _ in range(len(self._heard))]
 
-    def set_parameter(self, name: str, value: bool | int | float | str) -> None:
-        """Set a ROS parameter; a name without a leading / lies under the robot's namespace."""
-        self._ask("parameter", name, value)
-
     def kill_master(self) -> None:
         """End the master that this link has started, without a word to anybody."""
         self._ask("kill")
-
-    def prefer(self, niceness: int) -> None:
-        """Set the node's priority (`PermissionError` where not allowed)."""
-        os.setpriority(os.PRIO_PROCESS, self._node.pid, niceness)
 
     def environment(self) -> dict[str, str]:
         """Environment of a process that is to meet this robot."""
@@ -315,8 +303,8 @@ class _Node:
 
         return hear
 
-    def _parameter(self, name: str, value: bool | int | float | str) -> str:
-        self._rospy.set_param(name if name.startswith("/") else f"{self._namespace}/{name}", value)
+    def _parameter(self, name: str, value: str) -> str:
+        self._rospy.set_param(f"{self._namespace}/{name}", value)
         return ""
 
     def _clock(self, base: int) -> str:

@@ -13,6 +13,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.runner_structs import TOPICS, Action, log_layouts, runner_hash
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
 from spidar_gym.robot.description import model_hash
+from spidar_gym.sitl.board import FORCE_LANDING
 from spidar_gym.sitl.messages import FEEDBACK, STATE_NAMES, Message
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
@@ -191,7 +192,7 @@ def published(answer: Any, time: float) -> list[Message]:  # noqa: ANN401 - a nu
     if answer["action"] == Action.SILENT:
         return []
     if answer["action"] == Action.FORCE_LANDING:
-        return [Message("flight_config_cmd", time, {"cmd": 2})]
+        return [Message("flight_config_cmd", time, {"cmd": FORCE_LANDING})]
     c = answer["command"]
     return [
         Message("four_axes/command", time, {"thrust": c["thrust"].copy()}),

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,10 @@ from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.errors import SpidarError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.library import STATUS
-from spidar_gym.onboard.runner_structs import MAGIC, FlightState, LogKind, Stage, log_layouts
+from spidar_gym.onboard.runner_structs import MAGIC, Action, FlightState, LogKind, Stage, log_layouts
 from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FLIGHT_SECONDS, FlightLog
+from spidar_gym.policies.rollout import columns
 from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import find_fault
@@ -78,7 +80,7 @@ def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
 def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
     """The experiment's part of a flight, with the true errors against the runner's own reference."""
     rows, at = _driven(run, log)
-    model, kept = Model(), []
+    model, kept = Model(), list[dict[str, Any]]()
     for row, tick in zip(rows, at.tolist(), strict=True):
         time = row.time - run.first_driven - mission.begins
         if not 0.0 < time <= FLIGHT_SECONDS + 1e-9:
@@ -87,17 +89,26 @@ def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
         R_wb, R_d = quat_to_matrix(s.quat_wb), quat_to_matrix(answer["reference"]["quat_wb"])
         com_w = s.position_w + R_wb @ model.snapshot(s.joint_position, R_wb, s.vectoring).com_b
         kept.append(
-            (
-                time, answer["reference"]["position_w"] - com_w, so3_log(R_wb.T @ R_d), s.joint_position,
-                answer["joint_torques"], s.vectoring, s.thrust, 1e-6 * compute, str(STATUS[answer["status"]]),
-                row.air_force, row.power, row.qpos,
-            )
-        )  # fmt: skip
+            {
+                "time": time,
+                "position_error": answer["reference"]["position_w"] - com_w,
+                "attitude_error": so3_log(R_wb.T @ R_d),
+                "joint_position": s.joint_position,
+                "joint_torque": answer["joint_torques"],
+                "vectoring": s.vectoring,
+                "thrust": s.thrust,
+                "solve_time": 1e-6 * compute,
+                "status": str(STATUS[answer["status"]]),
+                "air_force": row.air_force,
+                "power": row.power,
+                "qpos": row.qpos,
+            }
+        )
     if len(kept) < round(FLIGHT_SECONDS * CONTROL_RATE) - 2:
         raise SpidarError(
             f"the flight ended after {len(kept) / CONTROL_RATE:.1f} s of the experiment; valid: a whole one"
         )
-    return FlightLog(mission.preset, *(np.array(column) for column in zip(*kept, strict=True)), noise=True)
+    return FlightLog(mission.preset, **columns(kept), noise=True)
 
 
 def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
@@ -107,11 +118,9 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
     assert mission.way is not None
     first = rows[0].state
     start = torso_pose2(first.position_w, quat_to_matrix(first.quat_wb))
-    seconds = nominal_time(
-        config.gait, [Move(mission.way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE
-    )  # fmt: skip
+    seconds = nominal_time(config.gait, [Move(mission.way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
     progress = CrawlProgress(start @ mission.way, seconds, np.zeros(3))
-    kept, contacts, energy = [], [], 0.0
+    kept, contacts, energy = list[dict[str, Any]](), [], 0.0
     for row, tick in zip(rows, at.tolist(), strict=True):
         s, answer = row.state, log.outputs[tick]
         R_wb, phase = quat_to_matrix(s.quat_wb), PHASES[answer["phase"]]
@@ -123,12 +132,22 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         progress.advance(row.touch, phase, command, s.joint_torque, config.joint_torque_limit, row.tilt)
         progress.timeouts = int(answer["timeouts"])
         kept.append(
-            (
-                row.time - run.first_driven, phase, s.position_w, euler_angles(R_wb), s.joint_position, s.joint_torque,
-                s.vectoring, s.thrust, answer["command"]["thrust"], row.power,
-                1e-6 * log.clock[tick]["compute_us"], str(STATUS[answer["status"]]), row.qpos,
-            )
-        )  # fmt: skip
+            {
+                "time": row.time - run.first_driven,
+                "phase": phase,
+                "position_w": s.position_w,
+                "euler": euler_angles(R_wb),
+                "joint_position": s.joint_position,
+                "joint_torque": s.joint_torque,
+                "vectoring": s.vectoring,
+                "thrust": s.thrust,
+                "thrust_command": answer["command"]["thrust"],
+                "power": row.power,
+                "solve_time": 1e-6 * log.clock[tick]["compute_us"],
+                "status": str(STATUS[answer["status"]]),
+                "qpos": row.qpos,
+            }
+        )
         contacts.append(row.contacts)
         energy = row.energy_wh - rows[0].energy_wh
         if answer["finished"]:
@@ -150,12 +169,11 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         "is_success": not progress.shortfalls(),
         "shortfalls": ", ".join(progress.shortfalls()),
     }
-    columns = [np.array(column) for column in zip(*kept, strict=True)]
     return CrawlLog(
         mission.preset,
         config.joint_speed,
         True,
-        *columns,
+        **columns(kept),
         contacts=contacts,
         goal_error=progress.error.copy(),
         info=info,
@@ -183,7 +201,8 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     end = run.fault_at + AFTER_FAULT if run.landing_at == math.inf else math.inf
     after = [row for row in run.rows if run.fault_at <= row.time <= end]
     drive = log.outputs["stage"] > Stage.WAITING
-    held = _longest(log.outputs["stage"] == Stage.HOLDING) / CONTROL_RATE
+    holds = [len(list(ticks)) for stage, ticks in groupby(log.outputs["stage"].tolist()) if stage == Stage.HOLDING]
+    held = max(holds, default=0) / CONTROL_RATE
     thrust = log.outputs["command"]["thrust"][drive]
     joints = np.abs(log.outputs["command"]["joint_position"][drive])
     bounded = bool(
@@ -191,8 +210,8 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         and joints.max() <= ROBOT.joint_limit + 1e-6
     )  # fmt: skip
     actions = log.outputs["action"]
-    landing = np.flatnonzero(actions == 2)
-    silent = not len(landing) or bool((actions[landing[0] :] != 1).all() and actions[-1] == 0)
+    landing = np.flatnonzero(actions == Action.FORCE_LANDING)
+    silent = not len(landing) or bool((actions[landing[0] :] != Action.PUBLISH).all() and actions[-1] == Action.SILENT)
     if run.board == "commanded":
         happened = "lands"
     elif run.board:
@@ -222,15 +241,6 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         "silent_after_landing": silent,
         "as_specified": happened == specified.reaction and bounded and silent and held <= 0.1 + 1e-9,
     }
-
-
-def _longest(flags: np.ndarray) -> int:
-    """Longest run of true values."""
-    best = now = 0
-    for flag in flags.tolist():
-        now = now + 1 if flag else 0
-        best = max(best, now)
-    return best
 
 
 def fault_table(rows: list[dict[str, Any]]) -> str:

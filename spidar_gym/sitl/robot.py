@@ -31,7 +31,7 @@ ODOMETRY = 2
 
 
 class Robot:
-    """One robot: `step` moves it by 5 ms and says what it publishes, `hear` takes what is published to it."""
+    """One robot: `step` moves it by 5 ms and says what it publishes, `receive` takes what is published to it."""
 
     def __init__(
         self,

@@ -9,8 +9,8 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.messages import Message
-from spidar_gym.sitl.robot import DT, TICK, Robot
-from spidar_gym.sitl.session import START, TAKEOFF, appear
+from spidar_gym.sitl.robot import TICK, Robot
+from spidar_gym.sitl.session import bring_up
 
 
 class Served:
@@ -31,9 +31,7 @@ class Served:
         """5 ms, no earlier than they are due; what is published in them."""
         robot = self.robot
         if self._operate:
-            for word, due in (("start", START), ("takeoff", TAKEOFF)):
-                if abs(robot.time - due) < 0.5 * DT:
-                    robot.receive(Message(f"teleop_command/{word}", robot.time))
+            bring_up(robot)
         messages = robot.step()
         if robot.flight_state != self._state:
             self._state = robot.flight_state
@@ -46,7 +44,7 @@ class Served:
 
 def serve_ros(served: Served, link: Any, seconds: float) -> None:  # noqa: ANN401 - a RosLink, whose module needs ROS
     """Run behind the robot's topics for so long [s]."""
-    appear(served.robot, link)
+    link.appear(served.robot.time)
     while served.robot.time < seconds:
         for message in link.heard():
             served.robot.receive(message)

@@ -1,6 +1,5 @@
 """One run of the runner against the simulated robot: operator, links, faults, and what really happened."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -9,13 +8,12 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.runner_structs import FlightState
-from spidar_gym.robot.description import model_hash
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import LONG_STALL, STALL, Injector
 from spidar_gym.sitl.link_socket import SocketLink
@@ -34,16 +32,6 @@ AFTER_FAULT = 6.0
 """How long is watched after a fault [s]."""
 LANDED = 2.0
 """How long is watched after a forced landing has touched the floor [s]."""
-
-
-class Link(Protocol):
-    """What the session needs of a link."""
-
-    def publish(self, message: Message) -> None:
-        """Send what the robot says."""
-
-    def close(self) -> None:
-        """Hang up."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +133,13 @@ class Runner:
         return status if status is None or status >= 0 else None
 
 
+def bring_up(robot: Robot) -> None:
+    """What the operator does at the beginning: arm, and have it take off, which on the ground does nothing."""
+    for word, due in (("start", START), ("takeoff", TAKEOFF)):
+        if abs(robot.time - due) < 0.5 * DT:
+            robot.receive(Message(f"teleop_command/{word}", robot.time))
+
+
 class Session:
     """A robot, its operator, a fault perhaps, and the rows of what happened."""
 
@@ -156,7 +151,7 @@ class Session:
         Args:
             robot: It.
             mission: What the runner was told.
-            injector: The fault; its start counts from the take-over on.
+            injector: The fault.
             on_tick: Called 40 times a second, for progress.
         """
         self.robot, self.mission, self.injector, self._on_tick = robot, mission, injector, on_tick
@@ -170,10 +165,7 @@ class Session:
             finished: Whether the runner says that its mission is over.
         """
         robot, t = self.robot, self.robot.time
-        if abs(t - START) < 0.5 * DT:
-            robot.receive(Message("teleop_command/start", t))
-        if abs(t - TAKEOFF) < 0.5 * DT and not self.mission.crawls:
-            robot.receive(Message("teleop_command/takeoff", t))
+        bring_up(robot)
         over = finished or t > self.run.first_driven + self.mission.seconds
         if over and self._landing_asked == np.inf and not robot.board.landing:
             self._landing_asked = t
@@ -186,24 +178,17 @@ class Session:
         if robot.first_driven < run.first_driven:
             run.first_driven = robot.first_driven
             if self.injector is not None:
-                self.injector.start += run.first_driven
-                run.fault_at = self.injector.start
+                run.fault_at = self.injector.start = run.first_driven + self.injector.after
         if robot.board.landing and run.landing_at == np.inf:
             run.landing_at, run.board = robot.time, robot.board.reason
         if robot.steps % TICK == 0:
             self._record()
             self._on_tick()
-        return messages if self.injector is None else self._spoil(messages)
-
-    def _spoil(self, messages: list[Message]) -> list[Message]:
-        assert self.injector is not None
-        started = self.run.first_driven < np.inf
-        return self.injector.apply(messages, self.robot.time) if started else messages
+        return messages if self.injector is None else self.injector.apply(messages, robot.time)
 
     def due(self) -> str:
         """What happens to the processes now."""
-        started = self.injector is not None and self.run.first_driven < np.inf
-        return self.injector.due(self.robot.time) if started and self.injector is not None else ""
+        return "" if self.injector is None else self.injector.due(self.robot.time)
 
     def _record(self) -> None:
         robot, plant = self.robot, self.robot.plant
@@ -228,7 +213,7 @@ class Session:
             return t > robot.stack.since + GIVE_BACK
         if t > min(run.first_driven, PATIENCE) + self.mission.seconds + PATIENCE:
             return True
-        if self.injector is not None and run.landing_at == np.inf and t > run.fault_at + AFTER_FAULT:
+        if run.landing_at == np.inf and t > run.fault_at + AFTER_FAULT:
             return True
         return run.landing_at < np.inf and t > self._touched + LANDED
 
@@ -273,16 +258,6 @@ def socket_session(
     return session.run
 
 
-def appear(robot: Robot, link: Any) -> None:  # noqa: ANN401 - a RosLink, whose module needs ROS
-    """Say on ROS who the robot is, from now on by its own clock."""
-    # A robot's sensors do not wait for a busy machine; where this is not allowed, they may.
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, -10)
-        link.prefer(-10)
-    link.set_parameter("spidar_model_sha256", model_hash())
-    link.set_clock(robot.time)
-
-
 def ros_session(
     session: Session,
     runner_path: Path,
@@ -293,7 +268,7 @@ def ros_session(
     """Run through ROS 1 in real time: two clocks, two processes and whatever the machine does in between."""
     command = [str(runner_path), "ros1", str(mission_path), "--log", str(log)]
     robot, wake = session.robot, np.inf
-    appear(robot, link)
+    link.appear(robot.time)
     start = clock.monotonic() - robot.time
     runner = Runner(command, link.environment())
     try:

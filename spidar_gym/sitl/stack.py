@@ -11,6 +11,7 @@ from spidar_gym.control.presets import controller_config
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.sitl.board import ARM_OFF, ARM_ON, FORCE_LANDING
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, Reference, RobotState
 
@@ -63,25 +64,25 @@ class Stack:
             return
         if word == "start":
             self._become(FlightState.START, time)
-            self.wishes.append(0)
+            self.wishes.append(ARM_ON)
         elif word == "takeoff":
             self._become(FlightState.TAKEOFF, time)
             self._reference = None
         elif word == "force_landing":
-            self.wishes.append(2)
+            self.wishes.append(FORCE_LANDING)
         elif word == "land" and self.state != FlightState.ARM_ON:
             self._become(FlightState.LAND, time)
             self._levelling = True
             self._reference = None
         else:  # landing on the ground is disarming
             self._become(FlightState.STOP, time)
-            self.wishes.append(1)
+            self.wishes.append(ARM_OFF)
 
     def acknowledge(self, command: int, time: float) -> None:
         """The board has obeyed a configuration command."""
-        if command == 0 and self.state == FlightState.START:
+        if command == ARM_ON and self.state == FlightState.START:
             self._become(FlightState.ARM_ON, time)
-        elif command == 1:
+        elif command == ARM_OFF:
             self._become(FlightState.ARM_OFF, time)
 
     def _become(self, state: FlightState, time: float) -> None:
@@ -175,4 +176,4 @@ class Stack:
             still = self._track[-1][0] - self._track[0][0] > 0.45 and abs(self._track[0][1] - self._track[-1][1]) < 0.02
             if still and state.velocity_w[2] > -0.05:
                 self._become(FlightState.STOP, time)
-                self.wishes.append(1)
+                self.wishes.append(ARM_OFF)

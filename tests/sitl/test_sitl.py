@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.needs import marked, needs_compiler
+from support.needs import needs_compiler
 
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.onboard.runner_structs import FlightState as State
@@ -15,7 +15,6 @@ from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.stack import LANDING_FORM
 
 pytestmark = needs_compiler
-cross, ros = marked("cross"), marked("ros")
 LEVEL, STILL = np.eye(3), np.zeros(3)
 
 
