@@ -2,7 +2,7 @@
 
 import dataclasses
 import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from spidar_gym.robot import field_docs
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
+from spidar_gym.text import format_table
 
 INFO = {
     "thrust_command, thrust": ("(8,)", "N", "λ commanded and delivered"),
@@ -125,25 +126,24 @@ CHAPTERS: dict[str, Chapter] = {
 """Every environment's chapter by id."""
 
 
-def _table(heading: str, rows: Iterable[str]) -> list[str]:
-    """Lines of a table; cells are parted by bars."""
-    return [f"| {heading} |", "|" + "---|" * (heading.count("|") + 1), *(f"| {row} |" for row in rows)]
+def _table(heading: str, rows: Iterable[Sequence[str]]) -> str:
+    return format_table([heading.split(" | "), *rows], markdown=True)
 
 
-def _action_rows(modes: dict[str, ActionMode]) -> Iterator[str]:
+def _action_rows(modes: dict[str, ActionMode]) -> Iterator[Sequence[str]]:
     for name, mode in modes.items():
-        label, start = f"`{name}` | {mode.size}", 0
+        label, start = (f"`{name}`", str(mode.size)), 0
         for channel in mode.channels:
             end = start + channel.size
-            yield f"{label} | {start}–{end - 1} `{channel.name}` | {channel.authority}"
-            label, start = " | ", end
+            yield *label, f"{start}–{end - 1} `{channel.name}`", channel.authority
+            label, start = ("", ""), end
 
 
-def _observation_rows(fields: tuple[Field, ...]) -> Iterator[str]:
+def _observation_rows(fields: tuple[Field, ...]) -> Iterator[Sequence[str]]:
     start = 0
     for f in fields:
         where = f"{start}" if f.size == 1 else f"{start}–{start + f.size - 1}"
-        yield f"{where} | `{f.name}` | {f.bound:g} | {f.unit} | {f.doc}"
+        yield where, f"`{f.name}`", f"{f.bound:g}", f.unit, f.doc
         start += f.size
 
 
@@ -173,7 +173,7 @@ def page(name: str) -> str:
         "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the preset in every",
         "mode but `direct`.",
         "",
-        *_table("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
+        _table("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
         "",
         *(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "",
@@ -181,21 +181,19 @@ def page(name: str) -> str:
         "",
         f"`Box(-bound, bound, ({size},), float32)` in the default action mode: what the real robot measures or knows.",
         "",
-        *_table("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
+        _table("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
         "",
         "## Rewards",
         "",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",
         "",
-        *_table(
-            "term | weight | formula", (f"`{n}` | {w:g} | {text}" for n, (w, text) in own.env.reward_terms.items())
+        _table(
+            "term | weight | formula", ((f"`{n}`", f"{w:g}", text) for n, (w, text) in own.env.reward_terms.items())
         ),
         "",
         "## Info",
         "",
-        *_table(
-            "key | shape | unit | meaning", (f"`{k.replace(', ', '`, `')}` | {' | '.join(v)}" for k, v in info.items())
-        ),
+        _table("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
         "",
         "Solve times are not in `info`, because the same seed gives the same `info`: see",
         "`env.unwrapped.controller.last_step.allocation.solve_time`.",
@@ -218,15 +216,15 @@ def page(name: str) -> str:
         "",
         "## Arguments",
         "",
-        *_table("name | default | meaning", (f"`{n}` | `{value!r}` | {doc}" for n, value, doc in _arguments(own))),
+        _table("name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))),
         "",
         f"`reset(options={own.options})` changes this episode and those after it.",
         "",
         "### Disturbances",
         "",
-        *_table(
+        _table(
             "name | default | meaning",
-            (f"`{n}` | `{getattr(Disturbances, n)!r}` | {doc}" for n, doc in field_docs(Disturbances).items()),
+            ((f"`{n}`", f"`{getattr(Disturbances, n)!r}`", doc) for n, doc in field_docs(Disturbances).items()),
         ),
         "",
         "### Randomisation",
@@ -234,9 +232,9 @@ def page(name: str) -> str:
         "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The",
         own.trim,
         "",
-        *_table(
+        _table(
             "field of `PlantConfig` | operation | distribution | unit | source",
-            (f"`{r.field}` | {r.operation} | {r.distribution} | {r.unit} | {r.source}" for r in TABLE),
+            ((f"`{r.field}`", r.operation, r.distribution, r.unit, r.source) for r in TABLE),
         ),
         "",
         "## Version History",
