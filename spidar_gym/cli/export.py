@@ -4,7 +4,7 @@ from pathlib import Path
 
 from spidar_gym.cli.arguments import Flag
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.onboard.export import build as compile_core
+from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export
 from spidar_gym.onboard.policy import RATE
 from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_mission
@@ -33,4 +33,4 @@ def export_(
         missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
         print(f"{len(export(out, residual=residual, rate=residual_rate, extra=missions))} files in {out}")
     if build:
-        print(f"compiled: {compile_core()}")
+        print(f"compiled: {build_core()}")

@@ -1,7 +1,6 @@
 """The crawler of the onboard core, a `CrawlControl`."""
 
 import ctypes
-import time
 from collections.abc import Iterable
 
 import numpy as np
@@ -82,7 +81,6 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         self.gait = CoreGait(self._crawl, self.library)
         self.memory = CoreCrawlMemory(self._crawl.inner("memory", "crawl_memory"))
         self._answered = self._crawl.inner("allocation", "allocation")
-        self._solve_time, self._last_step = 0.0, None
 
     @property
     def last_step(self) -> CrawlRecord | None:
@@ -125,13 +123,9 @@ class CoreCrawler(Core[CoreCrawlMemory]):
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
         """One control tick; as `Crawler.step`."""
         self.write_state(state)
-        start = time.perf_counter()
-        self.library.sp_crawl_step(
-            self._crawl.pointer, self._state.pointer, self.residual_pointer(residual), self._command.pointer
+        return self._tick(
+            self.library.sp_crawl_step, self._crawl.pointer, self._state.pointer, self.residual_pointer(residual)
         )
-        self._solve_time = time.perf_counter() - start
-        self._last_step = None
-        return self._answer()
 
     def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
         """The observation; as `control.crawl.observation.observe_crawl`."""

@@ -1,7 +1,6 @@
 """The flight controller of the onboard core, a `FlightControl`."""
 
 import ctypes
-import time
 
 import numpy as np
 
@@ -67,14 +66,13 @@ class CoreFlightController(Core[CoreMemory]):
         self._turn = 0
         self.memory = CoreMemory(self._flight.inner("memory", "flight_memory"))
         self._answered = self._flight.inner("allocation", "allocation")
-        self._solve_time, self._last_step = 0.0, None
 
     @property
     def last_step(self) -> FlightRecord | None:
         """What the last tick did; None before the first."""
-        if self._last_step is None and self._flight["ticked"]:
+        f = self._flight
+        if self._last_step is None and f["ticked"]:
             allocation = read_allocation(self._answered, self._solve_time)
-            f = self._flight
             restricted = self.memory.interference.restricted
             self._last_step = FlightRecord(
                 self._own.control_state, f["wrench_desired"], allocation, f["joint_velocity"], restricted
@@ -122,14 +120,10 @@ class CoreFlightController(Core[CoreMemory]):
         self.write_state(state)
         self._write_reference(reference)
         known = next((view.struct.pointer for view in self._views if view.control_state is control_state), None)
-        start = time.perf_counter()
-        self.library.sp_flight_step(
-            self._flight.pointer, self._state.pointer, self._reference.pointer, self.residual_pointer(residual), known,
-            self._command.pointer,
+        return self._tick(
+            self.library.sp_flight_step, self._flight.pointer, self._state.pointer, self._reference.pointer,
+            self.residual_pointer(residual), known,
         )  # fmt: skip
-        self._solve_time = time.perf_counter() - start
-        self._last_step = None
-        return self._answer()
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
         """The observation; as `control.flight.observation.observe`."""

@@ -4,6 +4,7 @@ import _ctypes
 import ctypes
 import hashlib
 import os
+import time
 import weakref
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -168,6 +169,8 @@ class Core(Generic[M]):
         self._state, self._residual, self._command = Struct("robot_state"), Struct("residual"), Struct("command")
         self._observation = np.zeros(MAX_OBSERVATION, np.float32)
         self._seen: RobotState | None = None
+        self._solve_time = 0.0
+        self._last_step: Any = None
 
     def close(self) -> None:
         """Unload the library: nothing can be asked of it any more."""
@@ -201,8 +204,11 @@ class Core(Generic[M]):
         memory.forces_l[:] = vectoring_to_force(command.thrust, command.vectoring)
         memory.joint_position[:] = command.joint_position
 
-    def _answer(self) -> Command:
-        c = self._command
+    def _tick(self, function: Any, *arguments: ctypes.c_void_p | None) -> Command:  # noqa: ANN401 - of the library
+        """Call the step; its command."""
+        start, c = time.perf_counter(), self._command
+        function(*arguments, c.pointer)
+        self._solve_time, self._last_step = time.perf_counter() - start, None
         return Command(
             c["thrust"].copy(), c["vectoring"].reshape(N_ROTORS, 2).copy(), c["joint_position"].copy(),
             c["joint_torque_limit"].copy(),

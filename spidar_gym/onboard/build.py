@@ -1,18 +1,44 @@
-"""The runner compiled for this machine, once for every version of its sources."""
+"""The core and the runner compiled for this machine, the runner once for every version of its sources."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from spidar_gym.files import scratch_folder, whole_file
 from spidar_gym.native.compiler import FLAGS, compiler, run_tool
-from spidar_gym.native.library import core_path
+from spidar_gym.native.library import core_path, seal
 from spidar_gym.onboard.export import export_files, write_files
 
-FOLDERS = ("core", "osqp", "runner")
-"""Where the C sources of an export are."""
-INCLUDES = ("core", "osqp", "generated", "runner")
-"""Where its headers are."""
+CORE = ("core", "osqp")
+"""Where the C sources of the core are in an export."""
+RUNNER = (*CORE, "runner")
+"""Where those of the runner are, the core's included."""
+
+
+def arguments(folder: Path, parts: Sequence[str]) -> list[str]:
+    """What a compiler is told of some parts of an exported folder: where headers are, and the C sources."""
+    sources = [str(p) for part in parts for p in sorted((folder / part).glob("*.c"))]
+    return [*(f"-I{folder / part}" for part in (*parts, "generated")), *sources, "-lm"]
+
+
+def build_core(path: Path | None = None, *, residual: Path | None = None) -> Path:
+    """Compile the core as a shared library for `control="core"`; where it lies.
+
+    Args:
+        path: Where it is to lie; where environments look for it by default.
+        residual: Artifact of a learned policy that it has with it.
+
+    Raises:
+        MissingDependencyError: Without a C compiler.
+        SpidarError: When it does not compile, with the compiler's words, or cannot be written.
+    """
+    path, command = path or core_path(), [*compiler(), *FLAGS, "-DSPIDAR_SHARED", "-fPIC", "-shared"]
+    with whole_file(path) as made:
+        with scratch_folder() as folder:
+            write_files(export_files(golden=False, residual=residual), folder)
+            run_tool([*command, *arguments(folder, CORE), "-o", str(made)], "the core")
+        seal(made)
+    return path
 
 
 def compile_runner(folder: Path, out: Path) -> Path:
@@ -22,9 +48,7 @@ def compile_runner(folder: Path, out: Path) -> Path:
         MissingDependencyError: Without a C compiler.
         SpidarError: When it does not compile; with the compiler's words.
     """
-    sources = [str(p) for part in FOLDERS for p in sorted((folder / part).glob("*.c"))]
-    includes = [f"-I{folder / part}" for part in INCLUDES]
-    run_tool([*compiler(), *FLAGS, *includes, *sources, "-lm", "-o", str(out)], "the runner")
+    run_tool([*compiler(), *FLAGS, *arguments(folder, RUNNER), "-o", str(out)], "the runner")
     return out
 
 

@@ -6,11 +6,10 @@ import os
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from types import MappingProxyType
 
 import spidar_gym
 from spidar_gym.errors import SpidarError
-from spidar_gym.files import cannot_write, scratch_folder, whole_file
+from spidar_gym.files import cannot_write, whole_file
 from spidar_gym.native.codegen.header import (
     CORE,
     constants_header,
@@ -20,8 +19,6 @@ from spidar_gym.native.codegen.header import (
     structs_header,
 )
 from spidar_gym.native.codegen.solvers import generate_solvers
-from spidar_gym.native.compiler import FLAGS, compiler, run_tool
-from spidar_gym.native.library import core_path, seal
 from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
@@ -31,14 +28,16 @@ ONBOARD = Path(__file__).resolve().parent
 """Sources of everything that runs on the robot around the core."""
 PARTS = {"core": (CORE, "*.[ch]"), "runner": (RUNNER, "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg")}
 """Exported folder → folder of hand-written sources, and which of their files."""
-NOTHING: Mapping[str, bytes] = MappingProxyType({})
-"""No further files."""
 PAGES = ("CMakeLists.txt", "package.xml", "README.md")
 """Files beside them."""
 
 
 def export_files(
-    *, golden: bool = True, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] = NOTHING
+    *,
+    golden: bool = True,
+    residual: Path | None = None,
+    rate: float = RATE,
+    extra: Mapping[str, bytes] | None = None,
 ) -> dict[str, bytes]:
     """Path → content of the exported folder, the same at every call.
 
@@ -51,7 +50,7 @@ def export_files(
     Raises:
         SpidarError: For an artifact that cannot be read, or that adds to no controller.
     """
-    files: dict[str, bytes] = dict(extra)
+    files: dict[str, bytes] = dict(extra or {})
     artifact, origin = None, None
     if residual is not None:
         artifact = read_artifact(residual)
@@ -89,7 +88,7 @@ def export_files(
 
 
 def export(
-    folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] = NOTHING
+    folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None
 ) -> list[str]:
     """Write the folder, whole or not at all; the names of its files.
 
@@ -117,24 +116,3 @@ def write_files(files: dict[str, bytes], folder: Path) -> None:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-
-
-def build(path: Path | None = None, *, residual: Path | None = None, rate: float = RATE) -> Path:
-    """Compile the core as a shared library for `control="core"`; where it lies.
-
-    `residual` and `rate` are as for `export_files`.
-
-    Raises:
-        MissingDependencyError: Without a C compiler.
-        SpidarError: When it does not compile, with the compiler's words, or cannot be written.
-    """
-    path, command = path or core_path(), compiler()
-    with whole_file(path) as made:
-        with scratch_folder() as folder:
-            write_files(export_files(golden=False, residual=residual, rate=rate), folder)
-            sources = [str(p) for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c"))]
-            includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated")]
-            shared = ("-DSPIDAR_SHARED", "-fPIC", "-shared")
-            run_tool([*command, *FLAGS, *shared, *includes, *sources, "-lm", "-o", str(made)], "the core")
-        seal(made)
-    return path

@@ -18,14 +18,13 @@ from spidar_gym.envs.actions import (
     SPEED_AUTHORITY,
     WRENCH_AUTHORITY,
     ActionMode,
-    Channel,
     find_action_mode,
 )
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError, require_name
-from spidar_gym.native.codegen.header import header, hex_float
+from spidar_gym.native.codegen.header import array, header, hex_float
 from spidar_gym.native.constants import MAX_ACTION, MAX_OBSERVATION, MAX_WIDTH
 from spidar_gym.policies.artifact import Artifact, Washout
 
@@ -83,7 +82,7 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "DEVIATION": np.sqrt(artifact.variance.astype(float)),
         "BOUND": bound,
         "WASHOUT": share if len(share) else np.zeros(mode.size),
-        "AUTHORITY": np.concatenate([_authority(channel) for channel in mode.channels]),
+        "AUTHORITY": np.concatenate([np.broadcast_to(AUTHORITIES[each.name], each.size) for each in mode.channels]),
         "WEIGHTS": np.concatenate([part.astype(np.float32).reshape(-1) for layer in layers for part in layer]),
     }
     return _header(f"the policy {artifact.name}, learned in {artifact.env_id}", words, arrays)
@@ -117,10 +116,6 @@ def _check_sizes(sizes: tuple[int, ...], shown: tuple[int, int]) -> None:
             raise InvalidValueError(f"network's {name}", size, f"at most {most} numbers")
 
 
-def _authority(channel: Channel) -> np.ndarray:
-    return np.broadcast_to(np.asarray(AUTHORITIES[channel.name], float), (channel.size,))
-
-
 def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: str) -> dict[str, object]:
     """Constants by name without `SP_POLICY_`, as they are without a network."""
     return {
@@ -145,8 +140,5 @@ def _header(what: str, words: dict[str, object], arrays: dict[str, np.ndarray]) 
     doubles = ("MEAN", "DEVIATION", "BOUND", "WASHOUT", "AUTHORITY")
     for name, kind in (*((n, "double") for n in doubles), ("WEIGHTS", "float")):
         numbers, suffix = arrays.get(name, np.zeros(1)).tolist(), "f" if kind == "float" else ""
-        texts = [hex_float(x) + suffix for x in numbers]
-        lines += ["", f"static const {kind} SP_POLICY_{name}[{len(texts)}] = {{"]
-        lines += ["    " + ", ".join(texts[k : k + 4]) + "," for k in range(0, len(texts), 4)]
-        lines.append("};")
+        lines += ["", *array(kind, f"SP_POLICY_{name}", [hex_float(x) + suffix for x in numbers])]
     return header("SPIDAR_POLICY", f"{what}.", lines, ('"spidar_constants.h"',))

@@ -6,7 +6,7 @@ import sys
 
 from support.needs import needs_compiler
 
-from spidar_gym.onboard.export import build
+from spidar_gym.onboard.build import build_core
 
 WRITES, READS = 3000, 149_000
 """Of all processes together."""
@@ -92,7 +92,7 @@ def test_many_writers_readers_and_planted_links_of_one_file(tmp_path, tries):
 @needs_compiler
 def test_more_cores_are_made_and_dropped_than_a_process_can_hold(tmp_path, tries):
     """In a process of its own: what other tests of this one still hold is mapped as well."""
-    library = build(tmp_path / "libspidar.so")
+    library = build_core(tmp_path / "libspidar.so")
     answer = subprocess.run(
         [sys.executable, "-c", LOADER, str(tries(CORES))],
         env=os.environ | {"SPIDAR_CORE": str(library)},

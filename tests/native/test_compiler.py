@@ -14,7 +14,8 @@ from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarE
 from spidar_gym.native.compiler import compiler, run_tool
 from spidar_gym.native.library import Library
 from spidar_gym.onboard import export as exporting
-from spidar_gym.onboard.export import build, export
+from spidar_gym.onboard.build import build_core
+from spidar_gym.onboard.export import export
 
 FULL_LINKER = """#!/bin/sh
 echo "In file included from core/allocate.c:3:" >&2
@@ -69,7 +70,7 @@ def test_cc_may_have_arguments(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", f"{plain[0]} -O0  -DNAME='a b'")
     assert compiler() == [plain[0], "-O0", "-DNAME=a b"]
     monkeypatch.setattr(exporting, "FLAGS", ("-std=c99",))
-    assert Library(build(tmp_path / "libspidar.so")).sp_interface() != 0
+    assert Library(build_core(tmp_path / "libspidar.so")).sp_interface() != 0
 
 
 @pytest.mark.parametrize("given", ["no-such-compiler", "no-such-compiler -O2", "'", "gcc 'half", "/"])
@@ -90,7 +91,7 @@ def test_without_a_compiler_the_message_says_what_to_install(monkeypatch, tmp_pa
 def test_a_linker_without_room_is_not_called_a_missing_compiler(cc, tmp_path):
     cc(FULL_LINKER)
     with pytest.raises(SpidarError) as refusal:
-        build(tmp_path / "out" / "libspidar.so")
+        build_core(tmp_path / "out" / "libspidar.so")
     assert str(refusal.value) == (
         "the core does not compile: their cc: /usr/bin/ld: final link failed: No space left on device / "
         "collect2: error: ld returned 1 exit status; valid: compilers for C99 (CC) and, for ROS, C++11, and room on "

@@ -23,7 +23,7 @@ from spidar_gym.native.compiler import compiler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, load_core, pointer
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.export import build
+from spidar_gym.onboard.build import build_core
 from spidar_gym.so3 import exp
 
 pytestmark = needs_compiler
@@ -33,7 +33,7 @@ HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 @pytest.fixture(scope="module", autouse=True)
 def compiled(tmp_path_factory):
     """The core, compiled for these tests."""
-    path = build(tmp_path_factory.mktemp("core") / "libspidar.so")
+    path = build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPIDAR_CORE", str(path))
         yield path

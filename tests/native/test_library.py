@@ -15,7 +15,7 @@ from spidar_gym.errors import SpidarError, StaleAssetError
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import SEAL, load_core
-from spidar_gym.onboard.export import build
+from spidar_gym.onboard.build import build_core
 
 pytestmark = needs_compiler
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
@@ -33,7 +33,7 @@ except StaleAssetError:
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
     """The core, compiled for these tests."""
-    return build(tmp_path_factory.mktemp("core") / "libspidar.so")
+    return build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ from support.states import random_demands
 from spidar_gym.native.codegen.solvers import generate_solvers
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import load_core
-from spidar_gym.onboard.export import build
+from spidar_gym.onboard.build import build_core
 
 pytestmark = needs_compiler
 
@@ -21,7 +21,7 @@ pytestmark = needs_compiler
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
     """The core, compiled for these tests."""
-    path = build(tmp_path_factory.mktemp("core") / "libspidar.so")
+    path = build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPIDAR_CORE", str(path))
         yield path

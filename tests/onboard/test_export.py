@@ -14,6 +14,7 @@ from spidar_gym.control.allocation.cone import MAX_STEPS
 from spidar_gym.errors import SpidarError
 from spidar_gym.native.compiler import FLAGS, compiler
 from spidar_gym.onboard import export as exporting
+from spidar_gym.onboard.build import RUNNER, arguments, build_core
 from spidar_gym.onboard.export import export, export_files
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
 
@@ -33,9 +34,7 @@ def folder(tmp_path_factory):
 
 def compile_runner(folder, out, *flags, cc=None):
     """The README's line."""
-    sources = [str(p) for part in ("core", "osqp", "runner") for p in sorted((folder / part).glob("*.c"))]
-    includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated", "runner")]
-    command = [*([cc] if cc else compiler()), *FLAGS, *flags, *includes, *sources, "-lm", "-o", str(out)]
+    command = [*([cc] if cc else compiler()), *FLAGS, *flags, *arguments(folder, RUNNER), "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:2000]
     return [str(out)]
@@ -107,7 +106,7 @@ def test_our_own_code_compiles_without_a_warning(folder, tmp_path):
 
 
 def test_the_shared_library_asks_for_no_new_symbol_and_no_heap(tmp_path):
-    path = exporting.build(tmp_path / "libspidar.so")
+    path = build_core(tmp_path / "libspidar.so")
     listed = subprocess.run(["nm", "-D", "--undefined-only", path], capture_output=True, text=True, check=True).stdout
     names = {line.split()[-1].split("@")[0] for line in listed.splitlines()}
     assert "exp" in names

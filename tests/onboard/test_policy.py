@@ -20,8 +20,7 @@ from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, pointer, seal
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard import export as exporting
-from spidar_gym.onboard.export import export_files
+from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.policies.artifact import Washout
 from spidar_gym.state import NO_RESIDUAL, Residual
@@ -50,7 +49,7 @@ NETS = {
 def compiled(tmp_path_factory):
     """Artifact, or none → the core with it as a shared library; all but the policy is compiled once."""
     folder = tmp_path_factory.mktemp("core")
-    exporting.write_files(export_files(golden=False), folder)
+    write_files(export_files(golden=False), folder)
     flags = [*FLAGS, "-fPIC", *(f"-I{folder / part}" for part in ("core", "osqp", "generated"))]
     sources = [p for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c")) if p.name != "policy.c"]
     subprocess.run([*compiler(), *flags, "-c", *map(str, sources)], cwd=folder, check=True)

@@ -21,7 +21,7 @@ from spidar_gym.native.compiler import FLAGS, compiler
 from spidar_gym.native.constants import CHANNELS, MAX_ACTION, MAX_WIDTH
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct
-from spidar_gym.onboard import export as exporting
+from spidar_gym.onboard import build as building
 from spidar_gym.onboard import golden
 from spidar_gym.onboard.export import export, export_files
 from spidar_gym.onboard.policy import AUTHORITIES, RATE, policy_header
@@ -132,8 +132,8 @@ def test_the_same_policy_gives_the_same_bytes_and_another_rate_others(written):
 
 
 def test_a_core_is_built_with_a_policy(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(exporting, "FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
-    path = exporting.build(tmp_path / "libspidar.so", residual=written)
+    monkeypatch.setattr(building, "FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
+    path = building.build_core(tmp_path / "libspidar.so", residual=written)
     monkeypatch.setenv("SPIDAR_CORE", str(path))
     assert CoreFlightController().library.sp_policy_kind() == 0
 

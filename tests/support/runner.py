@@ -8,7 +8,7 @@ import numpy as np
 
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.native.compiler import FLAGS, compiler
-from spidar_gym.onboard.build import compile_runner
+from spidar_gym.onboard.build import RUNNER, arguments, compile_runner
 from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT
@@ -36,9 +36,7 @@ def export(folder):
 
 def compile_(folder, out, *flags):
     """All of the folder, the runner's `main` included."""
-    sources = [str(p) for part in ("core", "osqp", "runner") for p in sorted((folder / part).glob("*.c"))]
-    includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated", "runner")]
-    command = [*compiler(), *FLAGS, *flags, *includes, *sources, "-lm", "-o", str(out)]
+    command = [*compiler(), *FLAGS, *flags, *arguments(folder, RUNNER), "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:2000]
     return out

@@ -277,7 +277,7 @@ void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *jo
     if (trim == NULL) return;
     /* Integrals whose terms are the wrench that is known to be needed; the observer cancels its share itself. */
     sp_snapshot *s = &f->control.snapshot;
-    double R[9], force[3], torque[3], K[9], angular[3], share = 1.0 - f->config.compensation.observer_gain;
+    double R[9], force[3], torque[3], adjugate[9], angular[3], share = 1.0 - f->config.compensation.observer_gain;
     sp_from_quat(state->quat_wb, R);
     sp_snapshot_at(joints, R, state->vectoring, s);
     sp_apply(R, trim, force);
@@ -288,12 +288,9 @@ void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *jo
     }
     /* Solve I α = τ by Cramer's rule. */
     const double *I = s->inertia_c;
-    double det = I[0] * (I[4] * I[8] - I[5] * I[7]) - I[1] * (I[3] * I[8] - I[5] * I[6]) +
-                 I[2] * (I[3] * I[7] - I[4] * I[6]);
-    K[0] = I[4] * I[8] - I[5] * I[7], K[1] = I[2] * I[7] - I[1] * I[8], K[2] = I[1] * I[5] - I[2] * I[4];
-    K[3] = I[5] * I[6] - I[3] * I[8], K[4] = I[0] * I[8] - I[2] * I[6], K[5] = I[2] * I[3] - I[0] * I[5];
-    K[6] = I[3] * I[7] - I[4] * I[6], K[7] = I[1] * I[6] - I[0] * I[7], K[8] = I[0] * I[4] - I[1] * I[3];
-    sp_apply(K, trim + 3, angular);
+    for (int k = 0; k < 3; k++) sp_cross(I + 3 * ((k + 1) % 3), I + 3 * ((k + 2) % 3), adjugate + 3 * k);
+    double det = sp_dot(I, adjugate);
+    sp_apply_t(adjugate, trim + 3, angular);
     for (int i = 0; i < 3; i++) {
         double kf = f->config.centroidal.position_gains[3 * i + 1], kt = f->config.centroidal.attitude_gains[3 * i + 1];
         m->position_integral_w[i] = kf > 0.0 ? share * force[i] / s->mass / kf : 0.0;

@@ -379,7 +379,6 @@ void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb
 {
     sp_gait_memory *m = &crawl->gait;
     memset(m, 0, sizeof *m);
-    sp_home(&crawl->config.gait, crawl->home_b);
     sp_copy(m->plan, q, SP_JOINTS);
     sp_copy(m->joints, q, SP_JOINTS);
     sp_copy(m->position_w, position_w, 3);

@@ -12,29 +12,23 @@
 static inline sp_pose2 then(sp_pose2 pose, sp_pose2 next)
 {
     double c = cos(pose.yaw), s = sin(pose.yaw);
-    sp_pose2 sum = {pose.x + c * next.x - s * next.y, pose.y + s * next.x + c * next.y, pose.yaw + next.yaw};
-    return sum;
+    return (sp_pose2){pose.x + c * next.x - s * next.y, pose.y + s * next.x + c * next.y, pose.yaw + next.yaw};
 }
 
 static inline sp_pose2 inverse(sp_pose2 pose)
 {
     double c = cos(pose.yaw), s = sin(pose.yaw);
-    sp_pose2 back = {-c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw};
-    return back;
+    return (sp_pose2){-c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw};
 }
 
 /* The pose after a share of the arc of constant curvature that leads to this pose. */
 static inline sp_pose2 arc(sp_pose2 pose, double share)
 {
-    if (fabs(pose.yaw) < SP_STRAIGHT) {
-        sp_pose2 part = {share * pose.x, share * pose.y, share * pose.yaw};
-        return part;
-    }
+    if (fabs(pose.yaw) < SP_STRAIGHT) return (sp_pose2){share * pose.x, share * pose.y, share * pose.yaw};
     double half = 0.5 * pose.yaw, k = half / tan(half);
     double vx = k * pose.x + half * pose.y, vy = -half * pose.x + k * pose.y, a = share * pose.yaw;
     double s = sin(a) / pose.yaw, c = (1.0 - cos(a)) / pose.yaw;
-    sp_pose2 part = {s * vx - c * vy, c * vx + s * vy, a};
-    return part;
+    return (sp_pose2){s * vx - c * vy, c * vx + s * vy, a};
 }
 
 /* Points (4, 3) seen from this pose, seen from the origin, `dz` higher. */
@@ -51,8 +45,7 @@ static inline void move_points(sp_pose2 pose, const double *points, double dz, d
 
 static inline sp_pose2 planar_pose(const double *position_w, const double *R)
 {
-    sp_pose2 pose = {position_w[0], position_w[1], atan2(R[3], R[0])};
-    return pose;
+    return (sp_pose2){position_w[0], position_w[1], atan2(R[3], R[0])};
 }
 
 static inline double length(double x, double y) { return sqrt(x * x + y * y); }

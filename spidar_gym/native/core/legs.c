@@ -47,14 +47,6 @@ void sp_home(const sp_gait_config *c, double *home_b)
     }
 }
 
-/* Joint angles of the robot at rest. */
-int sp_lying_pose(const sp_gait_config *config, double *q)
-{
-    double home[3 * SP_LEGS];
-    sp_home(config, home);
-    return sp_leg_angles(home, q);
-}
-
 /* Whether one cycle can go this way: every foot in reach at start and end, torso down and lifted. */
 int sp_stride_fits(const sp_gait_config *c, const double *home_b, sp_pose2 way, double lift_height)
 {

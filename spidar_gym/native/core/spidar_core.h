@@ -65,7 +65,6 @@ void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_ref
 int sp_leg_angles(const double *feet_b, double *q);
 void sp_feet_at(const double *q, double *feet_b);
 void sp_home(const sp_gait_config *config, double *home_b);
-int sp_lying_pose(const sp_gait_config *config, double *q);
 int sp_stride_fits(const sp_gait_config *config, const double *home_b, sp_pose2 way, double lift_height);
 double sp_largest_stride(const sp_crawl *crawl, sp_pose2 way); /* as a share of the way */
 

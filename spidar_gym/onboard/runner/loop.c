@@ -1,6 +1,7 @@
 /* The stages: wait, drive, hold for at most 100 ms, force the landing, silence. */
 #include "loop.h"
-#include "ground.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
 
 #define PERIOD (1.0 / SP_CONTROL_RATE) /* of the ticks [s] */
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
@@ -18,6 +19,15 @@ const char *sp_stage_words(int32_t stage)
     return STAGES[stage >= 0 && stage <= SP_RELEASED ? stage : 0];
 }
 
+/* The crawl from a state, with the mission's moves ahead; 0 where one is out of reach. */
+static int begin_crawl(sp_loop *l, const sp_robot_state *state)
+{
+    sp_crawl_reset(&l->crawl, state);
+    for (int k = 0; k < l->mission.move_count; k++)
+        if (!sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
+    return 1;
+}
+
 const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
 {
     memset(l, 0, sizeof *l);
@@ -31,12 +41,8 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     sp_robot_state nominal;
     memset(&nominal, 0, sizeof nominal);
     nominal.quat_wb[0] = 1.0;
-    sp_lying_pose(&mission->crawler.gait, nominal.joint_position);
-    sp_crawl_reset(&l->crawl, &nominal);
-    for (int k = 0; k < mission->move_count; k++)
-        if (!sp_gait_move(&l->crawl, mission->moves[k].way, mission->moves[k].cycles))
-            return "a move of the mission is out of reach; valid: shorter ones";
-    return NULL;
+    sp_leg_angles(l->crawl.home_b, nominal.joint_position);
+    return begin_crawl(l, &nominal) ? NULL : "a move of the mission is out of reach; valid: shorter ones";
 }
 
 /* Where the robot is: whether that is still within the limits. */
@@ -95,12 +101,8 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     sp_from_quat(x->quat_wb, R);
     double yaw = atan2(R[3], R[0]);
     if (l->mission.crawls) {
-        sp_crawl_reset(&l->crawl, x);
-        sp_pose2 goal = planar_pose(x->position_w, R);
-        for (int k = 0; k < l->mission.move_count; k++) {
-            if (!sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
-            goal = then(goal, l->mission.moves[k].way);
-        }
+        if (!begin_crawl(l, x)) return 0;
+        const sp_pose2 goal = l->crawl.gait.planned;
         l->goal[0] = goal.x, l->goal[1] = goal.y, l->goal[2] = goal.yaw;
         return 1;
     }

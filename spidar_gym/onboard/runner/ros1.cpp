@@ -288,15 +288,18 @@ private:
         }
     }
 
-    static void take(const geometry_msgs::Pose &pose, double *position_w, double *quat_wb)
+    template <class V> static void take_xyz(const V &vector, double *to)
     {
-        position_w[0] = pose.position.x;
-        position_w[1] = pose.position.y;
-        position_w[2] = pose.position.z;
+        to[0] = vector.x;
+        to[1] = vector.y;
+        to[2] = vector.z;
+    }
+
+    static void take_pose(const geometry_msgs::Pose &pose, double *position_w, double *quat_wb)
+    {
+        take_xyz(pose.position, position_w);
         quat_wb[0] = pose.orientation.w;
-        quat_wb[1] = pose.orientation.x;
-        quat_wb[2] = pose.orientation.y;
-        quat_wb[3] = pose.orientation.z;
+        take_xyz(pose.orientation, quat_wb + 1);
     }
 
     void on_pose(const geometry_msgs::PoseStamped::ConstPtr &message)
@@ -311,23 +314,18 @@ private:
         }
         const int k = m.pose_count++;
         m.pose_time[k] = seconds(message->header.stamp);
-        take(message->pose, m.pose_position_w + 3 * k, m.pose_quat_wb + 4 * k);
+        take_pose(message->pose, m.pose_position_w + 3 * k, m.pose_quat_wb + 4 * k);
     }
 
     void on_odometry(const nav_msgs::Odometry::ConstPtr &message)
     {
         sp_odometry &o = input_.odometry;
-        const geometry_msgs::Twist &twist = message->twist.twist;
         came(SP_TOPIC_ODOMETRY);
         input_.has_odometry = 1;
         o.time = seconds(message->header.stamp);
-        take(message->pose.pose, o.position_w, o.quat_wb);
-        o.velocity_w[0] = twist.linear.x;
-        o.velocity_w[1] = twist.linear.y;
-        o.velocity_w[2] = twist.linear.z;
-        o.omega_b[0] = twist.angular.x;
-        o.omega_b[1] = twist.angular.y;
-        o.omega_b[2] = twist.angular.z;
+        take_pose(message->pose.pose, o.position_w, o.quat_wb);
+        take_xyz(message->twist.twist.linear, o.velocity_w);
+        take_xyz(message->twist.twist.angular, o.omega_b);
     }
 
     void on_state(const ros::MessageEvent<std_msgs::UInt8 const> &event)
