@@ -15,7 +15,7 @@ from spidar_gym.native.structs import fill
 from spidar_gym.onboard.runner_structs import MAGIC, LogKind, log_layouts, runner_hash
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import rollout
-from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
+from spidar_gym.state import NO_RESIDUAL, Command, Reference, RobotState
 
 FLIGHT_TICKS, CRAWL_TICKS = 200, 500
 """Length of the golden logs: five seconds of fast legs, one and a half gait phases."""
@@ -47,17 +47,14 @@ class Log:
         known = {} if trim is None else {"has_trim": 1, "trim": trim}
         self._front.append(_struct("log_start", state=state, joint_position=joint_position, **known))
 
-    def moves(self, state: RobotState, moves: list[tuple[float, float, float, int]]) -> None:
-        """A crawl's first state and its moves: x, y, yaw, cycles."""
-        self._front.append(_struct("robot_state", state))
-        for *way, cycles in [*moves, (0.0, 0.0, 0.0, -1)]:
-            self._front.append(_struct("move", way=tuple(way), cycles=cycles))
+    def move(self, state: RobotState, way: tuple[float, ...]) -> None:
+        """A crawl's first state and where it goes: x, y [m], yaw [rad]."""
+        self._front += [_struct("robot_state", state), _struct("move", way=way), _struct("move", cycles=-1)]
 
-    def add(self, state: RobotState, reference: Reference | None, residual: Residual = NO_RESIDUAL) -> None:
+    def add(self, state: RobotState, reference: Reference | None) -> None:
         """What went into a tick."""
         known = {} if reference is None else {"reference": reference}
-        more = residual is not NO_RESIDUAL
-        self._inputs.append(_struct("log_input", state=state, has_residual=more, residual=residual, **known))
+        self._inputs.append(_struct("log_input", state=state, residual=NO_RESIDUAL, **known))
 
     def answer(self, command: Command, allocation: Allocation) -> None:
         """What came out of it."""
@@ -98,23 +95,21 @@ def _finished(log: Log, env: HoverEnv | CrawlEnv, steps: Iterable[object]) -> Lo
     return log
 
 
-def record_flight(ticks: int = FLIGHT_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
+def record_flight(ticks: int = FLIGHT_TICKS) -> Log:
     """A flight of the readable controller, at the robot's iteration cap."""
-    given = {"preset": "tuned", "forms": "independent", "joint_speed": 1.0, "sensors": True, **options}
-    env = HoverEnv(max_iter=ONBOARD_ITERATIONS, **given)
+    env = HoverEnv(preset="tuned", forms="independent", joint_speed=1.0, sensors=True, max_iter=ONBOARD_ITERATIONS)
     log = Log(LogKind.FLIGHT, env.controller.config, "controller_config")
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
     log.start(env.seen, env.progress.goal.joint_target, env.trim)
     return _finished(log, env, steps)
 
 
-def record_crawl(ticks: int = CRAWL_TICKS, **options: Any) -> Log:  # noqa: ANN401 - arguments of the environment
+def record_crawl(ticks: int = CRAWL_TICKS) -> Log:
     """A crawl of the readable controller, at the robot's iteration cap."""
-    given = {"preset": "published", "distance": 0.2, "direction": 0.3, "turn": 0.2, "sensors": True, **options}
-    env = CrawlEnv(max_iter=ONBOARD_ITERATIONS, **given)
+    env = CrawlEnv(preset="published", distance=0.2, direction=0.3, turn=0.2, sensors=True, max_iter=ONBOARD_ITERATIONS)
     log = Log(LogKind.CRAWL, env.controller.config, "crawler_config")
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
-    log.moves(env.seen, [(*env.way, 0)])
+    log.move(env.seen, tuple(env.way))
     return _finished(log, env, steps)
 
 

@@ -145,7 +145,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("moves", "move", (MAX_MOVES,), ""),
         ("end", "f8", (), "of the flight, since the take-over; it goes on hovering [s]"),
     )),
-    CStruct("log_head", "Head of a log; see log.h for what follows it.", (
+    CStruct("log_head", "Head of a log; see runner.h for what follows it.", (
         ("magic", "u1", (len(MAGIC),), "SP_LOG_MAGIC"),
         ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
         ("kind ticks", "i4", (), "sp_log_kind; of a run 0 ticks: to the end of the file"),

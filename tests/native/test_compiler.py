@@ -13,7 +13,7 @@ from support.needs import needs_compiler
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 from spidar_gym.native.compiler import compiler, run_tool
 from spidar_gym.native.library import Library
-from spidar_gym.onboard import export as exporting
+from spidar_gym.onboard import build as building
 from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export
 
@@ -69,7 +69,7 @@ def test_cc_may_have_arguments(tmp_path, monkeypatch):
     plain = compiler()
     monkeypatch.setenv("CC", f"{plain[0]} -O0  -DNAME='a b'")
     assert compiler() == [plain[0], "-O0", "-DNAME=a b"]
-    monkeypatch.setattr(exporting, "FLAGS", ("-std=c99",))
+    monkeypatch.setattr(building, "FLAGS", ("-std=c99",))
     assert Library(build_core(tmp_path / "libspidar.so")).sp_interface() != 0
 
 

@@ -38,7 +38,7 @@ def test_another_source_of_the_runner_or_another_word_is_another_interface(monke
     shutil.copytree(RUNNER, tmp_path / "runner")
     monkeypatch.setattr(runner_structs, "RUNNER", tmp_path / "runner")
     found.add(runner_hash())
-    for name in ("loop.c", "loop.h", "ros1.cpp"):
+    for name in ("loop.c", "runner.h", "ros1.cpp"):
         with (tmp_path / "runner" / name).open("a") as file:
             file.write("\n")
         found.add(runner_hash())

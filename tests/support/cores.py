@@ -36,7 +36,7 @@ class Allocating:
         held = np.zeros(24) if previous is None else previous.reshape(-1).copy()
         question = asked(demand)  # kept while the core reads it
         self.library.sp_allocate(
-            self.mode, question.pointer, pointer(held), None, 0, 0, self.config.pointer,
+            self.mode, question.pointer, pointer(held), None, 0, self.config.pointer,
             self.workspace.pointer, self.answer.pointer,
         )  # fmt: skip
         return read_allocation(self.answer, 0.0)

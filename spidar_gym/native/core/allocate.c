@@ -9,7 +9,7 @@
  * Vectors before matrices, the solver's own scaling off, ρ as it was made: the result depends on the program alone.
  * Where it found none, the solver's NaN is a large finite number, so only the status counts.
  */
-static int solve(const sp_solver *kept, const sp_program *p, double rho, int max_iter, double tolerance,
+static int solve(const sp_solver *kept, const sp_program *p, double rho, const sp_allocator_config *config,
                  sp_workspace *work, double *x, double *duals, int32_t *iterations)
 {
     OSQPSolver *solver = kept->solver;
@@ -18,8 +18,8 @@ static int solve(const sp_solver *kept, const sp_program *p, double rho, int max
     *iterations = 0;
     for (int k = 0; k < kept->P_count; k++) work->Px[k] = p->P[kept->P_at[k]];
     for (int k = 0; k < kept->A_count; k++) work->Ax[k] = p->A[kept->A_at[k]];
-    solver->settings->max_iter = max_iter;
-    solver->settings->eps_abs = tolerance;
+    solver->settings->max_iter = config->max_iter;
+    solver->settings->eps_abs = config->tolerance;
     if (osqp_update_data_vec(solver, p->q, p->l, p->u) != 0) return 0;
     if (osqp_update_data_mat(solver, work->Px, NULL, kept->P_count, work->Ax, NULL, kept->A_count) != 0) return 0;
     if (rho != SP_RHO) osqp_update_rho(solver, rho);
@@ -129,22 +129,21 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
     a->status = SP_CLOSED_FORM;
     if (guess_rows > 0 && guess_rows == p->m) {
         for (int i = 0; i < p->m; i++) duals[i] = guess[i];
-        found = sp_closed_form(p, duals, SP_ROUNDS, SP_ROW_TOLERANCE, work, x);
+        found = sp_closed_form(p, duals, SP_ROUNDS, work, x);
     }
-    if (!found) found = sp_closed_form(p, NULL, SP_ROUNDS, SP_ROW_TOLERANCE, work, x);
+    if (!found) found = sp_closed_form(p, NULL, SP_ROUNDS, work, x);
     if (!found && !finite_program(p)) {
         a->status = SP_HELD;
         return 0;
     }
     for (int attempt = 0; attempt < 2 && !found; attempt++) {
-        int result = solve(&SP_SOLVERS[mode->kind].hard, p, rhos[attempt], config->max_iter, config->tolerance, work,
-                           first, duals, &more);
+        int result = solve(&SP_SOLVERS[mode->kind].hard, p, rhos[attempt], config, work, first, duals, &more);
         int solved = result == 1 && sp_violation(p, first) <= config->check_tolerance;
         a->iterations += more;
-        found = sp_closed_form(p, duals, SP_MORE_ROUNDS, SP_ROW_TOLERANCE, work, x);
+        found = sp_closed_form(p, duals, SP_MORE_ROUNDS, work, x);
         if (!found && !solved) {
             sides(p, first, duals);
-            found = sp_closed_form(p, duals, SP_MORE_ROUNDS, SP_ROW_TOLERANCE, work, x);
+            found = sp_closed_form(p, duals, SP_MORE_ROUNDS, work, x);
         }
         if (!found && solved) sp_copy(x, first, p->n);
         if (solved) a->status = SP_SOLVED, found = 1;
@@ -174,10 +173,9 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
         double duals[SP_MAX_M];
         sp_program *soft = &work->soft;
         sp_soften(p, rows, count, config->price, soft);
-        int result = solve(&SP_SOLVERS[mode->kind].soft, soft, SP_RHO, config->max_iter, config->tolerance, work, x,
-                           duals, &more);
+        int result = solve(&SP_SOLVERS[mode->kind].soft, soft, SP_RHO, config, work, x, duals, &more);
         a->iterations += more;
-        found = sp_closed_form(soft, duals, SP_MORE_ROUNDS, SP_ROW_TOLERANCE, work, x) ||
+        found = sp_closed_form(soft, duals, SP_MORE_ROUNDS, work, x) ||
                 (result == 1 && sp_violation(soft, x) <= config->check_tolerance);
         if (found && largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE) {
             for (int k = p->n; k < soft->n; k++) a->slack = sp_max(a->slack, fabs(x[k]));
@@ -190,9 +188,10 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
     return found;
 }
 
+/* The forces for a demand. `guess`: the rows that were active at the last tick; where it is given, those that now are
+ * come with the answer. */
 void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
-                 int guess_rows, int keep_active, const sp_allocator_config *config, sp_workspace *work,
-                 sp_allocation *a)
+                 int guess_rows, const sp_allocator_config *config, sp_workspace *work, sp_allocation *a)
 {
     sp_program *p = &work->program;
     double x[SP_MAX_N], guessed[SP_MAX_M], f[SP_UNKNOWNS];
@@ -208,7 +207,7 @@ void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *pre
     }
     for (int k = 0; k < p->n; k++) f[k] = SP_FORCE_SCALE * x[k];
     answer(mode, demand, f, a);
-    if (keep_active) {
+    if (guess != NULL) {
         sides(p, x, guessed);
         a->rows = p->m;
         for (int i = 0; i < p->m; i++) a->active[i] = (int32_t)guessed[i];

@@ -164,7 +164,7 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     sp_gait_lifted(crawl, lifted);
     sp_snapshot_at(state->joint_position, crawl->R_wb, state->vectoring, &crawl->snapshot);
     ground_demand(crawl, state, plan, mode, lifted, residual, &lock);
-    sp_allocate(&crawl->modes[mode], &crawl->demand, m->forces_l, m->active, m->rows, 1, &c->allocator,
+    sp_allocate(&crawl->modes[mode], &crawl->demand, m->forces_l, m->active, m->rows, &c->allocator,
                 &crawl->workspace, a);
     if (residual->has_forces_l || residual->has_leg_forces_b)
         add_forces(crawl, crawl->modes[mode].n, residual);

@@ -405,7 +405,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     compensate(f, state, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
     flight_demand(f, state, reference, &lock, &bounds);
-    sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, 0, &f->config.allocator, &f->workspace, &f->allocation);
+    sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, &f->workspace, &f->allocation);
     if (residual->has_forces_l) {
         double wish[SP_FORCES], any = 0.0;
         for (int k = 0; k < SP_FORCES; k++) {

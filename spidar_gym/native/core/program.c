@@ -243,8 +243,7 @@ static int eliminate(double *K, double *right, int size)
  *
  * duals: first guess of the rows' multipliers, of which the signs count; NULL for the equalities alone.
  */
-int sp_closed_form(const sp_program *p, const double *duals, int rounds, double tolerance, sp_workspace *work,
-                   double *x)
+int sp_closed_form(const sp_program *p, const double *duals, int rounds, sp_workspace *work, double *x)
 {
     int n = p->n, m = p->m, count = 0, signed_rows = duals != NULL;
     int32_t *rows = work->rows;
@@ -281,7 +280,7 @@ int sp_closed_form(const sp_program *p, const double *duals, int rounds, double 
         for (int i = 0; i < m; i++) {
             double r = sp_row(p->A + i * n, right, n), excess = sp_max(p->l[i] - r, r - p->u[i]);
             work->r[i] = r;
-            if (!(excess <= tolerance) || r != r) violated = 1;
+            if (!(excess <= SP_ROW_TOLERANCE) || r != r) violated = 1;
         }
         if (!violated && fine) {
             sp_copy(x, right, n);
@@ -296,7 +295,7 @@ int sp_closed_form(const sp_program *p, const double *duals, int rounds, double 
         count = kept;
         for (int i = 0; i < m; i++) {
             double r = work->r[i], excess = sp_max(p->l[i] - r, r - p->u[i]);
-            if (excess <= tolerance && r == r) continue;
+            if (excess <= SP_ROW_TOLERANCE && r == r) continue;
             if (count >= 2 * SP_MAX_M) return 0;
             int above = r > p->u[i];
             rows[count] = i, target[count] = above ? p->u[i] : p->l[i];

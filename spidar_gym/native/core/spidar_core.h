@@ -37,8 +37,7 @@ void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *progr
 int sp_soft_rows(const sp_mode *mode, int32_t *rows);
 void sp_soften(const sp_program *program, const int32_t *rows, int count, double price, sp_program *soft);
 double sp_violation(const sp_program *program, const double *x);
-int sp_closed_form(const sp_program *program, const double *duals, int rounds, double tolerance, sp_workspace *work,
-                   double *x);
+int sp_closed_form(const sp_program *program, const double *duals, int rounds, sp_workspace *work, double *x);
 
 /* cone.c */
 int sp_sphere_optimum(const sp_program *program, const int32_t *soft, int count, double price, sp_workspace *work,
@@ -46,8 +45,7 @@ int sp_sphere_optimum(const sp_program *program, const int32_t *soft, int count,
 
 /* allocate.c */
 void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
-                 int guess_rows, int keep_active, const sp_allocator_config *config, sp_workspace *work,
-                 sp_allocation *allocation);
+                 int guess_rows, const sp_allocator_config *config, sp_workspace *work, sp_allocation *allocation);
 void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
                 const sp_allocator_config *config, sp_workspace *work, sp_allocation *allocation);
 double sp_limit_thrust(double *force);

@@ -10,9 +10,7 @@
 #include <unistd.h>
 #endif
 
-#include "log.h"
-#include "modes.h"
-#include "run.h"
+#include "runner.h"
 
 #define TICKS 20000
 #define HARD 200
@@ -92,7 +90,7 @@ static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const do
         asked.wrench[3] += 0.3 * k;
         for (int j = 0; j < SP_JOINTS; j++) asked.gravity_torque[j] *= 1.0 + 0.05 * k;
         start_clock();
-        sp_allocate(mode, &asked, previous_l, NULL, 0, 0, config, work, &answer);
+        sp_allocate(mode, &asked, previous_l, NULL, 0, config, work, &answer);
         stop_clock(c);
         if (answer.iterations > most) most = answer.iterations;
     }

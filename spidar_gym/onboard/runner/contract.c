@@ -1,5 +1,5 @@
 /* Refuse a robot that is not the one of this export. */
-#include "contract.h"
+#include "runner.h"
 
 #include <stdio.h>
 #include <string.h>

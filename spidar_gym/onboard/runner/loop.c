@@ -1,5 +1,5 @@
 /* The stages: wait, drive, hold for at most 100 ms, force the landing, silence. */
-#include "loop.h"
+#include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
 

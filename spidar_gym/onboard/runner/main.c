@@ -2,8 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "modes.h"
-#include "run.h"
+#include "runner.h"
 #include "spidar_model.h"
 
 typedef struct {

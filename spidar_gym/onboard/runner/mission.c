@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "loop.h"
+#include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
 #include "spidar_presets.h"

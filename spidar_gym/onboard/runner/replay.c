@@ -3,9 +3,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "log.h"
-#include "modes.h"
-#include "run.h"
+#include "runner.h"
 
 #define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
 #define WRITE(x) (fwrite(&(x), sizeof(x), 1, out) == 1)

@@ -24,13 +24,8 @@
 #include <spinal/Imu.h>
 #include <std_msgs/UInt8.h>
 
-extern "C" {
-#include "contract.h"
-#include "loop.h"
+#include "runner.h"
 #include "spidar_model.h"
-}
-#include "modes.h"
-#include "run.h"
 
 namespace {
 

@@ -1,11 +1,10 @@
 /* A loop with its log and its clock. */
 #define _POSIX_C_SOURCE 199309L
-#include "run.h"
+#include "runner.h"
 
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-
 
 #define MOST 65535 /* characters of a mission */
 

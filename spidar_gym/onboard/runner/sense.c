@@ -1,5 +1,5 @@
 /* Samples → state: nothing that is not finite, in range and in order reaches the estimator. */
-#include "loop.h"
+#include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
 

@@ -10,9 +10,7 @@
 #include <sys/types.h>
 #include <unistd.h>
 
-#include "contract.h"
-#include "modes.h"
-#include "run.h"
+#include "runner.h"
 
 /* All of a struct, 1; 0 where the other end has closed. */
 static int receive_all(int link, void *to, size_t size)

@@ -1,0 +1,86 @@
+/* The runner: what its files share. Its structs and words are generated, in spidar_runner.h. */
+#ifndef SPIDAR_RUNNER_PROGRAM_H
+#define SPIDAR_RUNNER_PROGRAM_H
+
+#include <stddef.h>
+#include <stdio.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#include "spidar_core.h"
+#include "spidar_runner.h"
+
+/* mission.c: read a mission's text; 1, or 0 and a sentence that says what would have been valid. */
+int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t size);
+
+/* sense.c: check the samples, estimate the state; what is wrong. */
+#define SP_AHEAD 0.05 /* a stamp may be so far in the future [s] */
+void sp_sense_init(sp_sense *sense, const sp_mission *mission);
+sp_fault sp_sense_update(sp_sense *sense, const sp_mission *mission, const sp_loop_input *input, const double *thrust);
+
+/* loop.c: the runner's tick: check what came in, estimate, control, and know when to stop. A pure function of its
+ * inputs. */
+const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
+void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
+const char *sp_fault_words(int32_t fault);
+const char *sp_stage_words(int32_t stage);
+
+/* contract.c: what the robot has to be, asked before anything is sent to it: the same model, the same joints, topics at
+ * their rates; 1, or 0 and a sentence. `odometry` as in the mission. */
+typedef struct {
+    const char *model;        /* its model's SHA-256; NULL where it does not say */
+    int32_t name_count;
+    const char *const *names; /* of `joint_states` */
+    double rates[SP_TOPICS];  /* measured [Hz]; 0 where nothing came */
+} sp_robot;
+int sp_agree(const sp_robot *robot, int32_t odometry, char *reason, size_t size);
+
+/* run.c: a loop with its log and its clock: what every link drives. */
+#define SP_BINS 400
+typedef struct {
+    sp_loop loop;
+    FILE *log; /* NULL where nobody wants one */
+    const char *path; /* of the log */
+    int32_t ticks, late, stage, fault, finished, lost; /* lost: the log ends before the run */
+    double worst, worst_wait;      /* of a tick's computing, of a tick's start after its due time [us] */
+    int32_t times[SP_BINS], waits[SP_BINS]; /* histograms, 10 us a bin */
+} sp_run;
+double sp_microseconds(void); /* of a clock that only goes on */
+/* Say on stderr what is rejected, and why with what would have been valid; the exit status 2. */
+int sp_reject(const char *what, const char *why);
+/* Read the mission, open the log; 0, or 2 after a line on stderr. `log` may be NULL. */
+int sp_run_open(sp_run *run, const char *mission, const char *log, int residual);
+/* One tick; logged, timed. `wait` is how late it began [us], negative where there is no clock to be late for. */
+void sp_run_tick(sp_run *run, const sp_loop_input *input, sp_loop_output *output, double wait);
+/* Statistics on stdout, log closed; the exit status: 0, 1 where a fault ended the drive, 2 where the log is not whole. */
+int sp_run_close(sp_run *run);
+
+/* replay.c: logs are what went in and what came out, tick by tick, as the structs lie in memory (little-endian, 8-byte
+ * doubles). After sp_log_head: of a flight the configuration, sp_log_start, sp_log_input; of a crawl the configuration,
+ * the first state, moves up to one of −1 cycles, sp_log_input; of a run the mission, and (input, output, sp_log_clock)
+ * of every tick. Of the first two `runner replay` writes sp_log_output, tick by tick. */
+typedef struct {
+    sp_log_head head;
+    sp_flight flight; /* one of the controllers, as the log has it */
+    sp_crawl crawl;
+} sp_recorded;
+/* Read up to the first tick, of a run the head alone; NULL, or what is wrong with the log. */
+const char *sp_recorded_begin(FILE *in, sp_recorded *recorded);
+const sp_allocation *sp_recorded_tick(sp_recorded *recorded, const sp_log_input *input, sp_command *command);
+
+/* The modes, a file each but for `compare`, which is in replay.c; the exit status. */
+int sp_replay(const char *from, const char *to);
+int sp_compare(const char *one, const char *two);
+int sp_bench(const char *log);
+int sp_sim(const char *place, const char *mission, const char *log, int residual);
+/* Drive the robot of `robot_ns` after a mission's file until it is given back; commands go out under `out_ns`, which is
+ * `robot_ns` or, for a dry run, another. `log` may be NULL. */
+int sp_ros1(const char *mission, const char *robot_ns, const char *out_ns, const char *log, int residual);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
