@@ -249,11 +249,11 @@ def _header_lines() -> list[str]:
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
     lines += [line for each in ENUMERATIONS for line in enumeration(each)]
-    rows = ", ".join(f'{{"{name}", {rate!r}}}' for name, rate in TOPICS.values())
+    names, rates = zip(*TOPICS.values(), strict=True)
     lines += [
-        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
-        f"#define SP_TOPIC_ROWS {{{rows}}}",
-        "",
+        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic; what is said of each of sp_fault. */",
+        *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
+        *array("double", "SP_TOPIC_RATES", rates),
         *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
         "",
     ]

@@ -4,7 +4,7 @@
 #include "spidar_model.h"
 #include "spidar_solvers.h" /* generated: a workspace of OSQP for each pattern */
 
-/* A cold-started solution: x, multipliers (0 where there are none), iterations; 1 solved, 0 not, −1 proven infeasible.
+/* A cold-started solution: x, multipliers (0 where there are none), its iterations added; 1 solved, 0 not, −1 proven infeasible.
  *
  * Vectors before matrices, the solver's own scaling off, ρ as it was made: the result depends on the program alone.
  * Where it found none, the solver's NaN is a large finite number, so only the status counts.
@@ -15,7 +15,6 @@ static int solve(const sp_solver *kept, const sp_program *p, double rho, const s
     OSQPSolver *solver = kept->solver;
     sp_zero(x, p->n);
     sp_zero(duals, p->m);
-    *iterations = 0;
     for (int k = 0; k < kept->P_count; k++) work->Px[k] = p->P[kept->P_at[k]];
     for (int k = 0; k < kept->A_count; k++) work->Ax[k] = p->A[kept->A_at[k]];
     solver->settings->max_iter = config->max_iter;
@@ -26,7 +25,7 @@ static int solve(const sp_solver *kept, const sp_program *p, double rho, const s
     osqp_cold_start(solver);
     osqp_solve(solver);
     int status = (int)solver->info->status_val;
-    *iterations = (int32_t)solver->info->iter;
+    *iterations += (int32_t)solver->info->iter;
     if (rho != SP_RHO || solver->info->rho_updates || status != OSQP_SOLVED) osqp_update_rho(solver, SP_RHO);
     sp_copy(x, solver->solution->x, p->n);
     if (status == OSQP_SOLVED || status == OSQP_MAX_ITER_REACHED) sp_copy(duals, solver->solution->y, p->m);
@@ -125,7 +124,6 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
     double duals[SP_MAX_M], first[SP_MAX_N];
     const double rhos[2] = {SP_RHO, SP_OTHER_RHO};
     int found = 0;
-    int32_t more = 0;
     a->status = SP_CLOSED_FORM;
     if (guess_rows > 0 && guess_rows == p->m) {
         for (int i = 0; i < p->m; i++) duals[i] = guess[i];
@@ -137,9 +135,8 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
         return 0;
     }
     for (int attempt = 0; attempt < 2 && !found; attempt++) {
-        int result = solve(&SP_SOLVERS[mode->kind].hard, p, rhos[attempt], config, work, first, duals, &more);
+        int result = solve(&SP_SOLVERS[mode->kind].hard, p, rhos[attempt], config, work, first, duals, &a->iterations);
         int solved = result == 1 && sp_violation(p, first) <= config->check_tolerance;
-        a->iterations += more;
         found = sp_closed_form(p, duals, SP_MORE_ROUNDS, work, x);
         if (!found && !solved) {
             sides(p, first, duals);
@@ -160,9 +157,8 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
 static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, const sp_allocator_config *config,
                           sp_workspace *work, double *x, sp_allocation *a)
 {
-    int32_t more = 0, rows[SP_MAX_M];
-    int found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &more);
-    a->iterations += more;
+    int32_t rows[SP_MAX_M];
+    int found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
     if (found) {
         if (!cube && largest_thrust(x) < 1.0 - SP_SIDE_TOLERANCE) a->status = SP_SOLVED; /* it is the cube's too */
         return 1;
@@ -173,8 +169,7 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
         double duals[SP_MAX_M];
         sp_program *soft = &work->soft;
         sp_soften(p, rows, count, config->price, soft);
-        int result = solve(&SP_SOLVERS[mode->kind].soft, soft, SP_RHO, config, work, x, duals, &more);
-        a->iterations += more;
+        int result = solve(&SP_SOLVERS[mode->kind].soft, soft, SP_RHO, config, work, x, duals, &a->iterations);
         found = sp_closed_form(soft, duals, SP_MORE_ROUNDS, work, x) ||
                 (result == 1 && sp_violation(soft, x) <= config->check_tolerance);
         if (found && largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE) {
@@ -182,8 +177,7 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
             return 1;
         }
     }
-    found = sp_sphere_optimum(p, rows, count, config->price, work, x, &more);
-    a->iterations += more;
+    found = sp_sphere_optimum(p, rows, count, config->price, work, x, &a->iterations);
     if (found) a->slack = sp_violation(p, x);
     return found;
 }
@@ -221,7 +215,6 @@ void sp_project(const sp_demand *demand, const double *wish_l, const double *pre
     const sp_mode *projection = sp_find_mode(SP_PROGRAM_PROJECTION);
     sp_program *p = &work->program;
     double x[SP_MAX_N], f[SP_FORCES];
-    int32_t more = 0;
     a->iterations = 0;
     a->slack = 0.0;
     a->rows = 0;
@@ -229,8 +222,7 @@ void sp_project(const sp_demand *demand, const double *wish_l, const double *pre
     for (int k = 0; k < SP_FORCES; k++) p->q[k] = -wish_l[k] / SP_FORCE_SCALE;
     int found = cube_optimum(projection, p, NULL, 0, config, work, x, a);
     if (a->status == SP_PROJECTED) { /* here the spheres are part of what is asked */
-        found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &more);
-        a->iterations += more;
+        found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
         a->status = SP_SOLVED;
     }
     if (!found) {

@@ -126,7 +126,8 @@ static void write_matrix(const sp_program *p, const sp_cone *c, double unit, dou
 }
 
 /* The optimum x of a program whose rotor forces have to stay within the sphere ‖f_i‖ ≤ λ̄ besides; 0 where nothing is
- * feasible, or none was found. Of the `soft` rows each may be broken by v at the cost ½ `price` v².
+ * feasible, or none was found. Of the `soft` rows each may be broken by v at the cost ½ `price` v². `steps` is what its
+ * steps are added to.
  */
 int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, double price, sp_workspace *work, double *x,
                       int32_t *steps)
@@ -134,7 +135,6 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
     sp_cone *c = &work->cone;
     int n = p->n, found = 0;
     double best = SP_CONE_LOOSE, unit = 1.0;
-    *steps = 0;
     if (!find_sides(p, soft, count, price, c)) return 0;
     int sides = c->sides, equal = c->equal, all = sides + SP_ROTORS, size = n + equal;
     /* A unit of cost in which multipliers are of the order of one. */
@@ -147,7 +147,7 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
         c->s[k] = k < sides ? sp_max(c->h[k], 1.0) : 1.0;
     }
     sp_zero(c->x, n);
-    for (*steps = 0; *steps < SP_CONE_MAX_STEPS; ++*steps) {
+    for (int step = 0; step < SP_CONE_MAX_STEPS; step++, ++*steps) {
         double pull[SP_UNKNOWNS], gradient[SP_UNKNOWNS], proof = 0.0, sum = 0.0, mean = 0.0, worst = 0.0, steep = 0.0;
         sp_zero(pull, n);
         for (int e = 0; e < equal; e++) {

@@ -52,16 +52,6 @@ static void add_cost(const sp_cost *cost, const sp_demand *d, int n, double *P, 
     }
 }
 
-/* w̲ and w̄ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36]; f_z has no upper bound. */
-static void contact_bounds(double friction, double min_normal, double *low, double *high)
-{
-    double a = SP_YAW_AXIS_XY, d = SP_PEG_DEPTH, f = friction * min_normal / (2.0 * sqrt(2.0));
-    double t = 0.5 * a * min_normal - d * f, z = 0.25 * friction * min_normal * a * sqrt(2.0);
-    double l[6] = {-f, -f, min_normal, -t, -t, -z}, h[6] = {f, f, SP_INFINITY, t, t, z};
-    sp_copy(low, l, 6);
-    sp_copy(high, h, 6);
-}
-
 static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A, double *l, double *u)
 {
     switch (rows->kind) {
@@ -107,8 +97,11 @@ static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A
         }
         break;
     case SP_CONTACT_WRENCH_RANGE: { /* [Zhao2025, Eq. 34, 35, 37] in {B} */
-        double low[6], high[6], w[6], lever[3];
-        contact_bounds(rows->a, rows->b, low, high);
+        /* w̲ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36]; w̄ is −w̲, f_z has no upper bound. */
+        double friction = rows->a, least = rows->b, bound = friction * least / (2.0 * sqrt(2.0));
+        double tilt = 0.5 * SP_YAW_AXIS_XY * least - SP_PEG_DEPTH * bound;
+        double twist = 0.25 * friction * least * SP_YAW_AXIS_XY * sqrt(2.0);
+        double low[6] = {-bound, -bound, least, -tilt, -tilt, -twist}, w[6], lever[3];
         for (int c = 0; c < n; c++) {
             double f[3] = {d->thrust_map[c], d->thrust_map[n + c], d->thrust_map[2 * n + c]};
             sp_cross(d->com_b, f, lever);
@@ -121,7 +114,7 @@ static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A
         for (int r = 0; r < 3; r++) w[r] = d->wrench[r], w[3 + r] = d->wrench[3 + r] + lever[r];
         for (int r = 0; r < 6; r++) {
             u[r] = (w[r] - low[r]) / SP_WRENCH_SCALE;
-            l[r] = high[r] >= SP_INFINITY ? -SP_INFINITY : (w[r] - high[r]) / SP_WRENCH_SCALE;
+            l[r] = r == 2 ? -SP_INFINITY : (w[r] + low[r]) / SP_WRENCH_SCALE;
         }
         break;
     }

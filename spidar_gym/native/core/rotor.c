@@ -2,15 +2,6 @@
 #include "spidar_core.h"
 #include "spidar_math.h"
 
-/* Python's round(): to the nearest integer, halves to the even one. */
-static double nearest(double x)
-{
-    double low = floor(x), rest = x - low;
-    if (rest > 0.5) return low + 1.0;
-    if (rest < 0.5) return low;
-    return fmod(low, 2.0) == 0.0 ? low : low + 1.0;
-}
-
 /* Python's a % b for b > 0. */
 static double modulo(double a, double b)
 {
@@ -75,13 +66,13 @@ void sp_point(const double *f, double phi0, double theta0, const double *held, d
     if (held == NULL) {
         way = phi - phi0;
         if (fabs(way) > SP_HALF_PI) {
-            double turns = nearest(way / SP_PI);
+            double turns = rint(way / SP_PI);
             phi -= SP_PI * turns;
             if (fmod(fabs(turns), 2.0) != 0.0) theta = SP_PI - theta;
         }
     }
     way = theta - theta0;
-    if (!(way >= -SP_PI && way <= SP_PI)) theta -= SP_TWO_PI * nearest(way / SP_TWO_PI);
+    if (!(way >= -SP_PI && way <= SP_PI)) theta -= SP_TWO_PI * rint(way / SP_TWO_PI);
     angles[0] = phi;
     angles[1] = theta;
 }
@@ -125,7 +116,7 @@ void sp_update_lock(const sp_lock *previous, const int32_t *restricted, const do
         int upright = fabs(up) > (previous->vertical[i] ? leave : enter);
         if (upright) target = restricted[i] ? held : vertical_target(s, i, target, held, up, config);
         double rest = target - held; /* the nearest of target + kπ: both branches lie in the same plane */
-        if (fabs(rest) > SP_HALF_PI) rest -= SP_PI * nearest(rest / SP_PI);
+        if (fabs(rest) > SP_HALF_PI) rest -= SP_PI * rint(rest / SP_PI);
         int active = upright || restricted[i] || (previous->active[i] && fabs(rest) > config->release);
         if (active) held += sp_clip(rest, -slew, slew);
         next.vertical[i] = upright;

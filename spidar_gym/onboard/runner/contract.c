@@ -6,10 +6,6 @@
 
 #include "spidar_model.h"
 
-static const struct {
-    const char *name;
-    double rate; /* [Hz] */
-} TOPICS[SP_TOPICS] = SP_TOPIC_ROWS;
 #define LOW 0.7
 #define HIGH 1.3
 
@@ -22,13 +18,13 @@ int sp_agree(const sp_robot *robot, int32_t odometry, char *reason, size_t size)
 {
     for (int t = 0; t < SP_TOPICS; t++) {
         if (odometry ? t == SP_TOPIC_IMU || t == SP_TOPIC_POSE : t == SP_TOPIC_ODOMETRY) continue;
-        double rate = robot->rates[t], due = TOPICS[t].rate;
+        double rate = robot->rates[t], due = SP_TOPIC_RATES[t];
         if (!(rate > 0.0)) {
-            snprintf(reason, size, "nothing comes on %s; valid: a robot that publishes it", TOPICS[t].name);
+            snprintf(reason, size, "nothing comes on %s; valid: a robot that publishes it", SP_TOPIC_NAMES[t]);
             return 0;
         }
         if (due > 0.0 && (rate < LOW * due || rate > HIGH * due)) {
-            snprintf(reason, size, "%s comes at %.0f Hz; valid: %.0f … %.0f", TOPICS[t].name, rate, LOW * due, HIGH * due);
+            snprintf(reason, size, "%s comes at %.0f Hz; valid: %.0f … %.0f", SP_TOPIC_NAMES[t], rate, LOW * due, HIGH * due);
             return 0;
         }
     }

@@ -32,18 +32,14 @@ static sp_fault check_sample(double time, double now, double newest, const doubl
     return time < newest || time > now + SP_AHEAD ? SP_OUT_OF_ORDER : SP_FINE;
 }
 
-static int is_unit_quaternion(const double *quat)
+/* What is wrong with a pose whose numbers are in range: a tracking system that takes one marker for another jumps. */
+static sp_fault check_pose(const sp_sense *s, double time, const double *position, const double *quat, const double *last)
 {
-    double norm = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3];
-    return norm > 0.9 && norm < 1.1;
-}
-
-/* A tracking system that takes one marker for another jumps. */
-static int jumps(const sp_sense *s, double time, const double *position, const double *last)
-{
-    double way = 0.0;
+    double norm = sp_row(quat, quat, 4), way = 0.0;
+    if (!sp_finite(quat, 4)) return SP_NOT_FINITE;
+    if (!(norm > 0.9 && norm < 1.1)) return SP_OUT_OF_RANGE;
     for (int i = 0; i < 3; i++) way += (position[i] - last[i]) * (position[i] - last[i]);
-    return s->has_pose && sqrt(way) > JUMP + JUMP_SPEED * (time - s->pose_time);
+    return s->has_pose && sqrt(way) > JUMP + JUMP_SPEED * (time - s->pose_time) ? SP_JUMPED : SP_FINE;
 }
 
 static void receive_poses(sp_sense *s, const sp_measurement *m, double now, sp_measurement *clean, sp_fault *fault)
@@ -51,9 +47,7 @@ static void receive_poses(sp_sense *s, const sp_measurement *m, double now, sp_m
     for (int k = 0; k < m->pose_count && k < SP_POSE_FRAMES; k++) {
         const double *p = m->pose_position_w + 3 * k, *q = m->pose_quat_wb + 4 * k;
         sp_fault found = check_sample(m->pose_time[k], now, s->pose_time, p, 3, MAX_POSITION);
-        if (found == SP_FINE && !sp_finite(q, 4)) found = SP_NOT_FINITE;
-        if (found == SP_FINE && !is_unit_quaternion(q)) found = SP_OUT_OF_RANGE;
-        if (found == SP_FINE && jumps(s, m->pose_time[k], p, s->pose_position_w)) found = SP_JUMPED;
+        if (found == SP_FINE) found = check_pose(s, m->pose_time[k], p, q, s->pose_position_w);
         first_of(fault, found);
         if (found != SP_FINE) continue;
         int to = clean->pose_count++;
@@ -100,9 +94,7 @@ static void receive_odometry(sp_sense *s, const sp_odometry *o, double now, sp_f
     sp_fault found = check_sample(o->time, now, s->odometry.time, o->position_w, 3, MAX_POSITION);
     if (found == SP_FINE) found = check_sample(o->time, now, s->odometry.time, o->velocity_w, 3, MAX_SPEED);
     if (found == SP_FINE) found = check_sample(o->time, now, s->odometry.time, o->omega_b, 3, MAX_RATE);
-    if (found == SP_FINE && !sp_finite(o->quat_wb, 4)) found = SP_NOT_FINITE;
-    if (found == SP_FINE && !is_unit_quaternion(o->quat_wb)) found = SP_OUT_OF_RANGE;
-    if (found == SP_FINE && jumps(s, o->time, o->position_w, s->odometry.position_w)) found = SP_JUMPED;
+    if (found == SP_FINE) found = check_pose(s, o->time, o->position_w, o->quat_wb, s->odometry.position_w);
     first_of(fault, found);
     if (found != SP_FINE) return;
     s->odometry = *o;
