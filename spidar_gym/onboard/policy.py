@@ -8,18 +8,8 @@ import numpy as np
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
-from spidar_gym.envs.actions import (
-    ACTION_MODES,
-    CRAWL_MODES,
-    FORCE_AUTHORITY,
-    GAIT_AUTHORITY,
-    JOINT_AUTHORITY,
-    LEG_AUTHORITY,
-    SPEED_AUTHORITY,
-    WRENCH_AUTHORITY,
-    ActionMode,
-    find_action_mode,
-)
+from spidar_gym.envs import actions
+from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
@@ -31,17 +21,17 @@ from spidar_gym.policies.artifact import Artifact, Washout
 RATE = 10.0
 """Largest change of every entry of an action in a second; from −1 to 1 it is 2."""
 ENVIRONMENTS = {
-    HOVER: ("SP_POLICY_FLIGHT", HoverEnv, ACTION_MODES, layout),
-    CRAWL: ("SP_POLICY_CRAWL", CrawlEnv, CRAWL_MODES, crawl_layout),
+    HOVER: ("SP_POLICY_FLIGHT", HoverEnv, actions.ACTION_MODES, layout),
+    CRAWL: ("SP_POLICY_CRAWL", CrawlEnv, actions.CRAWL_MODES, crawl_layout),
 }
 """Environment → its name in C, class, action modes, layout of the observation."""
 AUTHORITIES = {
-    "wrench": WRENCH_AUTHORITY,
-    "joint_offset": JOINT_AUTHORITY,
-    "joint_speed_scale": SPEED_AUTHORITY,
-    "forces": FORCE_AUTHORITY,
-    "gait": (SPEED_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY),
-    "leg_forces": LEG_AUTHORITY,
+    "wrench": actions.WRENCH_AUTHORITY,
+    "joint_offset": actions.JOINT_AUTHORITY,
+    "joint_speed_scale": actions.SPEED_AUTHORITY,
+    "forces": actions.FORCE_AUTHORITY,
+    "gait": (actions.SPEED_AUTHORITY, actions.GAIT_AUTHORITY, actions.GAIT_AUTHORITY, actions.GAIT_AUTHORITY),
+    "leg_forces": actions.LEG_AUTHORITY,
 }
 """Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
 
@@ -95,7 +85,7 @@ def _argument(artifact: Artifact, env: type, name: str) -> object:
 
 def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> ActionMode:
     """The action mode, where it adds to a controller."""
-    mode = find_action_mode(name, modes)
+    mode = actions.find_action_mode(name, modes)
     if mode.residual is None:
         adding = ", ".join(n for n, m in modes.items() if m.residual is not None)
         raise InvalidValueError(f"action mode of {artifact.name}", name, f"one that adds to the controller: {adding}")

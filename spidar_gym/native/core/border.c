@@ -39,7 +39,7 @@ int sp_valid_reference(const sp_reference *r)
 }
 
 /* The residual, or none where there is none (NULL) or it is not finite. */
-const sp_residual *sp_valid_residual(const sp_residual *r)
+const sp_residual *sp_usable_residual(const sp_residual *r)
 {
     if (r == NULL) return &SP_NO_RESIDUAL;
     double sum = r->joint_speed_scale + r->raise_scale + r->stride_scale + r->lift_scale;

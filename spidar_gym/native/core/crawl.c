@@ -157,7 +157,7 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
         sp_make_command(thrust, m->vectoring, m->joint_position, c->joint_torque_limit, command);
         return;
     }
-    residual = sp_valid_residual(residual);
+    residual = sp_usable_residual(residual);
     sp_from_quat(state->quat_wb, crawl->R_wb);
     sp_gait_step(crawl, state->position_w, crawl->R_wb, state->joint_position, residual, plan);
     int mode = sp_gait_mode(crawl);

@@ -57,10 +57,8 @@ static void motion_error(const sp_robot_state *state, const sp_reference *refere
 {
     double relative[3], turned[3], R_d[9], R_e[9], offset[3];
     sp_cross(state->omega_b, s->com_b, turned);
-    for (int i = 0; i < 3; i++) {
-        relative[i] = sp_row(s->momentum_map + SP_JOINTS * i, state->joint_velocity, SP_JOINTS) / s->mass;
-        relative[i] += turned[i];
-    }
+    for (int i = 0; i < 3; i++)
+        relative[i] = sp_row(s->momentum_map + SP_JOINTS * i, state->joint_velocity, SP_JOINTS) / s->mass + turned[i];
     sp_apply(R_wb, s->com_b, offset);
     for (int i = 0; i < 3; i++) e->position_w[i] = reference->position_w[i] - state->position_w[i] - offset[i];
     sp_apply(R_wb, relative, offset);
@@ -391,7 +389,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
         hold_command(f, command);
         return;
     }
-    residual = sp_valid_residual(residual);
+    residual = sp_usable_residual(residual);
     if (control == NULL) sp_compute_state(state, reference, &f->control);
     else f->control = *control;
     double target[SP_JOINTS], joints[SP_JOINTS], speed[SP_JOINTS], led[SP_FORCES];

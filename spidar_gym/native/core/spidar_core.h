@@ -110,7 +110,7 @@ extern const sp_residual SP_NO_RESIDUAL;
 const char *sp_interface(void); /* digest of structs, robot and sources */
 int sp_valid_state(const sp_robot_state *state);
 int sp_valid_reference(const sp_reference *reference);
-const sp_residual *sp_valid_residual(const sp_residual *residual);
+const sp_residual *sp_usable_residual(const sp_residual *residual);
 void sp_make_command(const double *thrust, const double *vectoring, const double *joints, double limit,
                      sp_command *command);
 

@@ -15,14 +15,7 @@
 /* All of a struct, 1; 0 where the other end has closed. */
 static int receive_all(int link, void *to, size_t size)
 {
-    char *at = to;
-    while (size > 0) {
-        ssize_t got = recv(link, at, size, 0);
-        if (got <= 0) return 0;
-        at += got;
-        size -= (size_t)got;
-    }
-    return 1;
+    return recv(link, to, size, MSG_WAITALL) == (ssize_t)size;
 }
 
 static int send_all(int link, const void *from, size_t size)
