@@ -82,10 +82,8 @@ def draw_scenario(name: str, split: str, index: int) -> Scenario:
     disturbances = {key: _draw(rng, bounds) for key, bounds in track.disturbances.items()}
     start = None
     if track.flies:
-        task = HoverTask(
-            forms=track.options["forms"], joint_speed=track.options.get("joint_speed", 0.2), horizon_s=track.seconds,
-            perturbation=OFFSET,
-        )  # fmt: skip
+        own = {name: track.options[name] for name in ("forms", "joint_speed") if name in track.options}
+        task = HoverTask(horizon_s=track.seconds, perturbation=OFFSET, **own)
         goals = [
             [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()]
             for goal in task.schedule(rng)

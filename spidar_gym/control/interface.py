@@ -1,8 +1,8 @@
 """What a controller is: state in, command out, once a control period, whatever computes it.
 
-Two kinds, each readable (Python) and compiled (the core of the robot): in flight `FlightController` and
-`CoreFlightController`, on the ground `Crawler` and `CoreCrawler`. An environment holds one and never asks which. What
-arguments mean is said where the readable ones define the methods.
+`FlightControl` in flight, `CrawlControl` on the ground, each readable (Python: `flight/controller.py`,
+`crawl/controller.py`, where it is said what the arguments mean) and compiled (the core of the robot: `native`). An
+environment makes one from a configuration (`envs/controllers.py`) and never asks which.
 """
 
 from collections.abc import Iterable

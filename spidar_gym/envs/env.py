@@ -96,7 +96,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             mode: What the action means.
             layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
-            idle_thrust: Least thrust of a module [N].
+            idle_thrust: Least commanded thrust of a module [N].
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
             wake: Whether there is air: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.
@@ -206,7 +206,13 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             self._renderer.lay(self.plant.config.ground)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), self._info("")
+        info = self._info("")
+        terms = {name.removeprefix("reward_") for name in info if name.startswith("reward_")}
+        if terms != self.reward_terms.keys():
+            raise InvalidValueError(
+                "reward_terms", sorted(self.reward_terms), f"the terms of the task: {sorted(terms)}"
+            )
+        return self._observation(), info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control period of 25 ms.

@@ -20,7 +20,7 @@ class PlantConfig:
     joint_speed: float = ROBOT.joint_speed
     """The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is."""
     idle_thrust: float = 0.0
-    """Least thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
+    """Least commanded thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
     sense: bool = False
     """Whether `Plant.measure` gives what the real sensors say."""
     body: BodyConfig = field(default_factory=BodyConfig)

@@ -156,7 +156,8 @@ class Plant:
         """Advance by one control period: physics, and `EVENTS` where they are due.
 
         Args:
-            command: Thrusts are clipped to idle … λ̄, joint setpoints to ± 90° and slewed by the servos.
+            command: Thrusts are clipped to idle … what the module gives (λ̄, its gain, the battery); joint setpoints to
+                ± 90°, and slewed by the servos.
 
         Returns:
             The true state at the end of the period; where it has `diverged`, air, power and energy stay as before.

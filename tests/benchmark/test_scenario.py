@@ -22,9 +22,10 @@ from spidar_gym.benchmark.scenario import (
     scenario_rng,
     scenario_text,
 )
-from spidar_gym.benchmark.track import SCENARIOS, SPLITS
+from spidar_gym.benchmark.track import SCENARIOS, SPLITS, Track
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.hover.task import FlightStart
+from spidar_gym.envs.hover.task import FlightStart, HoverTask
+from spidar_gym.envs.registry import HOVER
 from spidar_gym.errors import SpidarError, StaleAssetError, UnknownNameError
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.description import assets_dir
@@ -272,3 +273,11 @@ def test_the_environment_is_the_scenarios_and_as_long_as_the_track():
     assert env.task.horizon_s == TRACKS["flight-wind"].seconds
     assert [goal.deadline for goal in env.progress.goals] == [deadline for _, deadline, _ in one.start["goals"]]
     assert reset_options(one)["disturbances"] == one.disturbances
+
+
+def test_a_track_that_names_no_forms_has_those_of_the_task(monkeypatch):
+    monkeypatch.setitem(TRACKS, "flight-plain", Track("the task as it is", HOVER, 8.0))
+    named = Track("the same in words", HOVER, 8.0, {"forms": HoverTask().forms, "joint_speed": ROBOT.joint_speed})
+    plain = draw_scenario("flight-plain", "test", 0)
+    monkeypatch.setitem(TRACKS, "flight-plain", named)
+    assert draw_scenario("flight-plain", "test", 0) == plain

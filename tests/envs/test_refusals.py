@@ -184,3 +184,11 @@ def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, m
             Plant()
     finally:
         plant.scene.cache_clear()
+
+
+@pytest.mark.parametrize("terms", [{}, {"height": (0.1, "1 where it is high")}])
+def test_weights_of_a_reward_that_are_not_those_of_its_terms_are_refused_at_the_reset(terms, monkeypatch):
+    env = make(HOVER)
+    monkeypatch.setattr(type(env.unwrapped), "reward_terms", terms)
+    with pytest.raises(InvalidValueError, match="expected the terms of the task: .'action', 'attitude', 'joints', 'position'"):
+        env.reset(seed=0)

@@ -51,7 +51,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         Args:
             action_mode: What the action means.
             preset: Which controller: allocation, gains, compensations.
-            controller: A controller of one's own in place of a preset; its joint speed is the task's.
+            controller: A configuration of one's own in place of a preset's; its joint speed is the task's.
             allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
             control: `python`, the readable controller, or `core`, the one that is compiled for the robot.
             max_iter: Iteration cap of the QP solver.
