@@ -1,6 +1,12 @@
 """The option of the adversaries, and the compiled runner, which several files drive: made and flown once a process."""
 
+import signal
+
 import pytest
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell starts what goes on in its background so, and then no test of Ctrl-C would end.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
