@@ -163,7 +163,7 @@ class Allocator:
                 optimum = self._within_spheres(rows, program, optimum)
             if optimum.x is None:
                 return self._hold(demand, previous_l, optimum.iterations, start)
-            allocation = self._answer(demand, FORCE_SCALE * optimum.x, optimum, start)
+            allocation = self._answer(demand, FORCE_SCALE * optimum.x, *optimum[1:], start)
             return allocation if guess is None else replace(allocation, active=_sides(program, optimum.x))
 
     def mode(self, name: str) -> Mode:
@@ -173,8 +173,13 @@ class Allocator:
         return self.modes[name]
 
     @staticmethod
-    def _answer(demand: Demand, f: np.ndarray, optimum: Optimum, start: float) -> Allocation:
-        """The allocation of these forces [N]; the thrust sphere holds in it whatever rounding left."""
+    def _answer(
+        demand: Demand, f: np.ndarray, status: AllocationStatus, iterations: int, slack: float, start: float
+    ) -> Allocation:
+        """The allocation of these forces [N]; the thrust sphere holds in it whatever rounding left.
+
+        Allocators of one's own end with it too (baselines/pinv.py): its arguments stay as they are.
+        """
         solve_time = time.perf_counter() - start
         forces, feet = f[:N_FORCES].reshape(N_ROTORS, 3), f[N_FORCES:]
         if demand.lost.any():
@@ -194,9 +199,9 @@ class Allocator:
             wrench=wrench,
             unallocated_wrench=demand.wrench - wrench,
             active=_NO_GUESS,
-            status=optimum.status,
-            iterations=optimum.iterations,
-            slack=optimum.slack,
+            status=status,
+            iterations=iterations,
+            slack=slack,
             solve_time=solve_time,
         )
 
@@ -254,7 +259,7 @@ class Allocator:
         held = np.concatenate((_bounded(previous_l).reshape(-1), np.zeros(feet)))
         unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / WRENCH_SCALE
         slack = float(unmet) if np.isfinite(unmet) else INFINITY
-        return self._answer(demand, held, Optimum(None, AllocationStatus.HELD, iterations, slack), start)
+        return self._answer(demand, held, AllocationStatus.HELD, iterations, slack, start)
 
     def solver(self, mode: Mode, *, soft: bool = False) -> Workspace:
         """The OSQP workspace of a mode's program, or of its softened one."""
@@ -285,7 +290,7 @@ class Allocator:
                 optimum = Optimum(x, AllocationStatus.SOLVED, optimum.iterations + steps)
             if optimum.x is None:
                 return replace(self._hold(demand, previous_l, optimum.iterations, start), slack=0.0)
-            return self._answer(demand, FORCE_SCALE * optimum.x, optimum, start)
+            return self._answer(demand, FORCE_SCALE * optimum.x, *optimum[1:], start)
 
 
 def _largest_thrust(x: np.ndarray) -> float:
