@@ -190,5 +190,7 @@ def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, m
 def test_weights_of_a_reward_that_are_not_those_of_its_terms_are_refused_at_the_reset(terms, monkeypatch):
     env = make(HOVER)
     monkeypatch.setattr(type(env.unwrapped), "reward_terms", terms)
-    with pytest.raises(InvalidValueError, match="expected the terms of the task: .'action', 'attitude', 'joints', 'position'"):
+    with pytest.raises(
+        InvalidValueError, match="expected the terms of the task: .'action', 'attitude', 'joints', 'position'"
+    ):
         env.reset(seed=0)
