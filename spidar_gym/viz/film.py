@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +153,7 @@ class Film:
             for stage in stages:
                 stage.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Film":
         """Itself."""
         return self
 
