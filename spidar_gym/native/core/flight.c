@@ -255,7 +255,9 @@ void sp_flight_init(sp_flight *f, const sp_controller_config *config)
     memset(f, 0, sizeof *f);
     f->config = *config;
     f->dt = 1.0 / config->rate_hz;
-    f->mode = *sp_find_mode(config->allocation);
+    /* What is neither, as in a damaged log, flies with the fewer rows. */
+    int paper = config->allocation == SP_CONTROLLER_CONFIG_ALLOCATION_PAPER;
+    f->mode = *sp_find_mode(paper ? SP_PROGRAM_PAPER : SP_PROGRAM_AS_FLOWN);
     sp_no_interference(&f->memory.interference);
 }
 
