@@ -84,7 +84,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         battery: bool = False,
         sensors: bool = False,
         randomization: float = 0.0,
-        disturbances: Mapping[str, Any] | None = None,
+        disturbances: Mapping[str, Any] | Disturbances | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
         width: int = 640,
