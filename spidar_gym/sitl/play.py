@@ -18,13 +18,13 @@ from spidar_gym.sitl.faults import FAULTS, Injector, find_fault
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
 from spidar_gym.sitl.robot import Robot
-from spidar_gym.sitl.session import Run, Session, ros_session, socket_session
+from spidar_gym.sitl.session import LATE, Run, Session, ros_session, socket_session
 from spidar_gym.text import format_table
 
 LINKS = ("ros", "socket")
 """How robot and runner talk: ROS 1 in real time, or a socket in lock-step."""
-LATE, TRIES = 0.06, 3
-"""A simulated robot that was later than this [s] was not one; so often it is tried."""
+TRIES = 5
+"""How often a run in real time begins anew where the machine stalled."""
 FAULT_AFTER = 3.0
 """When a fault begins, since the take-over [s]."""
 

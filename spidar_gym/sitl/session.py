@@ -32,6 +32,8 @@ AFTER_FAULT = 6.0
 """How long is watched after a fault [s]."""
 LANDED = 2.0
 """How long is watched after a forced landing has touched the floor [s]."""
+LATE = 0.06
+"""A robot in real time that was later than this [s] was not one: its run ends there."""
 
 
 @dataclass(frozen=True)
@@ -293,6 +295,8 @@ def ros_session(
                 raise SpidarError(f"the runner refused: {' '.join(runner.words[-1:])}")
             ahead = start + robot.time - clock.monotonic()
             session.run.late = max(session.run.late, -ahead)
+            if session.run.late > LATE:
+                break
             clock.sleep(max(0.0, ahead))
     finally:
         runner.signal(signal.SIGCONT)

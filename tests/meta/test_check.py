@@ -61,3 +61,9 @@ def test_a_stage_says_how_long_it_took_and_a_failure_stops(capfd, monkeypatch):
     assert last.endswith("0.5 min on two quiet cores")
     with pytest.raises(SystemExit, match="breaks failed with exit status 3"):
         play(Stage("one", {"breaks": [name, "-c", "raise SystemExit(3)"]}, 0.5))
+
+
+def test_a_command_that_hangs_is_stopped():
+    with pytest.raises(SystemExit) as stop:
+        check.run("a nap", [sys.executable, "-c", "import time; time.sleep(60)"], limit=0.3)
+    assert stop.value.code == "a nap was stopped after 0 min"

@@ -31,11 +31,16 @@ cross, ros = marked("cross"), marked("ros")
 # Missions over the socket
 
 
-def sitl(*words):
-    """The command line in a process of its own, without the tests' type checks: what it prints."""
+def command_line(*words):
+    """The command line in a process of its own, without the tests' type checks."""
     code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
     command = [sys.executable, "-c", code, *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "MPLBACKEND": "agg"})
+    return subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "MPLBACKEND": "agg"})
+
+
+def sitl(*words):
+    """What the command line prints."""
+    done = command_line(*words)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
 
@@ -220,10 +225,19 @@ def test_a_learned_residual_drives_with_the_runner_and_off_is_as_if_it_were_not_
 # Through ROS 1, in real time: run alone, for the robot's clock is the wall's
 
 
+def sitl_in_real_time(*words):
+    """What the command line prints; a machine that stalls a robot in mid-air five times has tested no runner."""
+    done = command_line("sitl", *words, "--link", "ros", "--json")
+    if "cannot run the robot in real time" in done.stderr:
+        pytest.skip(done.stderr.splitlines()[-1])
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout)
+
+
 @ros
 @pytest.mark.slow
 def test_the_papers_flight_through_ros_in_real_time(tmp_path):
-    ours = sitl("sitl", "flight", "--link", "ros", "--out", tmp_path, "--json")["flight"]
+    ours = sitl_in_real_time("flight", "--out", tmp_path)["flight"]
     check_flight(ours)
     assert ours["timing"]["wait_median_us"] < 5000.0
 
@@ -231,23 +245,23 @@ def test_the_papers_flight_through_ros_in_real_time(tmp_path):
 @ros
 @pytest.mark.slow
 def test_the_papers_crawl_through_ros_in_real_time(tmp_path):
-    check_crawl(sitl("sitl", "crawl", "--link", "ros", "--out", tmp_path, "--json")["crawl"])
+    check_crawl(sitl_in_real_time("crawl", "--out", tmp_path)["crawl"])
 
 
 @ros
 @pytest.mark.slow
 def test_faults_of_processes_and_network_through_ros(tmp_path):
     names = ("master", "killed", "stall", "lossy")
-    rows = sitl("sitl", "faults", "--link", "ros", "--only", *names, "--out", tmp_path, "--json")["faults"]
+    rows = sitl_in_real_time("faults", "--only", *names, "--out", tmp_path)["faults"]
     assert [row["fault"] for row in rows] == list(names)
     for row in rows:
         check_reaction(row)
 
 
-def serve(*words):
-    """`spidar sitl robot` in a process of its own, and what it said first."""
+def serve(*words, seconds):
+    """`spidar sitl robot` in a process of its own for so long [s], and what it said first."""
     code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
-    command = [sys.executable, "-c", code, "sitl", "robot", "--operate", "--seconds", "11", *words]
+    command = [sys.executable, "-c", code, "sitl", "robot", "--operate", "--seconds", str(seconds), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     assert process.stdout is not None
     return process, process.stdout.readline()
@@ -261,7 +275,7 @@ def written(mission, tmp_path):
 
 @pytest.mark.slow
 def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_somebody_else_starts(runner, tmp_path):
-    process, first = serve("--link", "socket")
+    process, first = serve("--link", "socket", seconds=11)
     command = [runner, "sim", first.split()[2], written(hover_mission(), tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     said = process.communicate()[0]
@@ -276,10 +290,11 @@ def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_somebody_else_starts(
 @pytest.mark.slow
 def test_a_dry_run_hears_the_robot_and_commands_nobody(tmp_path):
     program = build_for("ros")
-    process, first = serve("--link", "ros")
+    process, first = serve("--link", "ros", seconds=20)
     where = dict(word.split("=") for word in first.split()[:2])
     command = [program, "ros1", written(hover_mission(), tmp_path), "--out", "/spidar_dry"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **where})
+    # A runner that comes too late for the robot waits for the next.
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **where}, timeout=60)
     said = process.communicate()[0]
     assert "driving" in done.stderr
     # The robot falls silent in the end; what the runner does about it stays under the other namespace.
