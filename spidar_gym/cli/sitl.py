@@ -202,10 +202,10 @@ def faults(
     """
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
-    folder = output_folder(out)
     names = only or faults_of(link)
     for name in names:
         require_name(f"fault over {link}", name, faults_of(link))
+    folder = output_folder(out)
     with progress(total=len(names), unit="fault", desc=f"faults over {link}") as bar:
         rows = play_faults(link, names, seed=seed, on_fault=bar.update)
     print(published(folder, "faults", {"faults": rows}, report.fault_table(rows), json))

@@ -198,6 +198,7 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
         (["view"], "--out FILE.mp4"),
         (["list", "spidar_gym/Walk-v0"], "spidar_gym/Hover-v0"),
         (["bench", "--seconds", "0"], "above 0 [s]"),
+        (["sitl", "faults", "--only", "gremlin"], "none, pose_stops"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )  # fmt: skip
