@@ -15,7 +15,7 @@ from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.errors import InvalidValueError, SpidarError
-from spidar_gym.paper.flight import qp_figures, qp_lines
+from spidar_gym.paper.flight import ExperimentLog, qp_figures, qp_lines
 from spidar_gym.policies.rollout import columns, rollout
 from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.sim.actuators import ActuatorConfig
@@ -42,42 +42,22 @@ PAPER_CRAWL: dict[str, Any] = {
 """[Zhao2025, Sec. Crawling Motion] [Zhao2025, Tab. 1]: the real robot's figures."""
 
 
-@dataclass(frozen=True)
-class CrawlLog:
-    """What happened, one row a tick."""
+@dataclass(frozen=True, kw_only=True)
+class CrawlLog(ExperimentLog):
+    """A crawl, one row a tick."""
 
-    preset: str
-    """Crawler."""
     joint_speed: float
     """[rad/s]."""
-    noise: bool
-    """Whether it crawled with sensors, delay and unequal rotors."""
-    time: np.ndarray
-    """(n,) [s]."""
     phase: np.ndarray
     """(n,) words."""
     position_w: np.ndarray
     """Position of the torso's origin, world, (n, 3) [m]."""
     euler: np.ndarray
     """Roll, pitch, yaw of the torso, (n, 3) [rad]."""
-    joint_position: np.ndarray
-    """(n, 16) [rad]."""
     joint_torque: np.ndarray
     """Torque of the servos, (n, 16) [Nm]."""
-    vectoring: np.ndarray
-    """Measured, (n, 8, 2) [rad]."""
-    thrust: np.ndarray
-    """Measured, (n, 8) [N]."""
     thrust_command: np.ndarray
     """(n, 8) [N]."""
-    power: np.ndarray
-    """Electrical, (n,) [W]."""
-    solve_time: np.ndarray
-    """(n,) [s]."""
-    status: np.ndarray
-    """(n,) words."""
-    qpos: np.ndarray
-    """Configuration of the simulated robot, (n, 39), for pictures."""
     contacts: list[np.ndarray]
     """Contact points and forces of each tick, world: (k, 6) [m, N], for pictures."""
     goal_error: np.ndarray
@@ -184,8 +164,10 @@ def crawl_paper(
         on_tick(round(env.progress.nominal_time * CONTROL_RATE))
     goal, reached = env.progress.goal, torso_pose2(env.state.position_w, quat_to_matrix(env.state.quat_wb))
     error = np.array([goal.x - reached.x, goal.y - reached.y, math.remainder(goal.yaw - reached.yaw, 2.0 * math.pi)])
-    speed = env.controller.config.joint_speed
-    return CrawlLog(preset, speed, noise, **columns(rows), contacts=contacts, goal_error=error, info=info)
+    return CrawlLog(
+        preset, joint_speed=env.controller.config.joint_speed, noise=noise, **columns(rows), contacts=contacts,
+        goal_error=error, info=info,
+    )  # fmt: skip
 
 
 def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -48,21 +48,18 @@ PAPER_FLIGHT: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class FlightLog:
-    """What happened, one row a tick."""
+class ExperimentLog:
+    """What happened in an experiment, in the air or on the ground, one row a tick."""
 
     preset: str
-    """Allocation that flew."""
+    """Controller."""
+    _: KW_ONLY
+    noise: bool = False
+    """Whether it had sensors, delay and unequal rotors."""
     time: np.ndarray
     """(n,) [s]."""
-    position_error: np.ndarray
-    """(n, 3), world [m]."""
-    attitude_error: np.ndarray
-    """(n, 3), torso axes [rad]."""
     joint_position: np.ndarray
     """(n, 16) [rad]."""
-    joint_torque: np.ndarray
-    """Allocated, (n, 16) [Nm]."""
     vectoring: np.ndarray
     """Measured, (n, 8, 2) [rad]."""
     thrust: np.ndarray
@@ -71,14 +68,24 @@ class FlightLog:
     """(n,) [s]."""
     status: np.ndarray
     """(n,) words."""
-    air_force: np.ndarray
-    """Force of the air besides the thrust in still air, (n, 3), world [N]."""
     power: np.ndarray
     """Electrical, (n,) [W]."""
     qpos: np.ndarray
     """Configuration of the simulated robot, (n, 39), for pictures."""
-    noise: bool = False
-    """Whether it flew with sensors, delay and asymmetry."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightLog(ExperimentLog):
+    """A flight, one row a tick."""
+
+    position_error: np.ndarray
+    """(n, 3), world [m]."""
+    attitude_error: np.ndarray
+    """(n, 3), torso axes [rad]."""
+    joint_torque: np.ndarray
+    """Allocated, (n, 16) [Nm]."""
+    air_force: np.ndarray
+    """Force of the air besides the thrust in still air, (n, 3), world [N]."""
 
     def window(self, values: np.ndarray, window: tuple[float, float]) -> np.ndarray:
         """The rows of `values` within a window [s]."""

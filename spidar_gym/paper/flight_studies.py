@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +38,11 @@ def controllers(ablation: bool) -> dict[str, ControllerConfig]:
     """What is compared with `paper`: `tuned`, and without each of its options."""
     tuned = controller_config("tuned")
     paper = controller_config("paper")
+    found = {"paper": paper, "tuned": tuned}
     if not ablation:
-        return {"paper": paper, "tuned": tuned}
+        return found
     return {
-        "paper": paper,
-        "tuned": tuned,
+        **found,
         **{name: replace(tuned, compensation=replace(tuned.compensation, **change)) for name, change in OFF.items()},
         "gains alone": replace(tuned, compensation=CompensationConfig()),
         "options on the paper's gains": replace(tuned, centroidal=paper.centroidal),
@@ -76,12 +76,11 @@ def speed_study(
         for config in configs.values()
         for k in range(count)
     ]
-    outcomes = fly_all(jobs, workers=workers, folder=folder, on_done=on_flight)
+    outcomes = iter(fly_all(jobs, workers=workers, folder=folder, on_done=on_flight))
     rng = np.random.Generator(np.random.PCG64(0))
     rows: list[dict[str, Any]] = []
-    for i, (condition, speed) in enumerate(cells):
-        block = outcomes[i * len(configs) * count : (i + 1) * len(configs) * count]
-        flown = {name: block[j * count : (j + 1) * count] for j, name in enumerate(configs)}
+    for condition, speed in cells:
+        flown = {name: list(islice(outcomes, count)) for name in configs}
         for name in configs:
             rows.append({"condition": condition, "joint_speed": speed, "controller": name, **_row(flown, name, rng)})
     return rows

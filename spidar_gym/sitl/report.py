@@ -171,8 +171,8 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
     }
     return CrawlLog(
         mission.preset,
-        config.joint_speed,
-        True,
+        joint_speed=config.joint_speed,
+        noise=True,
         **columns(kept),
         contacts=contacts,
         goal_error=progress.error.copy(),
