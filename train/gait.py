@@ -130,11 +130,6 @@ def scaling() -> Scaling:
     return Scaling(mean, variance, 1.0)
 
 
-def zeros() -> np.ndarray:
-    """The numbers of the gait as it is."""
-    return np.zeros(SIZE)
-
-
 def phase_table(numbers: np.ndarray) -> np.ndarray:
     """Raise, lift and force in every phase of the last cycle, then of the others, shape (2 phases, 3)."""
     table = np.zeros((CYCLES, len(PHASES), 3))
@@ -255,7 +250,7 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
     )
     state.base, state.scaling = evaluator.means, vars(scaling())
     # In the file, `way` is the direction of the last update.
-    fresh = {"numbers": zeros(), "way": zeros(), "best": zeros(), "ticks": 0, "updates": 0}
+    fresh = {**{name: np.zeros(SIZE) for name in ("numbers", "way", "best")}, "ticks": 0, "updates": 0}
     learner = dict(state.learner) or fresh
     run.require_alike(learner, fresh)
     if not state.learner:

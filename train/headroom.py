@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import tyro
@@ -19,7 +18,6 @@ from spidar_gym.control.flight.observation import layout
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs import actions
 from spidar_gym.errors import require_least, require_name
-from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.processes import Pool, cpu_count
 from spidar_gym.text import format_table
 from train.lib import envs
@@ -120,20 +118,17 @@ ON_THE_GROUND: Rules = {
 """What is tried on the ground."""
 
 
-class Rule(PresetPolicy):
+class Rule(Base):
     """A rule on top of a controller."""
 
     def __init__(self, preset: str, mode: str, action: Callable[[Seen], np.ndarray]) -> None:
         """Take the controller, the action mode and the action by what is seen."""
-        self._arguments, self._action = {"preset": preset, "action_mode": mode}, action
+        super().__init__({"preset": preset, "action_mode": mode})
+        self._action = action
         flies = preset in PRESETS
         modes = actions.ACTION_MODES if flies else actions.CRAWL_MODES
         fields = (layout if flies else crawl_layout)(modes[mode].size)
         self._names, self._ends = [field.name for field in fields], np.cumsum([field.size for field in fields[:-1]])
-
-    def arguments(self, env_id: str) -> Mapping[str, Any]:
-        """The same for every environment."""
-        return self._arguments
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The rule's action, within its bounds."""

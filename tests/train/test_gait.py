@@ -15,7 +15,7 @@ from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.policies.artifact import read_artifact
 from train import gait
-from train.gait import PRESETS, Course, artifact, learn, phase_table, update, zeros
+from train.gait import PRESETS, SIZE, Course, artifact, learn, phase_table, update
 from train.lib.config import CONTROL, override
 from train.lib.envs import training_seed
 from train.lib.run import TITLE, CheckpointError, State
@@ -38,7 +38,7 @@ def observe(phase, steps_left, rng):
 
 def test_a_network_says_what_its_table_says_in_every_phase_of_the_last_cycle_and_of_the_others():
     rng = np.random.default_rng(0)
-    numbers = rng.uniform(-0.9, 0.9, zeros().shape)
+    numbers = rng.uniform(-0.9, 0.9, SIZE)
     agent, rows = artifact(TINY, numbers, State()), phase_table(numbers)
     assert len(set(np.abs(rows[rows != 0.0]))) == len(numbers)
     for k, phase in enumerate(PHASES):
@@ -66,8 +66,8 @@ class Bowl:
 
 def test_the_search_goes_downhill_whatever_the_episodes_draw():
     """The luck of an episode is some thousand times what a table changes; it is the same on both sides."""
-    least = np.random.default_rng(1).uniform(-0.6, 0.6, zeros().shape)
-    bowl, numbers, direction = Bowl(least), zeros(), zeros()
+    least = np.random.default_rng(1).uniform(-0.6, 0.6, SIZE)
+    bowl, numbers, direction = Bowl(least), np.zeros(SIZE), np.zeros(SIZE)
     args = override(TINY, directions=4)
     for number in range(60):
         numbers, direction, ticks = update(args, bowl, numbers, direction, number, number / 60, lambda _: None)
@@ -82,8 +82,8 @@ def test_the_search_goes_downhill_whatever_the_episodes_draw():
 
 def test_where_nothing_makes_a_difference_nothing_changes():
     flat = type("Flat", (), {"cost": lambda *_: (1.0, 10)})()
-    numbers = np.full_like(zeros(), 0.25)
-    np.testing.assert_array_equal(update(TINY, flat, numbers, zeros(), 0, 0.0, lambda _: None)[0], numbers)
+    numbers = np.full_like(np.zeros(SIZE), 0.25)
+    np.testing.assert_array_equal(update(TINY, flat, numbers, np.zeros(SIZE), 0, 0.0, lambda _: None)[0], numbers)
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def short(monkeypatch):
 
 def test_a_crawl_costs_its_time_its_energy_and_what_is_missing_at_its_end(short):
     course = Course(TINY)
-    cost, ticks = course.cost(zeros(), 0, training_seed(0, 6, 0))
+    cost, ticks = course.cost(np.zeros(SIZE), 0, training_seed(0, 6, 0))
     assert ticks == 80
     # Not arrived: nearly all that an error at the goal can cost, the failure, its energy, its time.
     inner = course._envs[0].unwrapped
@@ -103,12 +103,12 @@ def test_a_crawl_costs_its_time_its_energy_and_what_is_missing_at_its_end(short)
         config.failure + config.hurry * 2.0 / progress.nominal_time + config.energy * energy / progress.initial_distance
     )
     assert cost - known == pytest.approx(config.goal, rel=0.01)
-    assert course.cost(zeros(), 0, training_seed(0, 6, 0)) == (cost, ticks)
+    assert course.cost(np.zeros(SIZE), 0, training_seed(0, 6, 0)) == (cost, ticks)
     course.close()
 
 
 def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path, monkeypatch):
-    monkeypatch.setattr(gait, "Course", lambda _: Bowl(np.full_like(zeros(), 0.5)))
+    monkeypatch.setattr(gait, "Course", lambda _: Bowl(np.full_like(np.zeros(SIZE), 0.5)))
     args = override(TINY, steps=6400, validations=2)
     whole = learn(override(args, out=tmp_path / "whole")).read_bytes()
 

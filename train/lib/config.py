@@ -75,19 +75,14 @@ def parse(presets: Mapping[str, R], prog: str, description: str | None) -> R:
     )
 
 
-def flatten(settings: object) -> dict[str, Any]:
-    """Every field by name, without its group; what a run leaves behind is no setting, since nothing depends on it."""
-    return _fields(settings, OutputConfig)
-
-
-def _fields(settings: object, *left_out: type) -> dict[str, Any]:
+def flatten(settings: object, *left_out: type) -> dict[str, Any]:
     """Every field by name, without its group, but for groups that are left out."""
     assert dataclasses.is_dataclass(settings)
     found: dict[str, Any] = {}
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
         if not isinstance(value, left_out):
-            found |= _fields(value, *left_out) if dataclasses.is_dataclass(value) else {field.name: value}
+            found |= flatten(value, *left_out) if dataclasses.is_dataclass(value) else {field.name: value}
     return found
 
 
@@ -98,7 +93,7 @@ def override(settings: T, **changes: Any) -> T:  # noqa: ANN401 - of any field
         UnknownNameError: For a field that no group has.
     """
     for name in changes:
-        require_name("setting", name, _fields(settings))
+        require_name("setting", name, flatten(settings))
     return _override(settings, changes)
 
 

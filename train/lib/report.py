@@ -31,19 +31,26 @@ def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base:
         workers: Processes.
     """
     print(f"{path}: {recipe.name}, seed {recipe.seed}\n{conclusion(path, base, env_id, tracks)}")
-    if recipe.output.row:
-        print(evaluate_row(path, tracks, recipe.output.out / "scores", base, workers=workers))
+    if not recipe.output.row:
+        return
+    spec = str(path)
+    policy = load_policy(spec)
+    with tqdm(
+        total=len(tracks) * SCENARIOS, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
+    ) as bar:
+        scores = evaluate_runs(
+            [spec], tracks, SCENARIOS, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
+            on_track=bar.set_postfix_str,
+        )  # fmt: skip
+    row = make_row([policy], [spec], scores, command=eval_command([spec], tracks))
+    written, against = write_row(row, recipe.output.out / "scores"), committed_row(BASES[base])
+    if against is not None:
+        print(comparison_text(row, against))
+    print(f"written to {written}")
 
 
 def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str:
-    """How the chosen agent compares with its base on the validation scenarios, and what one does with it next.
-
-    Args:
-        path: The artifact, beside its run's curve.
-        base: Preset of the controller that it adds to, or that it is to replace.
-        env_id: Environment.
-        tracks: Tracks on which it was evaluated.
-    """
+    """How the chosen agent compares with its base on the validation scenarios, and what one does with it next."""
     content = json.loads(path.with_name("curve.json").read_text(encoding="utf-8"))
     chosen, curve = content["chosen"], content["curve"]
     lines = [line for line in curve if line["steps"] == chosen["steps"]]
@@ -64,27 +71,3 @@ def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str
         f"watch it:   spidar run {env_id} --policy {path}",
         f"measure it: spidar eval --policy {path} --tracks {' '.join(tracks)}",
     ])  # fmt: skip
-
-
-def evaluate_row(path: Path, tracks: Sequence[str], folder: Path, base: str, *, workers: int) -> str:
-    """Play the test scenarios, write the row, and say how it compares with its base.
-
-    Args:
-        path: The artifact.
-        tracks: Tracks.
-        folder: Folder of the row.
-        base: Preset of the controller that it adds to, or that it is to replace.
-        workers: Processes.
-    """
-    spec = str(path)
-    policy = load_policy(spec)
-    with tqdm(
-        total=len(tracks) * SCENARIOS, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
-    ) as bar:
-        scores = evaluate_runs(
-            [spec], tracks, SCENARIOS, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
-            on_track=bar.set_postfix_str,
-        )  # fmt: skip
-    row = make_row([policy], [spec], scores, command=eval_command([spec], tracks))
-    written, against = f"written to {write_row(row, folder)}", committed_row(BASES[base])
-    return written if against is None else f"{comparison_text(row, against)}\n{written}"

@@ -59,11 +59,6 @@ class Tick:
     """Action that the environment was given, within ± 1."""
 
 
-def _environment(config: RewardConfig, tick: Tick) -> float:
-    """The environment's own."""
-    return tick.reward
-
-
 def _pose(config: RewardConfig, tick: Tick) -> float:
     """Mean of 1/(1 + (e/e₀)²) over the terms, less the fraction for a large action; 0 where the flight is over."""
     if tick.info["failure"]:
@@ -96,7 +91,7 @@ def _economy(config: RewardConfig, tick: Tick) -> float:
 
 
 REWARDS: dict[str, Callable[[RewardConfig, Tick], float]] = {
-    "environment": _environment,
+    "environment": lambda config, tick: tick.reward,
     "pose": _pose,
     "economy": _economy,
 }

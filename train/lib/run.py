@@ -16,7 +16,7 @@ from spidar_gym.errors import MissingDependencyError, SpidarError
 from spidar_gym.files import cannot_write, json_text, output_folder, write_bytes, write_text
 from spidar_gym.policies.artifact import Artifact, interface, write_artifact
 from spidar_gym.policies.provenance import processor, versions
-from train.lib.config import Recipe, flatten
+from train.lib.config import OutputConfig, Recipe, flatten
 from train.lib.envs import Scaling
 from train.lib.evaluate import Verdict
 from train.lib.learner import Layers
@@ -110,8 +110,8 @@ class Run:
 
     @classmethod
     def of(cls, recipe: Recipe, env_id: str, arguments: Mapping[str, Any]) -> "Run":
-        """The run of a recipe's settings; however many processes fly, it ends the same."""
-        settings = {name: value for name, value in flatten(recipe).items() if name != "workers"}
+        """The run of a recipe's settings: neither the number of processes nor what it leaves behind is one."""
+        settings = {name: value for name, value in flatten(recipe, OutputConfig).items() if name != "workers"}
         return cls(recipe.output.out / recipe.name / f"seed{recipe.seed}", settings, env_id, arguments)
 
     def save(self, state: State) -> None:

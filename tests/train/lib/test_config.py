@@ -39,7 +39,7 @@ def test_every_field_has_a_name_of_its_own(recipe, name):
     settings = RECIPES[recipe].PRESETS[name]
     names = list(fields(settings))
     assert len(set(names)) == len(names)
-    assert set(flatten(settings)) == set(names) - set(fields(OutputConfig()))
+    assert set(flatten(settings, OutputConfig)) == set(names) - set(fields(OutputConfig()))
 
 
 def test_no_help_of_an_option_needs_that_of_another_one():
@@ -53,7 +53,7 @@ def test_every_command_of_a_committed_curve_gives_the_settings_that_the_curve_ha
         recipe = RECIPES[module.removeprefix("train.")]
         monkeypatch.setattr(sys, "argv", [module, *options])
         args = parse(recipe.PRESETS, module, recipe.__doc__)
-        found = json.loads(json.dumps(flatten(args)))
+        found = json.loads(json.dumps(flatten(args, OutputConfig)))
         assert {k: v for k, v in found.items() if k not in ("control", "workers")} == {
             k: v for k, v in settings.items() if k != "control"
         }
@@ -64,7 +64,7 @@ def test_an_override_finds_the_group_and_changes_nothing_else():
     settings = residual.PRESETS["hover-paper-ppo"]
     changed = override(settings, hold=3, clip_range=0.1, seed=7, row=False)
     assert (changed.env.hold, changed.learner.ppo.clip_range, changed.seed, changed.output.row) == (3, 0.1, 7, False)
-    assert flatten(settings) | {"hold": 3, "clip_range": 0.1, "seed": 7} == flatten(changed)
+    assert flatten(settings) | {"hold": 3, "clip_range": 0.1, "seed": 7, "row": False} == flatten(changed)
     with pytest.raises(UnknownNameError, match=r"unknown setting 'holds'; valid: .*did you mean hold"):
         override(settings, holds=3)
     with pytest.raises(InvalidValueError, match="n_steps = 0 is not valid"):
