@@ -152,41 +152,38 @@ def run_cases(
     return finish(_run, jobs, workers=workers, folder=folder, on_done=lambda *_: on_run())
 
 
+def _worst(values: list[float]) -> float:
+    return max(map(abs, values))
+
+
+COLUMNS: dict[str, tuple[str, Callable[[list[float]], float], float, tuple[str, ...]]] = {
+    "T [s]": ("{:.1f}", np.median, 1.0, ("duration_s",)),
+    "|x|,|y| mm": ("{:.1f}, {:.1f}", _worst, 1e3, ("error_x_m", "error_y_m")),
+    "yaw": ("{:.4f}", _worst, 1.0, ("yaw_rad",)),
+    "tilt legs/torso": ("{:.3f}/{:.3f}", _worst, 1.0, ("roll_pitch_legs_rad", "roll_pitch_torso_rad")),
+    "slip mm": ("{:.0f}", _worst, 1e3, ("slip_m",)),
+    "sat.": ("{:.1%}", _worst, 1.0, ("saturation",)),
+    "Σλ/mg": ("{:.3f}", np.median, 1.0, ("thrust_mean",)),
+    "peak": ("{:.3f}", _worst, 1.0, ("thrust_peak",)),
+    "air": ("{:.0%}", min, 1.0, ("airborne",)),
+    "duct mm": ("{:.0f}", min, 1e3, ("duct_m",)),
+    "W": ("{:.0f}", np.median, 1.0, ("power_w",)),
+    "ripple": ("{:.0f}", np.median, 1e3, ("ripple_rad_s",)),
+    "ΔΣλ N": ("{:.1f}", _worst, 1.0, ("thrust_step_n",)),
+}
+"""Columns of the table by heading: format, what is taken of a case's seeds, factor, and of which figures."""
+
+
 def study_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
     """One line a case: the worst of its seeds, but for durations, mean thrust, power and ripple, which are medians."""
-    names = list(dict.fromkeys(row["case"] for row in rows))
-    lines: list[list[str]] = [[
-        "case", "success", "T [s]", "|x|,|y| mm", "yaw", "tilt legs/torso", "slip mm", "sat.", "Σλ/mg", "peak", "air",
-        "duct mm", "W", "ripple", "ΔΣλ N",
-    ]]  # fmt: skip
-    for name in names:
+    lines = [["case", "success", *COLUMNS]]
+    for name in dict.fromkeys(row["case"] for row in rows):
         own = [row for row in rows if row["case"] == name]
-
-        def worst(key: str, own: list[dict[str, Any]] = own) -> float:
-            return max(abs(row[key]) for row in own)
-
-        def median(key: str, own: list[dict[str, Any]] = own) -> float:
-            return float(np.median([row[key] for row in own]))
-
-        lines.append(
-            [
-                name,
-                f"{sum(row['success'] for row in own)}/{len(own)}",
-                f"{median('duration_s'):.1f}",
-                f"{1e3 * worst('error_x_m'):.1f}, {1e3 * worst('error_y_m'):.1f}",
-                f"{worst('yaw_rad'):.4f}",
-                f"{worst('roll_pitch_legs_rad'):.3f}/{worst('roll_pitch_torso_rad'):.3f}",
-                f"{1e3 * worst('slip_m'):.0f}",
-                f"{worst('saturation'):.1%}",
-                f"{median('thrust_mean'):.3f}",
-                f"{worst('thrust_peak'):.3f}",
-                f"{min(row['airborne'] for row in own):.0%}",
-                f"{1e3 * min(row['duct_m'] for row in own):.0f}",
-                f"{median('power_w'):.0f}",
-                f"{1e3 * median('ripple_rad_s'):.0f}",
-                f"{worst('thrust_step_n'):.1f}",
-            ]
-        )
+        cells = [
+            form.format(*(factor * taken([row[key] for row in own]) for key in keys))
+            for form, taken, factor, keys in COLUMNS.values()
+        ]
+        lines.append([name, f"{sum(row['success'] for row in own)}/{len(own)}", *cells])
     return lines
 
 

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -88,10 +89,8 @@ def policy_digest(policy: Policy) -> str:
     """SHA-256 of the file that the policy comes from: its module's, or the artifact's."""
     path = getattr(policy, "path", None)
     if path is None:
-        try:
+        with suppress(TypeError):
             path = inspect.getsourcefile(type(policy))
-        except TypeError:
-            path = None
     return "" if path is None else file_digest(Path(path))
 
 
