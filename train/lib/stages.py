@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
 from tqdm import tqdm
@@ -11,17 +12,13 @@ from train.lib.evaluate import Verdict
 T = TypeVar("T")
 
 
-class Stages:
+class Stages(AbstractContextManager["Stages"]):
     """The bars of a run, one after the other, for as long as the context lasts."""
 
     def __init__(self, run: str) -> None:
         """Take the name of the run."""
         self._run, self._latest = run, ""
         self._bar: tqdm = tqdm(disable=True)
-
-    def __enter__(self) -> "Stages":
-        """Nothing has begun."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """End the last stage."""
