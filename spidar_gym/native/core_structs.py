@@ -35,15 +35,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("feet_b", "f8", (N_LEGS, 3), "centres of the foot spheres from the torso's origin [m]"),
         ("J_foot", "f8", (N_LEGS, 3 * N_JOINTS), "∂(centre of the sphere)/∂q"),
     )),
-    CStruct("lock", "Which rotors have their φ held, and where.", (
-        ("vertical active", "i4", (N_ROTORS,), "the link is near vertical; φ is held"),
-        ("phi", "f8", (N_ROTORS,), "held angle [rad]"),
-    )),
-    CStruct("interference", "The valid vectoring range of each rotor.", (
-        ("restricted", "i4", (N_ROTORS,), "1 where interference restricts the rotor"),
-        ("lower upper", "f8", (N_ROTORS,), "bounds of θ [rad]"),
-        ("side", "i4", (N_ROTORS,), "+1 where the lower bound is nearer to the vertical, −1 where the upper one is"),
-    )),
     CStruct("cost", "A block of cost.", (
         ("kind", "cost_kind", (), "which block"),
         ("weight", "f8", (), "its weight"),
@@ -57,21 +48,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("feet_carry n m", "i4", (), "whether foot forces are unknowns; unknowns; rows"),
         ("costs", "cost", (SIZES["MODE_COSTS"],), ""),
         ("rows", "rows", (SIZES["MODE_ROWS"],), ""),
-    )),
-    CStruct("demand", "What one tick asks of the allocation.", (
-        ("wrench", "f8", (6,), "desired, {CoG} [N, Nm]"),
-        ("thrust_map", "f8", (6 * N_UNKNOWNS,), "forces → wrench, (6, n)"),
-        ("torque_map", "f8", (N_JOINTS * N_UNKNOWNS,), "forces → joint torque, (16, n)"),
-        ("gravity_torque", "f8", (N_JOINTS,), "holds the links without thrust [Nm]"),
-        ("locked", "i4", (N_ROTORS,), "whose φ is held"),
-        ("phi", "f8", (N_ROTORS,), "held angle [rad]"),
-        ("restricted", "i4", (N_ROTORS,), "whose θ is bounded"),
-        ("lower upper", "f8", (N_ROTORS,), "bounds of θ [rad]"),
-        ("lost", "i4", (N_ROTORS,), "whose thrust is gone"),
-        ("lifted", "i4", (N_LEGS,), "whose joint torque counts"),
-        ("com_b", "f8", (3,), "CoG from the torso's origin [m]"),
-        ("R_bf", "f8", (9,), "axes of the floor seen from the torso"),
-        ("effort", "f8", (N_ROTORS,), "weights of the power cost"),
     )),
     CStruct("program", "min ½ xᵀ P x + qᵀ x subject to l ≤ A x ≤ u; P (n, n) and A (m, n) row-major with stride n.", (
         ("n m", "i4", (), "unknowns and rows"),
@@ -114,9 +90,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("Ax", "f8", (MAX_M * MAX_N,), ""),
         ("cone", "cone", (), ""),
     )),
-    CStruct("motion_error", "Errors of the centroidal motion, desired − actual.", (
-        ("position_w velocity_w attitude omega_b", "f8", (3,), "world, world, torso, torso axes"),
-    )),
     CStruct("compensation_memory", "What the compensations remember.", (
         ("servo_position servo_velocity", "f8", (N_JOINTS,), "of the servo model [rad], [rad/s]"),
         ("has_momentum has_observed", "i4", (), "whether there was a tick before"),
@@ -151,9 +124,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("joint_velocity", "f8", (N_JOINTS,), "commanded [rad/s]"),
         ("allocation", "allocation", (), ""),
         ("workspace", "workspace", (), ""),
-    )),
-    CStruct("pose2", "A planar pose.", (
-        ("x y yaw", "f8", (), "[m], [m], [rad]"),
     )),
     CStruct("step", "One run through some phases.", (
         ("phases", "i4", (), "sp_phases"),

@@ -9,14 +9,16 @@ import numpy as np
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.allocation.modes import ALLOCATIONS
+from spidar_gym.control.allocation.problem import N_UNKNOWNS, Demand
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import STRIDES, GaitConfig
+from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.estimator import EstimatorConfig
-from spidar_gym.control.flight.centroidal import CentroidalConfig
+from spidar_gym.control.flight.centroidal import CentroidalConfig, MotionError
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
-from spidar_gym.model.interference import InterferenceConfig
-from spidar_gym.model.rotor import LockConfig
+from spidar_gym.model.interference import InterferenceConfig, no_interference
+from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, field_docs
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
@@ -34,7 +36,8 @@ OPTIONAL = {("residual", "forces_l"): (N_ROTORS, 3), ("residual", "leg_forces_b"
 def samples() -> list[Any]:
     """An instance of every dataclass that becomes a struct, those inside others first."""
     zero, quat, q = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(N_JOINTS)
-    angles, eight = np.zeros((N_ROTORS, 2)), np.zeros(N_ROTORS)
+    angles, eight, mask = np.zeros((N_ROTORS, 2)), np.zeros(N_ROTORS), np.zeros(N_ROTORS, bool)
+    maps = np.zeros((6, N_UNKNOWNS)), np.zeros((N_JOINTS, N_UNKNOWNS))
     return [
         RobotState(0.0, zero, quat, zero, zero, q, q, angles, angles, eight, q),
         Measurement(
@@ -44,6 +47,8 @@ def samples() -> list[Any]:
         Reference(zero, quat, zero, zero, q),
         Residual(),
         Command(eight, angles, q, q),
+        Pose2(), Lock(mask, mask, eight), no_interference(), MotionError(zero, zero, zero, zero),
+        Demand(np.zeros(6), *maps, q, mask, eight, mask, eight, eight),
         CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),
         ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(),
     ]  # fmt: skip
@@ -91,7 +96,7 @@ def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
             kind = snake(type(value).__name__)
         elif not isinstance(value, bool | int | str):
             array = np.asarray(value)
-            kind, shape = "i4" if array.dtype == bool else "f8", array.shape
+            kind, shape = "f8" if array.dtype == float else "i4", array.shape
         flat = (int(np.prod(shape)),) if shape else ()
         rows.append((field.name, kind, flat, f"{shape} {doc}" if len(shape) > 1 else doc))
     return rows
