@@ -26,13 +26,11 @@ from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission, hov
 from spidar_gym.sitl.play import (
     LINKS,
     build_for,
-    experiment_of,
+    evaluate,
     faults_of,
-    figures_of,
     make_robot,
     play,
     play_faults,
-    table_of,
 )
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
@@ -82,9 +80,8 @@ def _play(mission: Mission, out: Path, options: Options) -> None:
         print(line, file=sys.__stderr__)
     if played.run.board:
         raise SpidarError(f"the landing was forced after {played.run.landing_at:.2f} s: {played.run.board}")
-    log = experiment_of(played)
-    figures = figures_of(played, log)
-    print(published(folder, mission.name, {mission.name: figures}, table_of(played, figures), json))
+    log, figures, table = evaluate(played)
+    print(published(folder, mission.name, {mission.name: figures}, table, json))
     if not json:
         t = figures["timing"]
         print(

@@ -7,6 +7,7 @@ from pathlib import Path
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.files import output_folder, scratch_folder
 from spidar_gym.native.compiler import FLAGS, compiler, run_tool
+from spidar_gym.onboard.build import RUNNER as PARTS
 
 GENERATOR = "lib/gencpp/gen_cpp.py"
 TEMPLATES = "share/gencpp"
@@ -29,18 +30,14 @@ def build_ros_runner(folder: Path, out: Path) -> Path:
     libraries = _pkg_config("--cflags", "--libs", "roscpp")
     folder = folder.resolve()
     out = output_folder(out.resolve().parent) / out.name
-    includes = [f"-I{folder / part}" for part in ("core", "osqp", "generated", "runner")]
+    includes = [f"-I{folder / part}" for part in (*PARTS, "generated")]
+    sources = [str(source) for part in PARTS for source in sorted((folder / part).glob("*.c"))]
     with scratch_folder() as scratch:
-        objects = []
-        for part in ("core", "osqp", "runner"):  # a folder for each: their files may have the same names
-            place = scratch / part
-            place.mkdir()
-            sources = [str(source) for source in sorted((folder / part).glob("*.c"))]
-            run_tool([*compiler(), *FLAGS, "-DSPIDAR_ROS1", *includes, "-c", *sources], RUNNER, place)
-            objects += [str(path) for path in sorted(place.glob("*.o"))]
-        headers = message_headers(folder / "msg", scratch / "spinal")
-        link = [f"-isystem{headers}", str(folder / "runner" / "ros1.cpp"), *objects, *libraries, "-lm"]
-        run_tool([_plus_plus(), "-O2", *WARNINGS, "-DSPIDAR_ROS1", *includes, *link, "-o", str(out)], RUNNER)
+        own = ["-DSPIDAR_ROS1", *includes]
+        plain, headers = str(scratch / "plain.o"), message_headers(folder / "msg", scratch / "spinal")
+        run_tool([*compiler(), *FLAGS, *own, "-r", "-nostdlib", *sources, "-o", plain], RUNNER)
+        link = [f"-isystem{headers}", str(folder / "runner" / "ros1.cpp"), plain, *libraries, "-lm"]
+        run_tool([_plus_plus(), "-O2", *WARNINGS, *own, *link, "-o", str(out)], RUNNER)
     return out
 
 

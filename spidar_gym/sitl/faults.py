@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spidar_gym.errors import require_name
 from spidar_gym.sitl.messages import Message
 
 STALL, LONG_STALL = 0.2, 0.7
@@ -86,12 +85,6 @@ FAULTS: dict[str, Fault] = {
     "master": Fault("the ROS master is killed", "flies on", process="master", ros=True),
 }
 """Faults by name."""
-
-
-def find_fault(name: str) -> Fault:
-    """Fault by name (`UnknownNameError` lists the valid ones)."""
-    require_name("fault", name, FAULTS)
-    return FAULTS[name]
 
 
 @dataclass

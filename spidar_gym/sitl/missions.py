@@ -10,16 +10,12 @@ from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.envs.crawl.task import PAPER_WAY
 from spidar_gym.envs.hover.task import HoverTask
-from spidar_gym.paper.crawl import CRAWL_DISTANCE
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
 
 PREPARE = 8.0
 """From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
-
-
-PAPER_WAY = Pose2(CRAWL_DISTANCE, 0.0, 0.0)
-"""Where the paper's crawl ends, seen from its start."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from spidar_gym.files import scratch_folder
 from spidar_gym.onboard.build import build_runner
 from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines, crawl_robot
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
-from spidar_gym.sitl.faults import FAULTS, Injector, find_fault
+from spidar_gym.sitl.faults import FAULTS, Injector
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
 from spidar_gym.sitl.robot import Robot
@@ -79,36 +79,24 @@ def play(
     require_name("link", link, LINKS)
     injector = None
     if fault is not None:
-        injector = Injector(find_fault(fault), FAULT_AFTER, np.random.Generator(np.random.PCG64(seed)))
-    runner = runner or build_for(link)
+        require_name("fault", fault, FAULTS)
+        injector = Injector(FAULTS[fault], FAULT_AFTER, np.random.Generator(np.random.PCG64(seed)))
+    runner, late = runner or build_for(link), []
     with scratch_folder() as scratch:
         text, written = scratch / "mission.txt", log or scratch / "run.log"
         text.write_text(mission.text, encoding="utf-8")
-        if link == "socket":
-            session = Session(make_robot(mission, seed), mission, injector, on_tick)
-            return Played(mission, socket_session(session, runner, text, written), read_runner_log(written))
-        return _play_ros(mission, seed, injector, runner, text, written, on_tick)
+        # In real time again where the machine stalled: a robot that stands still in mid-air is no test of a runner.
+        for _ in range(TRIES):
+            session = Session(make_robot(mission, seed), mission, copy.deepcopy(injector), on_tick)
+            if link == "socket":
+                run = socket_session(session, runner, text, written)
+            else:
+                from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
 
-
-def _play_ros(
-    mission: Mission,
-    seed: int,
-    injector: Injector | None,
-    runner: Path,
-    text: Path,
-    written: Path,
-    on_tick: Callable[[], object],
-) -> Played:
-    """Through ROS, again where the machine stalled: a robot that stands still in mid-air is no test of a runner."""
-    from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
-
-    late = []
-    for _ in range(TRIES):
-        session = Session(make_robot(mission, seed), mission, copy.deepcopy(injector), on_tick)
-        run = ros_session(session, runner, text, written, RosLink())
-        if run.late <= LATE:
-            return Played(mission, run, read_runner_log(written))
-        late.append(f"{1e3 * run.late:.0f} ms")
+                run = ros_session(session, runner, text, written, RosLink())
+            if run.late <= LATE:
+                return Played(mission, run, read_runner_log(written))
+            late.append(f"{1e3 * run.late:.0f} ms")
     raise SpidarError(
         f"this machine cannot run the robot in real time: it was {', '.join(late)} late; valid: one with two idle cores"
     )
@@ -123,21 +111,17 @@ def build_for(link: str, residual: Path | None = None) -> Path:
     return build_runner(build_ros_runner, "spidar-runner-ros1", residual)
 
 
-def experiment_of(played: Played) -> FlightLog | CrawlLog:
-    """The experiment's part of a drive."""
-    read = crawl_log if played.mission.crawls else flight_log
-    return read(played.run, played.log, played.mission)
-
-
-def figures_of(played: Played, log: FlightLog | CrawlLog) -> dict[str, Any]:
-    """The experiment's figures, and how the runner kept its deadlines."""
-    figures = crawl_figures(log) if isinstance(log, CrawlLog) else flight_figures(log)
-    return {**figures, "timing": timing(played.log)}
-
-
-def table_of(played: Played, figures: dict[str, Any]) -> str:
-    """The experiment's table, as `spidar paper` prints it."""
-    return format_table(crawl_lines(figures) if played.mission.crawls else flight_lines(figures))
+def evaluate(played: Played) -> tuple[FlightLog | CrawlLog, dict[str, Any], str]:
+    """The experiment's part of a drive, its figures with the runner's timing, its table as `spidar paper` prints it."""
+    run, log, mission = played.run, played.log, played.mission
+    if mission.crawls:
+        experiment = crawl_log(run, log, mission)
+        figures, lines = crawl_figures(experiment), crawl_lines
+    else:
+        experiment = flight_log(run, log, mission)
+        figures, lines = flight_figures(experiment), flight_lines
+    figures = {**figures, "timing": timing(log)}
+    return experiment, figures, format_table(lines(figures))
 
 
 def play_faults(

@@ -24,7 +24,7 @@ from spidar_gym.paper.flight import FLIGHT_SECONDS, FlightLog
 from spidar_gym.policies.rollout import columns
 from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.sim.ground import Touch
-from spidar_gym.sitl.faults import find_fault
+from spidar_gym.sitl.faults import FAULTS
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.robot import DT
 from spidar_gym.sitl.session import AFTER_FAULT, Row, Run
@@ -218,7 +218,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         happened = "board lands"
     else:
         happened = "flies on" if after and after[-1].flight_state == FlightState.HOVER else "lost"
-    specified = find_fault(name)
+    specified = FAULTS[name]
     fall = [row for row in after if row.time >= run.landing_at]
     touch = next((k for k, row in enumerate(fall) if row.in_contact), None)
     down = math.inf if touch is None else fall[touch].time

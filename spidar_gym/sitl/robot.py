@@ -1,7 +1,6 @@
 """The simulated robot behind the real one's interface: plant, sensors, board and flight stack at 200 Hz."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +27,12 @@ TICK = 5
 """Steps of a tick of the flight stack: 40 Hz."""
 ODOMETRY = 2
 """Steps between two estimates of the flight stack: 100 Hz."""
+SETPOINTS = {
+    "gimbals_ctrl": ("vectoring", GIMBAL_NAMES, "position", -math.inf, math.inf),
+    "joints_ctrl": ("joints", JOINT_NAMES, "position", -ROBOT.joint_limit, ROBOT.joint_limit),
+    "joints_torque_ctrl": ("torque_limit", JOINT_NAMES, "effort", 0.0, ROBOT.max_joint_torque),
+}
+"""Topic → where the robot keeps its numbers, their names, the message's field, the least and largest number."""
 
 
 class Robot:
@@ -75,12 +80,6 @@ class Robot:
         """When it did first [s]."""
         self._torques = np.zeros((2, N_ROTORS))
         self._batch: list[Measurement] = []
-        self._words: dict[str, Callable[[Message], None]] = {
-            "four_axes/command": self._receive_thrust,
-            "gimbals_ctrl": self._receive_gimbals,
-            "joints_ctrl": self._receive_joints,
-            "joints_torque_ctrl": self._receive_limits,
-        }
         self._echo: list[Message] = []
         self._com_b: np.ndarray | None = None
 
@@ -100,9 +99,14 @@ class Robot:
             self.stack.teleop(message.topic.split("/")[1], self.time)
         elif message.topic == "flight_config_cmd":
             self._configure(int(message.values["cmd"]))
-        elif message.topic in self._words and self.drivable:
-            # Elsewhere the flight stack has the wheel: on the robot a multiplexer of the topics sees to that.
-            self._words[message.topic](message)
+        elif not self.drivable:
+            return  # the flight stack has the wheel: on the robot a multiplexer of the topics sees to that
+        elif message.topic == "four_axes/command":
+            self.driven_at = self.time
+            self.first_driven = min(self.first_driven, self.time)
+            self.board.command(np.asarray(message.values["thrust"], float), self.time)
+        elif message.topic in SETPOINTS:
+            self._receive_setpoints(message)
 
     @property
     def drivable(self) -> bool:
@@ -110,35 +114,17 @@ class Robot:
         wanted = FlightState.ARM_ON if self.stack.crawls else FlightState.HOVER
         return self.stack.state == wanted and not self.board.landing
 
-    def _receive_thrust(self, message: Message) -> None:
-        self.driven_at = self.time
-        self.first_driven = min(self.first_driven, self.time)
-        self.board.command(np.asarray(message.values["thrust"], float), self.time)
-
-    def _named(self, message: Message, names: tuple[str, ...], field: str, target: np.ndarray) -> None:
-        """Write values by name, all in order where there are no names; what does not fit is ignored."""
-        values = np.asarray(message.values[field], float)
+    def _receive_setpoints(self, message: Message) -> None:
+        """Take numbers by name, all in order where there are no names; what does not fit is ignored."""
+        own, names, field, least, most = SETPOINTS[message.topic]
+        values, target = np.asarray(message.values[field], float), getattr(self, own).copy()
         given = list(message.values.get("name") or names)
         if len(given) != len(values) or not np.isfinite(values).all():
             return
         for name, value in zip(given, values, strict=True):
             if name in names:
-                target[names.index(name)] = value
-
-    def _receive_gimbals(self, message: Message) -> None:
-        flat = self.vectoring.reshape(-1).copy()
-        self._named(message, GIMBAL_NAMES, "position", flat)
-        self.vectoring = flat.reshape(N_ROTORS, 2)
-
-    def _receive_joints(self, message: Message) -> None:
-        joints = self.joints.copy()
-        self._named(message, JOINT_NAMES, "position", joints)
-        self.joints = np.clip(joints, -ROBOT.joint_limit, ROBOT.joint_limit)
-
-    def _receive_limits(self, message: Message) -> None:
-        limit = self.torque_limit.copy()
-        self._named(message, JOINT_NAMES, "effort", limit)
-        self.torque_limit = np.clip(limit, 0.0, ROBOT.max_joint_torque)
+                target.flat[names.index(name)] = value
+        setattr(self, own, np.clip(target, least, most))
 
     def _configure(self, command: int) -> None:
         if self.board.configure(command):

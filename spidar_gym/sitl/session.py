@@ -46,8 +46,6 @@ class Row:
     """As reported."""
     state: RobotState
     """The true one."""
-    command: np.ndarray
-    """What the board was told, (8,) [N]."""
     tilt: float
     """Roll or pitch, the larger [rad]."""
     power: float
@@ -199,7 +197,7 @@ class Session:
             self._touched = min(self._touched, robot.time)
         self.run.rows.append(
             Row(
-                robot.time, robot.flight_state, robot.state, robot.board.base.copy(), _tilt(robot.state),
+                robot.time, robot.flight_state, robot.state, _tilt(robot.state),
                 plant.memory.power, plant.memory.energy_wh, plant.air_force, plant.data.qpos.copy(), plant.in_contact,
                 plant.touch() if crawls else None, plant.contact_forces() if crawls else np.zeros((0, 6)),
             )

@@ -45,7 +45,7 @@ class Stack:
     def __post_init__(self) -> None:
         """Build the controller, as gentle with the legs as the real one."""
         self.controller = FlightController(controller_config("as_flown"))
-        self._good = self._low = 0.0
+        self._good = 0.0
         self._levelling = False
         self._reference: Reference | None = None
         self._track: list[tuple[float, float]] = []
