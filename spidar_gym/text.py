@@ -1,7 +1,7 @@
 """Tables and words as text: for terminals, and for Markdown."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 def format_table(lines: Sequence[Sequence[str]], *, left: int | None = None, markdown: bool = False) -> str:
@@ -19,6 +19,11 @@ def format_table(lines: Sequence[Sequence[str]], *, left: int | None = None, mar
     places = "".join("<" if left is None or k < left else ">" for k in range(len(widths)))
     rows = ["  ".join(map("{:{}{}}".format, line, places, widths)).rstrip() for line in lines]
     return "\n".join([rows[0], "  ".join("─" * width for width in widths), *rows[1:]])
+
+
+def markdown_rows(heading: str, rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown; the cells of its heading are parted by bars."""
+    return format_table([heading.split(" | "), *rows], markdown=True)
 
 
 def escaped(text: str) -> str:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import inspect
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from spidar_gym.robot import field_docs
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
-from spidar_gym.text import format_table
+from spidar_gym.text import markdown_rows
 
 INFO = {
     "thrust_command, thrust": ("(8,)", "N", "λ commanded and delivered"),
@@ -126,10 +126,6 @@ CHAPTERS: dict[str, Chapter] = {
 """Every environment's chapter by id."""
 
 
-def _table(heading: str, rows: Iterable[Sequence[str]]) -> str:
-    return format_table([heading.split(" | "), *rows], markdown=True)
-
-
 def _action_rows(modes: dict[str, ActionMode]) -> Iterator[Sequence[str]]:
     for name, mode in modes.items():
         label, start = (f"`{name}`", str(mode.size)), 0
@@ -156,93 +152,60 @@ def page(name: str) -> str:
     fields: tuple[Field, ...] = own.layout(own.modes[defaults["action_mode"].default].size)
     info = own.info | INFO
     size = sum(f.size for f in fields)
-    lines = [
+    blocks = [
         f"# {name}",
-        "",
         "Written by `spidar assets` from the code; a test compares it with the spaces.",
-        "",
         "## Description",
-        "",
         f"{task.__doc__} One step is one control period of {1000 / CONTROL_RATE:g} ms.",
-        "",
-        f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or',
+        f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or\n'
         f'remote, does so by the id: `gymnasium.make("{import_id(name)}")`.',
-        "",
         "## Action Space",
-        "",
-        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the preset in every",
+        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the preset in every\n"
         "mode but `direct`.",
-        "",
-        _table("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
-        "",
-        *(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
-        "",
+        markdown_rows("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
+        "\n".join(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "## Observation Space",
-        "",
         f"`Box(-bound, bound, ({size},), float32)` in the default action mode: what the real robot measures or knows.",
-        "",
-        _table("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
-        "",
+        markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
         "## Rewards",
-        "",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",
-        "",
-        _table(
+        markdown_rows(
             "term | weight | formula", ((f"`{n}`", f"{w:g}", text) for n, (w, text) in own.env.reward_terms.items())
         ),
-        "",
         "## Info",
-        "",
-        _table("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
-        "",
-        "Solve times are not in `info`, because the same seed gives the same `info`: see",
+        markdown_rows("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
+        "Solve times are not in `info`, because the same seed gives the same `info`: see\n"
         "`env.unwrapped.controller.last_step.allocation.solve_time`.",
-        "",
         "## Starting State",
-        "",
         own.start,
-        "",
         "## Episode End",
-        "",
         "Terminated with `info['failure']`:",
-        "",
-        *(f"- `{word}`: {meaning}." for word, meaning in own.failures.items()),
-        "",
+        "\n".join(f"- `{word}`: {meaning}." for word, meaning in own.failures.items()),
         f"Truncated after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another length give "
-        "`gym.make` either",
-        "`horizon_s=40.0` or `max_episode_steps=1600`; of both the shorter ends the episode, and there success is",
-        "judged. `max_episode_steps=-1` never truncates, and vectors take the same arguments.",
-        own.success,
-        "",
+        "`gym.make` either\n"
+        "`horizon_s=40.0` or `max_episode_steps=1600`; of both the shorter ends the episode, and there success is\n"
+        "judged. `max_episode_steps=-1` never truncates, and vectors take the same arguments.\n" + own.success,
         "## Arguments",
-        "",
-        _table("name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))),
-        "",
+        markdown_rows(
+            "name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))
+        ),
         f"`reset(options={own.options})` changes this episode and those after it.",
-        "",
         "### Disturbances",
-        "",
-        _table(
+        markdown_rows(
             "name | default | meaning",
             ((f"`{n}`", f"`{getattr(Disturbances, n)!r}`", doc) for n, doc in field_docs(Disturbances).items()),
         ),
-        "",
         "### Randomisation",
-        "",
-        "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The",
-        own.trim,
-        "",
-        _table(
+        "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The\n"
+        + own.trim,
+        markdown_rows(
             "field of `PlantConfig` | operation | distribution | unit | source",
             ((f"`{r.field}`", r.operation, r.distribution, r.unit, r.source) for r in TABLE),
         ),
-        "",
         "## Version History",
-        "",
         "- v0: first version.",
-        "",
     ]
-    return "\n".join(lines)
+    return "\n\n".join(blocks) + "\n"
 
 
 def _arguments(own: Chapter) -> list[tuple[str, object, str]]:

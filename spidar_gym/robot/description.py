@@ -27,6 +27,7 @@ from spidar_gym.robot.spec import (
     require_kind,
     spec_rows,
 )
+from spidar_gym.text import markdown_rows
 
 Numbers = int | float | Iterable[int | float]
 
@@ -336,38 +337,26 @@ SPECIFICATION = (
 
 def assets_readme(spec: RobotSpec = ROBOT) -> str:
     """assets/README.md: the paper's specification table beside our numbers, and where each number comes from."""
-    lines = [
+    bodies = (
+        (name, f"{body.mass:.4f}", " ".join(f"{c:.5f}" for c in body.com), " ".join(f"{i:.3e}" for i in body.inertia))
+        for name, body in spec.bodies.items()
+    )
+    blocks = [
         "# Assets",
-        "",
-        "Written by `spidar assets` from `spidar_gym/robot.py`; `spidar assets --check` fails when a file is stale.",
+        "Written by `spidar assets` from `spidar_gym/robot.py`; `spidar assets --check` fails when a file is stale.\n"
         "`mjcf/spidar.xml` is the one model that MuJoCo and Pinocchio load, `urdf/spidar.urdf` the same robot for ROS.",
-        "",
         "## The paper's specification table, cell by cell",
-        "",
-        "| [Zhao2025, Tab. 1] | paper | here | remark |",
-        "|---|---|---|---|",
-        *(f"| {name} | {paper} | {ours(spec)} | {remark} |" for name, paper, ours, remark in SPECIFICATION),
-        "",
-        "## Every number and its source",
-        "",
-        "[JSK]: facts read from the lab's public robot package as flown for the paper. [estimate]: ours.",
-        "",
-        "| name | value | what it is |",
-        "|---|---|---|",
-        *(f"| `{name}` | {value} | {doc} |" for name, value, doc in spec_rows(spec)),
-        "",
-        "## Moving bodies, scaled to the total mass",
-        "",
-        "| body | mass [kg] | centre of mass [m] | inertia xx yy zz xy xz yz [kg m²] |",
-        "|---|---|---|---|",
-        *(
-            f"| {name} | {body.mass:.4f} | {' '.join(f'{c:.5f}' for c in body.com)} | "
-            f"{' '.join(f'{i:.3e}' for i in body.inertia)} |"
-            for name, body in spec.bodies.items()
+        markdown_rows(
+            "[Zhao2025, Tab. 1] | paper | here | remark",
+            ((name, paper, ours(spec), remark) for name, paper, ours, remark in SPECIFICATION),
         ),
-        "",
+        "## Every number and its source",
+        "[JSK]: facts read from the lab's public robot package as flown for the paper. [estimate]: ours.",
+        markdown_rows("name | value | what it is", ((f"`{name}`", value, doc) for name, value, doc in spec_rows(spec))),
+        "## Moving bodies, scaled to the total mass",
+        markdown_rows("body | mass [kg] | centre of mass [m] | inertia xx yy zz xy xz yz [kg m²]", bodies),
     ]
-    return "\n".join(lines)
+    return "\n\n".join(blocks) + "\n"
 
 
 def generated_files() -> dict[str, str]:

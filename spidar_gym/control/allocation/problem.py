@@ -89,7 +89,6 @@ class Cost(Protocol):
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """Add WᵀW to P, shape (n, n), and −Wᵀr to q, shape (n,)."""
-        ...
 
 
 @runtime_checkable
@@ -105,7 +104,6 @@ class Constraint(Protocol):
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Write the rows into A, shape (m, n), l and u, shape (m,), which come idle: zero and unbounded."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
