@@ -28,3 +28,10 @@ FootForces = Float[np.ndarray, "4 3"]
 """One force [N] or position [m] per foot; the variable's suffix names its frame."""
 Vectoring = Float[np.ndarray, "8 2"]
 """The vectoring angles (φ, θ) [rad] of each rotor module."""
+
+
+def constant(value: float | bool, *shape: int) -> np.ndarray:
+    """An array of one number, or truth value, that nobody can write: a default for dataclasses."""
+    array = np.full(shape, value)
+    array.flags.writeable = False
+    return array

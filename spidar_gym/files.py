@@ -160,11 +160,6 @@ def json_text(result: dict[str, Any]) -> str:
     return json.dumps(result, indent=2, ensure_ascii=False)
 
 
-def has_text(path: Path, text: str) -> bool:
-    """Whether a file is there and holds just this text."""
-    return path.is_file() and path.read_text(encoding="utf-8") == text
-
-
 def refresh(files: Mapping[Path, str], command: str, *, check: bool) -> int:
     """Write the generated files that are missing or differ, and say how many they are.
 
@@ -176,7 +171,7 @@ def refresh(files: Mapping[Path, str], command: str, *, check: bool) -> int:
     Raises:
         StaleAssetError: With `check`, names the files that are stale.
     """
-    stale = [path for path, text in files.items() if not has_text(path, text)]
+    stale = [p for p, text in files.items() if not (p.is_file() and p.read_text(encoding="utf-8") == text)]
     if stale and check:
         raise StaleAssetError(", ".join(map(str, stale)), command)
     for path in stale:

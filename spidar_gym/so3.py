@@ -104,12 +104,6 @@ def rotation_x(angle: float) -> Matrix3:
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
-def rotation_y(angle: float) -> Matrix3:
-    """Rotation about y by `angle` [rad]."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
 def rotation_z(angle: float) -> Matrix3:
     """Rotation about z by `angle` [rad]."""
     c, s = math.cos(angle), math.sin(angle)

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Quaternion, RotorMask, RotorVector, Vector3, Vectoring
+from spidar_gym.arrays import JointVector, Quaternion, RotorMask, RotorVector, Vector3, Vectoring, constant
 
 POSE_FRAMES, IMU_SAMPLES = 4, 8
 """Most frames of the motion capture and samples of the inertial unit in a measurement."""
 LEAST_QUATERNION = 0.25
 """A quaternion whose squared norm is not above this is no attitude."""
-_NONE_LOST = np.zeros(8, bool)
-_NONE_LOST.flags.writeable = False
+_NONE_LOST = constant(False, 8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +126,7 @@ class Command:
     """Largest torque each joint servo may use [Nm]."""
 
 
-_NO_WRENCH, _NO_OFFSET = np.zeros(6), np.zeros(16)
-_NO_WRENCH.flags.writeable = _NO_OFFSET.flags.writeable = False
+_NO_WRENCH, _NO_OFFSET = constant(0.0, 6), constant(0.0, 16)
 
 
 @dataclass(frozen=True, slots=True)

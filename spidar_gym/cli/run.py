@@ -29,7 +29,7 @@ from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name
 from spidar_gym.policies.presets import PresetPolicy
-from spidar_gym.policies.rollout import rollout
+from spidar_gym.policies.rollout import Step, rollout
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
@@ -126,11 +126,14 @@ def run(
             takes = []
             for k, player in enumerate(players):
                 name = f"{player.name}, " if len(players) > 1 else ""
-                played = _episode(player, seed + episode, f"{name}episode {episode + 1}", horizon, film is not None)
-                last = played.infos[-1]
-                counts[k] += (not last["failure"], bool(last["is_success"]), played.finite)
-                print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(played)}")
-                takes += [played.take] if played.take is not None else []
+                steps, take = _episode(
+                    player, seed + episode, f"{name}episode {episode + 1}", horizon, film is not None
+                )
+                last = steps[-1].info
+                finite = np.isfinite(steps[-1].next_observation).all()
+                counts[k] += (not last["failure"], bool(last["is_success"]), bool(finite))
+                print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(steps)}")
+                takes += [] if take is None else [take]
             if film is not None and takes:
                 film.shoot(*takes, frames=partial(progress, unit="frame", desc="video", leave=False))
         stayed = "stayed in the air" if isinstance(players[0].inner, HoverEnv) else "went on without failure"
@@ -156,18 +159,6 @@ class _Player:
         return inner
 
 
-@dataclass(frozen=True)
-class _Played:
-    """One episode."""
-
-    infos: list[dict[str, Any]]
-    rewards: list[float]
-    finite: bool
-    """Whether its last observation is."""
-    take: viz.Take | None
-    """For the film, where there is one."""
-
-
 def _player(
     stack: ExitStack, env_id: str, spec: str | None, given: dict[str, Any], shared: dict[str, Any]
 ) -> _Player:  # fmt: skip
@@ -180,31 +171,26 @@ def _player(
     return _Player(name if policy is None else policy_name(policy), env, actor)
 
 
-def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool) -> _Played:
-    """Play one episode; a crawl ends when it is done."""
+def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool) -> tuple[list[Step], viz.Take | None]:
+    """Play one episode, and take what is to be filmed of it; a crawl ends when it is done."""
     inner = player.inner
     steps = rollout(player.env, player.actor, seed=seed)
-    infos: list[dict[str, Any]] = []
-    rewards: list[float] = []
+    played: list[Step] = []
     seen: list[tuple[np.ndarray, str, np.ndarray | None]] = []
-    finite = True
     # A crawl ends when it is done; who is slower than planned has always one tick left.
     planned = horizon
     if isinstance(inner, CrawlEnv):
         planned = min(horizon, round(inner.progress.nominal_time * CONTROL_RATE))
     with progress(total=planned, unit="tick", desc=label, leave=False) as bar:
         for step in steps:
-            rewards.append(step.reward)
-            infos.append(step.info)
-            finite = bool(np.isfinite(step.next_observation).all())
+            played.append(step)
             bar.total = max(planned, bar.n + 1)
             bar.update()
             qpos = inner.plant.data.qpos
             if filmed and np.isfinite(qpos).all():
                 contacts = inner.plant.contact_forces() if inner.plant.in_contact else None
                 seen.append((qpos.copy(), _phase(inner, step.info), contacts))
-    take = _take(player, infos[: len(seen)], seen) if seen else None
-    return _Played(infos, rewards, finite, take)
+    return played, _take(player, [step.info for step in played[: len(seen)]], seen) if seen else None
 
 
 def _phase(inner: SpidarEnv, info: dict[str, Any]) -> str:
@@ -230,12 +216,12 @@ def _take(
     return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, player.inner.plant.config.ground)
 
 
-def _summary(played: _Played) -> str:
+def _summary(steps: list[Step]) -> str:
     """What came of an episode, in words."""
-    last = played.infos[-1]
+    last = steps[-1].info
     return (
-        f"{len(played.rewards) / CONTROL_RATE:.1f} s, mean reward {np.mean(played.rewards):.3f}, "
-        f"{_errors(played.infos)}, "
+        f"{len(steps) / CONTROL_RATE:.1f} s, mean reward {np.mean([step.reward for step in steps]):.3f}, "
+        f"{_errors([step.info for step in steps])}, "
         + (f"failure: {last['failure']}" if last["failure"] else f"success: {last['is_success']}")
         + (f" ({last['shortfalls']})" if last.get("shortfalls") else "")
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spidar_gym.arrays import RotorForces, RotorMask, Vectoring, Wrench
+from spidar_gym.arrays import RotorForces, RotorMask, Vectoring, Wrench, constant
 from spidar_gym.control.allocation.blocks import torque_map
 from spidar_gym.control.allocation.problem import Demand, Mode
 from spidar_gym.model.dynamics import Snapshot
@@ -12,8 +12,7 @@ from spidar_gym.model.interference import Interference, InterferenceConfig, find
 from spidar_gym.model.rotor import Lock, LockConfig, nominal_vectoring, thrust_map, update_lock
 from spidar_gym.robot import N_ROTORS
 
-ALL_FREE = np.zeros(N_ROTORS, bool)
-ALL_FREE.flags.writeable = False
+ALL_FREE = constant(False, N_ROTORS)
 NARROW = 0.01
 """Half of the wedge that stands for the one direction of a module whose vectoring is stuck [rad]."""
 

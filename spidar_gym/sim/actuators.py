@@ -10,9 +10,10 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from spidar_gym.arrays import constant
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
-from spidar_gym.sim.array_fields import check_arrays, constant
+from spidar_gym.sim.array_fields import check_arrays
 from spidar_gym.sim.scene import TIMESTEP
 
 NOISE_BANDWIDTH = 10.0

@@ -1,4 +1,4 @@
-"""Array fields of the robot's configurations: their defaults, and the check of shape and size."""
+"""Array fields of the robot's configurations: the check of shape and size."""
 
 from dataclasses import fields
 from typing import Any
@@ -6,13 +6,6 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, require_array
-
-
-def constant(value: float, *shape: int) -> np.ndarray:
-    """An array of one number that nobody can write: a default for dataclasses."""
-    array = np.full(shape, value)
-    array.flags.writeable = False
-    return array
 
 
 def check_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass

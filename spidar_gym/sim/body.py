@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from spidar_gym.arrays import constant
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS, N_LINKS, ROBOT
-from spidar_gym.sim.array_fields import check_arrays, constant
+from spidar_gym.sim.array_fields import check_arrays
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from spidar_gym.arrays import Matrix3
+from spidar_gym.arrays import Matrix3, constant
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS, N_ROTORS, PEG_SITES, ROBOT
-from spidar_gym.sim.array_fields import check_arrays, constant
+from spidar_gym.sim.array_fields import check_arrays
 from spidar_gym.so3 import exp, matrix_to_quat
 
 TILES = 16

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,9 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "crawl": lambda path: crawl_figure(crawl_paper(noise=True), path),
         "speeds": lambda path: speed_figure(_speeds(path.parent.parent / "results" / "speeds.json"), path),
     }
-    drawings |= {
-        f"environment-{name.split('/')[1]}": lambda path, name=name: cameras(name, path) for name in ENVIRONMENTS
-    }
-    drawings |= {f"track-{name}": lambda path, name=name: track_strip(name, path) for name in TRACKS}
-    drawings |= {f"preset-{name}": lambda path, name=name: flight_strip(name, path) for name in PRESETS}
+    drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
+    drawings |= {f"track-{name}": partial(track_strip, name) for name in TRACKS}
+    drawings |= {f"preset-{name}": partial(flight_strip, name) for name in PRESETS}
     drawings |= {
         f"preset-{name}": lambda path, name=name: crawl_strip(crawl_paper(name, noise=True), path, size=SIZE)
         for name in CRAWL_PRESETS

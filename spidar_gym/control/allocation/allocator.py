@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spidar_gym.arrays import FootForces, JointVector, RotorForces, RotorVector, Wrench
+from spidar_gym.arrays import FootForces, JointVector, RotorForces, RotorVector, Wrench, constant
 from spidar_gym.control.allocation.cone import sphere_optimum
 from spidar_gym.control.allocation.modes import PROJECTION
 from spidar_gym.control.allocation.problem import (
@@ -32,9 +32,7 @@ LEAST_NORM = 1e-9
 """A force is divided by at least this norm [N]."""
 SPHERE_TOLERANCE = 1e-9
 """A thrust beyond the largest one by less than this share of it is rounding."""
-_NO_FEET = np.zeros((N_LEGS, 3))
-_NO_GUESS = np.zeros(0)
-_NO_FEET.flags.writeable = _NO_GUESS.flags.writeable = False
+_NO_FEET, _NO_GUESS = constant(0.0, N_LEGS, 3), constant(0.0, 0)
 
 
 class AllocationStatus(StrEnum):

@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spidar_gym.arrays import JointVector, LegMask, Matrix3, RotorMask, RotorVector, Vector3, Wrench
+from spidar_gym.arrays import JointVector, LegMask, Matrix3, RotorMask, RotorVector, Vector3, Wrench, constant
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 
 N_FORCES = 3 * N_ROTORS
@@ -31,10 +31,9 @@ INFINITY = 1e30
 """A bound that is none, in the solver's convention."""
 
 
-_NONE_LOST, _ALL_LIFTED = np.zeros(N_ROTORS, bool), np.ones(N_LEGS, bool)
-_LEVEL, _ORIGIN, _ALIKE = np.eye(3), np.zeros(3), np.ones(N_ROTORS)
-for _array in (_NONE_LOST, _ALL_LIFTED, _LEVEL, _ORIGIN, _ALIKE):
-    _array.flags.writeable = False
+_NONE_LOST, _ALL_LIFTED = constant(False, N_ROTORS), constant(True, N_LEGS)
+_LEVEL, _ORIGIN, _ALIKE = np.eye(3), constant(0.0, 3), constant(1.0, N_ROTORS)
+_LEVEL.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True)
