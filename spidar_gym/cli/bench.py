@@ -1,8 +1,5 @@
 """`spidar bench`: where the time of a control tick and of an environment step goes, on this machine."""
 
-# pyright: reportAttributeAccessIssue=false
-# The compiled modules below come without stubs.
-
 import platform
 import time
 from collections.abc import Callable
@@ -136,7 +133,7 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     reference = env.reference()
     mode = controller.allocator.modes["flight"]
     program = assemble(mode, demand)
-    allocator = Allocator(env.controller.allocator.modes)
+    allocator = Allocator(controller.allocator.modes)
     forces = controller.memory.forces_l
     saved = plant.save()
     aero, still = Aero(plant.model, plant.data), np.zeros(3)
@@ -151,7 +148,9 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     }
     timings = {name: measure(function, seconds=seconds) for name, function in figures.items()}
     tick = measure(
-        lambda: mujoco.mj_step(plant.model, plant.data, 10), seconds=seconds, before=lambda: plant.restore(saved)
+        lambda: mujoco.mj_step(plant.model, plant.data, 10),  # pyright: ignore[reportAttributeAccessIssue]
+        seconds=seconds,
+        before=lambda: plant.restore(saved),
     )
     timings["mj_step_us"] = {name: value / 10 for name, value in tick.items()}
     wrapped.close()

@@ -1,8 +1,5 @@
 """`spidar`: the command line. Degrees and file paths exist here only."""
 
-# pyright: reportAttributeAccessIssue=false
-# The compiled modules below come without stubs.
-
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -113,7 +110,7 @@ def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
     plant = Plant()
     plant.reset(np.array([0.0, 0.0, hover_height()]), joint_position=FORMS[form])
     model = scene(visual=True)
-    data = mujoco.MjData(model)
+    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
     data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
     mujoco.viewer.launch(model, data)
 

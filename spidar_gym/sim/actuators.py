@@ -1,8 +1,5 @@
 """What the actuators really do: gain, misalignment, lag, delay, noise, stiffness, friction, backlash, offsets."""
 
-# pyright: reportAttributeAccessIssue=false
-# The compiled modules below come without stubs.
-
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -109,7 +106,7 @@ class ActuatorConfig:
         """Whether anything depends on a direction: falling thrusts lag otherwise, or joints have play."""
         return self.backlash > 0.0 or self.spin_down != 1.0
 
-    def apply(self, model: mujoco.MjModel, joint_speed: float) -> None:
+    def apply(self, model: mujoco.MjModel, joint_speed: float) -> None:  # pyright: ignore[reportAttributeAccessIssue]
         """Write everything that MuJoCo can do by itself into the model; nothing of an earlier configuration stays."""
         rotors, joints, gimbals = (
             np.array([model.actuator(name).id for name in names]) for names in (ROTOR_SITES, JOINT_NAMES, GIMBAL_NAMES)

@@ -5,9 +5,6 @@ a round nozzle; a duct that stands in it loses lift by blade-element and momentu
 forces are evaluated at a fixed rate and held in between.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The compiled modules below come without stubs.
-
 import math
 from dataclasses import dataclass
 
@@ -142,7 +139,7 @@ class Aero:
     disc of a duct and taken at a point elsewhere.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:  # pyright: ignore[reportAttributeAccessIssue]
         """Place the stations and note how each is carried by the tree of bodies."""
         self.config = config or AeroConfig()
         modules = [model.body(f"gimbal{i}_pitch_module").id for i in range(1, N_ROTORS + 1)]

@@ -5,11 +5,8 @@ with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of
 with a compliance c > 0 gives way by c z. Equalities are the same without s.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The compiled module below comes without stubs.
-
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.linalg.lapack import dgetrf, dgetrs  # pyright: ignore[reportAttributeAccessIssue]
 
 from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, QuadraticProgram
 from spidar_gym.robot import N_ROTORS

@@ -4,15 +4,12 @@ Both are pure functions of the program: the workspace starts cold, with the same
 scaling, whose state would otherwise leak from one tick into the next.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The compiled modules below come without stubs.
-
 from typing import NamedTuple
 
 import numpy as np
 import osqp
 import scipy.sparse as sp
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue]
 
 from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, N_UNKNOWNS, Mode, QuadraticProgram
 
@@ -62,7 +59,7 @@ class Workspace:
         """
         m, n = A_pattern.shape
         P, A, self._P_at, self._A_at = sparse(P_pattern, A_pattern)
-        ext = osqp.ext_builtin
+        ext = osqp.ext_builtin  # pyright: ignore[reportAttributeAccessIssue]
         settings = ext.OSQPSettings()
         ext.osqp_set_default_settings(settings)
         for name, value in (SETTINGS | {"eps_abs": tolerance, "max_iter": max_iter}).items():
