@@ -3,6 +3,7 @@
 import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from numbers import Integral
 from typing import Any, TypeGuard
 
@@ -120,6 +121,19 @@ def require_array(name: str, value: object, expected: str) -> np.ndarray:
     if array.dtype.char not in _REAL:
         raise InvalidValueError(name, value, expected)
     return array.astype(float)
+
+
+def require_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
+    """Refuse a dataclass of numbers with one that is not finite, or an array of another shape than its default."""
+    for f in fields(config):
+        value = getattr(config, f.name)
+        if isinstance(value, bool):
+            continue
+        shape = f.default_factory().shape if callable(f.default_factory) else ()
+        what = f"finite numbers of shape {shape}" if shape else "a finite number"
+        array = require_array(f.name, value, what)
+        if array.shape != shape or not np.isfinite(array).all():
+            raise InvalidValueError(f.name, value.tolist() if isinstance(value, np.ndarray) else value, what)
 
 
 def _require(values: Mapping[str, Any], fits: Callable[[Any], bool], expected: str) -> None:

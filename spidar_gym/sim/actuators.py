@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from spidar_gym.arrays import constant
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_arrays
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
-from spidar_gym.sim.array_fields import check_arrays
 from spidar_gym.sim.scene import TIMESTEP
 
 NOISE_BANDWIDTH = 10.0
@@ -70,7 +69,7 @@ class ActuatorConfig:
 
     def __post_init__(self) -> None:
         """Refuse what no actuator does."""
-        check_arrays(self)
+        require_arrays(self)
         least = dict.fromkeys(
             ("thrust_noise", "delay", "vectoring_delay", "joint_kd", "joint_friction", "joint_damping", "backlash"), 0.0
         )

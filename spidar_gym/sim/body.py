@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 
 from spidar_gym.arrays import constant
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_arrays
 from spidar_gym.robot import N_LEGS, N_LINKS, ROBOT
-from spidar_gym.sim.array_fields import check_arrays
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class BodyConfig:
 
     def __post_init__(self) -> None:
         """Refuse what has no mass."""
-        check_arrays(self)
+        require_arrays(self)
         for name in ("total_mass", "link_mass", "inertia", "foot_friction", "peg_friction"):
             value = np.asarray(getattr(self, name), float)
             if not (value > 0.0).all():

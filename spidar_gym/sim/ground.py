@@ -14,9 +14,8 @@ import mujoco
 import numpy as np
 
 from spidar_gym.arrays import Matrix3, constant
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_arrays
 from spidar_gym.robot import N_LEGS, N_ROTORS, PEG_SITES, ROBOT
-from spidar_gym.sim.array_fields import check_arrays
 from spidar_gym.so3 import exp, matrix_to_quat
 
 TILES = 16
@@ -42,7 +41,7 @@ class GroundConfig:
 
     def __post_init__(self) -> None:
         """Refuse walls and holes."""
-        check_arrays(self)
+        require_arrays(self)
         if abs(self.slope) > MAX_SLOPE:
             raise InvalidValueError("slope", self.slope, f"an angle within ± {MAX_SLOPE:g} rad")
         if (self.tiles < 0.0).any() or (self.tiles > 0.2).any():
