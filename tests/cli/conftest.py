@@ -39,9 +39,10 @@ def still(monkeypatch):
 
     n = 1600
     log = FlightLog(
-        "as_flown", np.arange(1, n + 1) / 40, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 16)), np.zeros((n, 16)),
-        np.zeros((n, 8, 2)), np.full((n, 8), 19.62), np.full(n, 1e-4), np.full(n, "solved"),
-        np.zeros((n, 3)), np.full(n, 3e3), np.zeros((n, 39)),
+        "as_flown", time=np.arange(1, n + 1) / 40, position_error=np.zeros((n, 3)), attitude_error=np.zeros((n, 3)),
+        joint_position=np.zeros((n, 16)), joint_torque=np.zeros((n, 16)), vectoring=np.zeros((n, 8, 2)),
+        thrust=np.full((n, 8), 19.62), solve_time=np.full(n, 1e-4), status=np.full(n, "solved"),
+        air_force=np.zeros((n, 3)), power=np.full(n, 3e3), qpos=np.zeros((n, 39)),
     )  # fmt: skip
     monkeypatch.setattr(
         experiments,
