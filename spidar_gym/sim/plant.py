@@ -67,23 +67,25 @@ class Plant:
         self._events: tuple[Event[Plant], ...] = ()
         self.diverged = False
         """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
-        self._write_config(config)
+        self.config = config
+        """What was chosen about the robot."""
+        self._aero, self._sensors = self._write_config()
 
     def configure(self, config: PlantConfig) -> None:
         """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
         if config.ground.uneven != self.config.ground.uneven:
             raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
-        self._write_config(config)
-
-    def _write_config(self, config: PlantConfig) -> None:
-        """Write what MuJoCo can do by itself into its model; the rest is the air and the sensors of this robot."""
         self.config = config
-        """What was chosen about the robot."""
+        self._aero, self._sensors = self._write_config()
+
+    def _write_config(self) -> tuple[Aero, Sensors]:
+        """Write what MuJoCo can do by itself into its model; the air and the sensors of this robot."""
+        config = self.config
         config.actuators.apply(self.model, config.joint_speed)
         config.body.apply(self.model, scene(visual=False, uneven=config.ground.uneven))
         config.ground.apply(self.model)
-        self._aero = Aero(self.model, self.data, config.aero)
-        self._sensors = Sensors(config.sensors, config.actuators.offsets[N_ROTORS:])
+        sensors = Sensors(config.sensors, config.actuators.offsets[N_ROTORS:])
+        return Aero(self.model, self.data, config.aero), sensors
 
     @property
     def period(self) -> float:
