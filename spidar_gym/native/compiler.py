@@ -11,7 +11,9 @@ from pathlib import Path
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
-"""Compiler flags: without contraction every machine rounds alike."""
+"""Compiler flags of what goes to the robot: without contraction every machine rounds alike."""
+LIBRARY_FLAGS = ("-std=c99", "-O3", "-ffp-contract=off")
+"""Those of the library that simulates: the same bits, a fifth of the time less."""
 TELLING = re.compile(r"error|fatal|fail|cannot|denied|no such|no space|not found|undefined", re.IGNORECASE)
 """Lines of a compiler or linker that say why."""
 

@@ -16,7 +16,7 @@ from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetErr
 from spidar_gym.files import scratch_folder
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
-from spidar_gym.native.codegen.header import interface_hash
+from spidar_gym.native.codegen.engine import library_hash
 from spidar_gym.native.constants import MAX_OBSERVATION
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.robot import N_LEGS, N_ROTORS
@@ -29,12 +29,12 @@ STATUS = tuple(AllocationStatus)
 
 
 def core_path() -> Path:
-    """Where the compiled core lies: `SPIDAR_CORE`, or the user's cache, in a folder named after its interface."""
+    """Where the compiled core lies: `SPIDAR_CORE`, or the user's cache, in a folder named after its digest."""
     given = os.environ.get("SPIDAR_CORE")
     if given:
         return Path(given)
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return cache_home / "spidar_gym" / interface_hash() / "libspidar.so"
+    return cache_home / "spidar_gym" / library_hash() / "libspidar.so"
 
 
 SEAL = hashlib.sha256().digest_size
@@ -104,8 +104,12 @@ def load_core() -> Library:
         except OSError as error:  # of another processor, or where programs may not lie
             words = str(error).replace(str(own), path.name)
             raise SpidarError(f"{words}; valid: the file that `{BUILD}` writes, a TMPDIR without noexec") from error
-    library.sp_interface.restype = ctypes.c_char_p
-    if library.sp_interface().decode() != interface_hash():
+    try:
+        digest = library.sp_library
+    except OSError as error:  # a core without the engine
+        raise StaleAssetError(path, BUILD) from error
+    digest.restype = ctypes.c_char_p
+    if digest().decode() != library_hash():
         raise StaleAssetError(path, BUILD)
     return library
 

@@ -57,7 +57,7 @@ def samples() -> list[Any]:
 Row = tuple[str, str, tuple[int, ...], str]
 """Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment.
 
-The kind is `f8`, `f4`, `i4`, `u1`, an enumeration, or a struct that came before.
+The kind is `f8`, `f4`, `i4`, `i8`, `u4`, `u8`, `u1`, an enumeration, or a struct that came before.
 """
 
 

@@ -1,11 +1,12 @@
-"""The core and the runner compiled for this machine, the runner once for every version of its sources."""
+"""The library and the runner compiled for this machine, the runner once for every version of its sources."""
 
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from spidar_gym.files import scratch_folder, whole_file
-from spidar_gym.native.compiler import FLAGS, compiler, run_tool
+from spidar_gym.native.codegen.engine import engine_files
+from spidar_gym.native.compiler import FLAGS, LIBRARY_FLAGS, compiler, run_tool
 from spidar_gym.native.library import core_path, seal
 from spidar_gym.onboard.export import export_files, write_files
 
@@ -13,6 +14,8 @@ CORE = ("core", "osqp")
 """Where the C sources of the core are in an export."""
 RUNNER = (*CORE, "runner")
 """Where those of the runner are, the core's included."""
+LIBRARY = (*CORE, "engine")
+"""Where those of the library are: the engine does not go to the robot."""
 
 
 def arguments(folder: Path, parts: Sequence[str]) -> list[str]:
@@ -22,7 +25,7 @@ def arguments(folder: Path, parts: Sequence[str]) -> list[str]:
 
 
 def build_core(path: Path | None = None, *, residual: Path | None = None) -> Path:
-    """Compile the core as a shared library for `control="core"`; where it lies.
+    """Compile core and engine as a shared library; where it lies.
 
     Args:
         path: Where it is to lie; where environments look for it by default.
@@ -32,11 +35,11 @@ def build_core(path: Path | None = None, *, residual: Path | None = None) -> Pat
         MissingDependencyError: Without a C compiler.
         SpidarError: When it does not compile, with the compiler's words, or cannot be written.
     """
-    path, command = path or core_path(), [*compiler(), *FLAGS, "-DSPIDAR_SHARED", "-fPIC", "-shared"]
+    path, command = path or core_path(), [*compiler(), *LIBRARY_FLAGS, "-DSPIDAR_SHARED", "-fPIC", "-shared"]
     with whole_file(path) as made:
         with scratch_folder() as folder:
-            write_files(export_files(golden=False, residual=residual), folder)
-            run_tool([*command, *arguments(folder, CORE), "-o", str(made)], "the core")
+            write_files(export_files(golden=False, residual=residual) | engine_files(), folder)
+            run_tool([*command, *arguments(folder, LIBRARY), "-o", str(made)], "the core")
         seal(made)
     return path
 

@@ -69,7 +69,7 @@ def test_cc_may_have_arguments(tmp_path, monkeypatch):
     plain = compiler()
     monkeypatch.setenv("CC", f"{plain[0]} -O0  -DNAME='a b'")
     assert compiler() == [plain[0], "-O0", "-DNAME=a b"]
-    monkeypatch.setattr(building, "FLAGS", ("-std=c99",))
+    monkeypatch.setattr(building, "LIBRARY_FLAGS", ("-std=c99",))
     assert Library(build_core(tmp_path / "libspidar.so")).sp_interface() != 0
 
 

@@ -255,15 +255,16 @@ def test_a_core_that_is_missing_or_of_another_interface_is_refused(monkeypatch, 
     with pytest.raises(MissingDependencyError, match="spidar export --build"):
         CoreFlightController()
     monkeypatch.undo()
-    monkeypatch.setattr(core, "interface_hash", lambda: "another")
+    monkeypatch.setattr(core, "library_hash", lambda: "another")
     monkeypatch.setattr(core, "core_path", lambda: tmp_path / "libspidar.so")
-    (tmp_path / "old.c").write_text('const char *sp_interface(void) { return "old"; }\n')
-    run = [*compiler(), "-shared", "-fPIC", "old.c", "-o", "libspidar.so"]
-    subprocess.run(run, cwd=tmp_path, check=True)
-    core.seal(tmp_path / "libspidar.so")
-    assert core.Library(tmp_path / "libspidar.so").sp_interface() != 0, "it loads: what is refused is its interface"
-    with pytest.raises(StaleAssetError, match="spidar export --build"):
-        CoreFlightController()
+    for name in ("sp_library", "sp_interface"):  # the latter alone: a core without the engine
+        (tmp_path / "old.c").write_text(f'const char *{name}(void) {{ return "old"; }}\n')
+        run = [*compiler(), "-shared", "-fPIC", "old.c", "-o", "libspidar.so"]
+        subprocess.run(run, cwd=tmp_path, check=True)
+        core.seal(tmp_path / "libspidar.so")
+        assert getattr(core.Library(tmp_path / "libspidar.so"), name)() != 0, "it loads: its interface is refused"
+        with pytest.raises(StaleAssetError, match="spidar export --build"):
+            CoreFlightController()
 
 
 def test_unknown_controls_and_allocators_for_the_core_are_refused():

@@ -12,10 +12,11 @@ from support.needs import marked, needs_compiler
 from spidar_gym.cli.main import main
 from spidar_gym.control.allocation.cone import MAX_STEPS
 from spidar_gym.errors import SpidarError
+from spidar_gym.native.codegen.engine import engine_files
 from spidar_gym.native.compiler import FLAGS, compiler
 from spidar_gym.onboard import export as exporting
 from spidar_gym.onboard.build import RUNNER, arguments, build_core
-from spidar_gym.onboard.export import export, export_files
+from spidar_gym.onboard.export import export, export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
 
 pytestmark = needs_compiler
@@ -95,10 +96,12 @@ def test_on_the_robots_processor_it_gives_the_same_bytes(folder, tmp_path):
 
 
 def test_our_own_code_compiles_without_a_warning(folder, tmp_path):
-    includes = [f"-I{folder / part}" for part in ("core", "generated", "runner")]
+    write_files(engine_files(), tmp_path)
+    ours = [folder / "core", folder / "runner", tmp_path / "engine"]
+    includes = [f"-I{part}" for part in (*ours, folder / "generated", tmp_path / "generated")]
     system = ["-isystem", str(folder / "osqp")]  # somebody else's headers
-    for part in ("core", "runner"):
-        for source in sorted((folder / part).glob("*.c")):
+    for part in ours:
+        for source in sorted(part.glob("*.c")):
             words = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-unused-function", "-Wno-unused-variable"]
             run = [*compiler(), *FLAGS, *words, *includes, *system, "-c", str(source), "-o", str(tmp_path / "o")]
             done = subprocess.run(run, capture_output=True, text=True, check=False)

@@ -15,11 +15,13 @@ from spidar_gym.control.crawl.footsteps import Move
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.native.codegen.engine import engine_files
 from spidar_gym.native.compiler import FLAGS, compiler
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, pointer, seal
 from spidar_gym.native.structs import fill
+from spidar_gym.onboard.build import LIBRARY
 from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.policies.artifact import Washout
@@ -49,9 +51,9 @@ NETS = {
 def compiled(tmp_path_factory):
     """Artifact, or none → the core with it as a shared library; all but the policy is compiled once."""
     folder = tmp_path_factory.mktemp("core")
-    write_files(export_files(golden=False), folder)
-    flags = [*FLAGS, "-fPIC", *(f"-I{folder / part}" for part in ("core", "osqp", "generated"))]
-    sources = [p for part in ("core", "osqp") for p in sorted((folder / part).glob("*.c")) if p.name != "policy.c"]
+    write_files(export_files(golden=False) | engine_files(), folder)
+    flags = [*FLAGS, "-fPIC", *(f"-I{folder / part}" for part in (*LIBRARY, "generated"))]
+    sources = [p for part in LIBRARY for p in sorted((folder / part).glob("*.c")) if p.name != "policy.c"]
     subprocess.run([*compiler(), *flags, "-c", *map(str, sources)], cwd=folder, check=True)
     objects = sorted(map(str, folder.glob("*.o")))
 

@@ -132,7 +132,7 @@ def test_the_same_policy_gives_the_same_bytes_and_another_rate_others(written):
 
 
 def test_a_core_is_built_with_a_policy(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(building, "FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
+    monkeypatch.setattr(building, "LIBRARY_FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
     path = building.build_core(tmp_path / "libspidar.so", residual=written)
     monkeypatch.setenv("SPIDAR_CORE", str(path))
     assert CoreFlightController().library.sp_policy_kind() == 0

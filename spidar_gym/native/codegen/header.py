@@ -35,7 +35,9 @@ from spidar_gym.robot.description import mjcf_path
 
 CORE = Path(__file__).resolve().parents[1] / "core"
 """Sources of the core."""
-_C_TYPES = {"f8": "double", "f4": "float", "i4": "int32_t", "u1": "char"}
+_C_TYPES = {
+    "f8": "double", "f4": "float", "i4": "int32_t", "i8": "int64_t", "u4": "uint32_t", "u8": "uint64_t", "u1": "char",
+}  # fmt: skip
 
 
 def hex_float(x: float) -> str:
