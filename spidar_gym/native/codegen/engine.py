@@ -3,16 +3,21 @@
 from functools import cache
 from pathlib import Path
 
-from spidar_gym.native.codegen.header import header, interface_digest, interface_hash, struct
+from spidar_gym.native import draws
+from spidar_gym.native.codegen.header import define, header, interface_digest, interface_hash, struct
+from spidar_gym.native.codegen.ziggurat import ziggurat_header
 from spidar_gym.native.engine_structs import ENGINE_STRUCTS
 
 ENGINE = Path(__file__).resolve().parents[1] / "engine"
 """Sources of the engine."""
+DRAWS = ("SEED_POOL", "SEED_START", "SEED_FACTOR", "SEED_LEFT", "SEED_RIGHT", "STATE_START", "STATE_FACTOR")
+"""Numbers of the mixing of seeds."""
 
 
-def _struct_lines() -> list[str]:
+def _engine_lines() -> list[str]:
     """Text of spidar_engine_structs.h but for its digest."""
-    return [line for each in ENGINE_STRUCTS for line in struct(each)][:-1]
+    numbers = [define(name, getattr(draws, name), draws.__name__) for name in DRAWS]
+    return [*numbers, "", *(line for each in ENGINE_STRUCTS for line in struct(each))][:-1]
 
 
 @cache
@@ -21,18 +26,18 @@ def library_hash() -> str:
 
     The robot's own interface, `interface_hash`, has no part of the engine: its logs outlive a change of the simulator.
     """
-    return interface_digest("\n".join([interface_hash(), *_struct_lines()]).encode(), ENGINE)
+    return interface_digest("\n".join([interface_hash(), *_engine_lines(), ziggurat_header()]).encode(), ENGINE)
 
 
 def engine_header() -> str:
     """spidar_engine_structs.h."""
-    lines = [f'#define SP_LIBRARY "{library_hash()}"', "", *_struct_lines()]
-    return header(
-        "SPIDAR_ENGINE_STRUCTS", "structs of the simulated world.", lines, ("<stdint.h>", '"spidar_structs.h"')
-    )
+    lines = [f'#define SP_LIBRARY "{library_hash()}"', "", *_engine_lines()]
+    doc = "numbers and structs of the simulated world."
+    return header("SPIDAR_ENGINE_STRUCTS", doc, lines, ("<stdint.h>", '"spidar_structs.h"'))
 
 
 def engine_files() -> dict[str, bytes]:
     """Path → content of what a library has beside the files that are exported."""
     files = {f"engine/{source.name}": source.read_bytes() for source in sorted(ENGINE.glob("*.[ch]"))}
-    return {**files, "generated/spidar_engine_structs.h": engine_header().encode()}
+    generated = {"engine_structs": engine_header(), "ziggurat": ziggurat_header()}
+    return files | {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}

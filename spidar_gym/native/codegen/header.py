@@ -83,7 +83,7 @@ def header(guard: str, doc: str, lines: Iterable[str], includes: Iterable[str] =
 
 def define(name: str, value: int | float, origin: str = "") -> str:
     """A number of C, whole or as a hexadecimal float, and where Python has it."""
-    text, comment = str(value), origin
+    text, comment = f"{value}u" if value > np.iinfo(np.int32).max else str(value), origin
     if isinstance(value, float):
         text, comment = hex_float(value), f"{value!r}, {origin}"
     return f"#define SP_{name} {text}" + (f" /* {comment} */" if comment else "")
