@@ -62,7 +62,6 @@ CHECKS: dict[str, list[str]] = {
     "import layers": ["lint-imports"],
     "generated files": ["spidar", "assets", "--check"],
 }
-CORE = {"onboard core": ["spidar", "export", "--build"]}
 # Sphinx's warnings are errors, and links that lead nowhere; no network.
 GUIDE = {"guide": ["spidar", "docs"]}
 # What is skipped says why.
@@ -72,7 +71,7 @@ UNCHECKED = "--strict-markers -q --import-mode=importlib"
 """Pytest's options of pyproject.toml without the checks of shapes and types."""
 WHEEL = Stage("wheel, installed alone", {}, 1.0)
 FULL = (
-    Stage("static checks, guide", CHECKS | CORE | GUIDE, 1.5),
+    Stage("static checks, guide", CHECKS | GUIDE, 1.5),
     Stage(
         "tests, shapes and types checked",
         {"pytest": [*TIMED, "-m", "not ros and not slow and not train"]},

@@ -1,4 +1,4 @@
-"""What a wheel without the checkout must do: fly a second, rank a policy, draw nothing, import no torch."""
+"""What a wheel without the checkout must do: fly and crawl a second, rank a policy, draw nothing, import no torch."""
 
 import sys
 from pathlib import Path
@@ -10,12 +10,20 @@ import spidar_gym
 from spidar_gym.benchmark.row import committed_row, read_row
 from spidar_gym.cli.main import main
 
-env = gymnasium.make("spidar_gym/Hover-v0", forms="form2", perturbation=0.0)
-env.reset(seed=0)
-for _ in range(40):
-    _, reward, terminated, _, info = env.step(np.zeros(6))
-assert not terminated, info
-assert np.linalg.norm(info["position_error"]) < 0.01, info
+for control in ("python", "core"):  # the latter is compiled, and has come with the wheel
+    env = gymnasium.make("spidar_gym/Hover-v0", forms="form2", perturbation=0.0, control=control)
+    env.reset(seed=0)
+    for _ in range(40):
+        _, reward, terminated, _, info = env.step(np.zeros(6))
+    assert not terminated, info
+    assert np.linalg.norm(info["position_error"]) < 0.01, info
+    env.close()
+    crawl = gymnasium.make("spidar_gym/Crawl-v0", control=control)
+    crawl.reset(seed=0)
+    for _ in range(40):
+        _, reward, terminated, _, info = crawl.step(np.zeros(crawl.action_space.shape))
+    assert not terminated, info
+    crawl.close()
 assert not {"torch", "stable_baselines3", "matplotlib"} & sys.modules.keys()
 main(["list"])
 Path("mine.py").write_text(

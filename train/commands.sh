@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The exact commands behind every learned row of the leaderboard, in a checkout with `pip install -e '.[train,viz]'`
-# and the core compiled (`spidar export --build`). Every run resumes where it was interrupted; each is one process, so
-# several seeds can run side by side. Usage: train/commands.sh [ROW ...], all rows if none is named.
+# The exact commands behind every learned row of the leaderboard, in a checkout with `pip install -e '.[train,viz]'`.
+# Every run resumes where it was interrupted; each is one process, so several seeds can run side by side.
+# Usage: train/commands.sh [ROW ...], all rows if none is named.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 FLIGHTS="flight-forms flight-fast3 flight-fast5 flight-randomised"

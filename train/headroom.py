@@ -39,7 +39,7 @@ class Args:
     scenarios: int = 6
     """Validation scenarios of each track."""
     control: str = CONTROL
-    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
+    """python, or core: the compiled controller, several times faster."""
     workers: int = cpu_count()
     """Processes that fly."""
 

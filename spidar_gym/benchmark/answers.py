@@ -11,7 +11,6 @@ from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.benchmark.verify import require_own_policies, shard_of
 from spidar_gym.control.allocation.allocator import AllocationStatus
-from spidar_gym.native.library import core_path
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_arguments
 from spidar_gym.text import format_table
@@ -21,12 +20,12 @@ STATUSES = (*map(str, AllocationStatus), "none")
 
 
 def count_ticks(shard: Shard) -> Counter[str]:
-    """Play a scenario, with the compiled core where there is one; status → ticks."""
+    """Play a scenario, with the compiled core where it has the allocation; status → ticks."""
     ticks: Counter[str] = Counter()
     policy = load_policy(shard.policy)
     chosen = policy_arguments(policy, TRACKS[shard.track].env_id) or {}
     # The core has an allocation of its own.
-    control = "core" if core_path().is_file() and "allocator" not in chosen else "python"
+    control = "python" if "allocator" in chosen else "core"
     play_scenario(
         policy, shard.track, shard.scenario, act_limit_s=shard.act_limit_s, control=control,
         on_tick=lambda info: ticks.update([info["qp_status"]]),

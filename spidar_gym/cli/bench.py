@@ -20,7 +20,6 @@ from spidar_gym.control.allocation.problem import Demand, assemble
 from spidar_gym.control.allocation.solver import closed_form
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.native.library import core_path
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.sim.air import Aero
@@ -106,7 +105,7 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
     on_step("hard states")
     result["hard_states"] = _hard()
     on_step("compiled core")
-    result["core"] = _core(seconds) if core_path().is_file() else None
+    result["core"] = _core(seconds)
     for name, arguments in ENVIRONMENTS.items():
         on_step(f"environment, {name}")
         env = gymnasium.make(**{"id": "spidar_gym/Hover-v0", **arguments})
@@ -252,12 +251,9 @@ def bench_table(result: dict[str, Any]) -> str:
         f"{1.0 - result['env_steps_per_s_mixed'] / result['env_steps_per_s_mixed_without_wake']:.0%}",
     ]
     core = result["core"]
-    if core is None:
-        lines.append("compiled core: not compiled here; `spidar export --build` does")
-    else:
-        pairs = (f"{name} {c['core_steps_per_s']:.0f} ({c['ratio']:.2f})" for name, c in core.items() if name in PAIRS)
-        lines.append(
-            f"compiled core: tick through Python {core['tick_us']['median']:.0f} ({core['tick_us']['p99']:.0f}) µs; "
-            f"steps/s, and times those of the readable controller in the same run: {', '.join(pairs)}"
-        )
+    pairs = (f"{name} {c['core_steps_per_s']:.0f} ({c['ratio']:.2f})" for name, c in core.items() if name in PAIRS)
+    lines.append(
+        f"compiled core: tick through Python {core['tick_us']['median']:.0f} ({core['tick_us']['p99']:.0f}) µs; "
+        f"steps/s, and times those of the readable controller in the same run: {', '.join(pairs)}"
+    )
     return "\n".join(lines)

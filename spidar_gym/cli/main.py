@@ -8,7 +8,8 @@ import numpy as np
 import tyro
 
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.cli.arguments import Flag, FlightPresetArg, JsonArg, choice
+from spidar_gym.cli.arguments import FlightPresetArg, JsonArg, choice
+from spidar_gym.cli.assets import assets
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
 from spidar_gym.cli.console import goes_on, kept, named_steps, progress, published, run_cli
 from spidar_gym.cli.docs import docs
@@ -19,17 +20,17 @@ from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
-from spidar_gym.envs.docs import page, pages
+from spidar_gym.envs.docs import page
 from spidar_gym.envs.hover.task import SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.errors import require_above, require_name
-from spidar_gym.files import json_text, output_folder, refresh
+from spidar_gym.files import json_text, output_folder
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper import tune as tuning
 from spidar_gym.policies.provenance import versions
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import FORMS, N_ROTORS
-from spidar_gym.robot.description import CAMERAS, assets_dir, generated_files
+from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.scene import scene
@@ -38,6 +39,7 @@ from spidar_gym.text import format_table
 app = tyro.extras.SubcommandApp()
 app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
 app.command(run)
+app.command(assets)
 app.command(name="eval")(eval_)
 app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
 app.command(scenarios)
@@ -113,25 +115,6 @@ def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
     data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
     data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
     mujoco.viewer.launch(model, data)
-
-
-@app.command
-def assets(check: Flag = False) -> None:
-    """Write the generated files: MJCF, URDF, specification table, and in a checkout the environments' pages.
-
-    Args:
-        check: Write nothing; fail when a committed file is stale.
-    """
-    root = assets_dir()
-    files = {root / name: text for name, text in generated_files().items()}
-    guide = root.parent / "docs"
-    if (guide / "conf.py").is_file():  # an installed wheel has no guide
-        files |= {guide / name: text for name, text in pages().items()}
-    written = refresh(files, "spidar assets", check=check)
-    if check:
-        print(f"{len(files)} generated files are up to date in {root}")
-    else:
-        print(f"{written} of {len(files)} files written in {root.parent}")
 
 
 @app.command

@@ -2,18 +2,15 @@
 
 import os
 import re
-import shlex
-import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
+from spidar_gym.files import scratch_folder, whole_file
+from spidar_gym.native import recipe
+from spidar_gym.robot.description import mjcf_path
 
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
-"""Compiler flags of what goes to the robot: without contraction every machine rounds alike."""
-LIBRARY_FLAGS = ("-std=c99", "-O3", "-ffp-contract=off")
-"""Those of the library that simulates: the same bits, a fifth of the time less."""
 TELLING = re.compile(r"error|fatal|fail|cannot|denied|no such|no space|not found|undefined", re.IGNORECASE)
 """Lines of a compiler or linker that say why."""
 
@@ -25,19 +22,36 @@ def compiler() -> list[str]:
         MissingDependencyError: When there is none.
         InvalidValueError: When CC is no command.
     """
-    given = os.environ.get("CC", "").strip()
-    if not given:
-        found = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-        if not found:
-            raise MissingDependencyError("a C compiler", "apt-get install gcc")
-        return [found]
     try:
-        words = shlex.split(given)
-    except ValueError:  # a quotation that does not end
-        words = []
-    if not words or not shutil.which(words[0]):
-        raise InvalidValueError("CC", given, "a C99 compiler that is installed, with its arguments, such as gcc -O2")
+        words = recipe.find_compiler()
+    except ValueError as error:
+        expected = "a C99 compiler that is installed, with its arguments, such as gcc -O2"
+        raise InvalidValueError("CC", str(error), expected) from None
+    if not words:
+        raise MissingDependencyError("a C compiler", f"apt-get install gcc, or pip install '{recipe.ZIG}'")
     return words
+
+
+def compile_library(path: Path, headers: Mapping[str, str] | None = None) -> Path:
+    """Compile the library from the sources beside this file; `path`, where it then lies.
+
+    Args:
+        path: Where it is to lie.
+        headers: Name → text of headers that take the place of generated ones.
+
+    Raises:
+        MissingDependencyError: Without a C compiler.
+        SpidarError: When it does not compile, with the compiler's words, or cannot be written.
+    """
+    command = compiler()
+    interface = recipe.interface_header(recipe.library_digest(mjcf_path().read_bytes()))
+    with whole_file(path) as made:
+        with scratch_folder() as folder:
+            for name, text in {"spidar_interface.h": interface, **(headers or {})}.items():
+                (folder / name).write_text(text, encoding="utf-8")
+            run_tool([*command, *recipe.compile_words(folder), "-o", str(made)], "the library")
+        recipe.seal(made)
+    return path
 
 
 def run_tool(command: Sequence[str], what: str, place: Path | None = None) -> str:

@@ -6,6 +6,7 @@ import hashlib
 import os
 import time
 import weakref
+from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -16,36 +17,31 @@ from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetErr
 from spidar_gym.files import scratch_folder
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
-from spidar_gym.native.codegen.engine import library_hash
+from spidar_gym.native.codegen.committed import shared_headers
 from spidar_gym.native.constants import MAX_OBSERVATION
 from spidar_gym.native.core_structs import core_layouts
+from spidar_gym.native.recipe import LIBRARY, NATIVE, SEAL, library_digest
 from spidar_gym.robot import N_LEGS, N_ROTORS
+from spidar_gym.robot.description import mjcf_path
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
-BUILD = "spidar export --build"
-"""Command that compiles the core."""
+BUILD = "spidar assets"
+"""Command that brings the generated C and the compiled library up to date."""
 STATUS = tuple(AllocationStatus)
 """How a tick was answered, in the order of the core's own words."""
 
 
 def core_path() -> Path:
-    """Where the compiled core lies: `SPIDAR_CORE`, or the user's cache, in a folder named after its digest."""
+    """Where the compiled library lies: `SPIDAR_CORE`, or in the package, where installing puts it."""
     given = os.environ.get("SPIDAR_CORE")
-    if given:
-        return Path(given)
-    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return cache_home / "spidar_gym" / library_hash() / "libspidar.so"
+    return Path(given) if given else NATIVE / LIBRARY
 
 
-SEAL = hashlib.sha256().digest_size
-"""Bytes at the end of a compiled core: the hash of those before."""
-
-
-def seal(path: Path) -> None:
-    """Append its hash to a compiled core; a loader of libraries does not look behind what it loads."""
-    digest = hashlib.sha256(path.read_bytes()).digest()
-    with path.open("ab") as file:
-        file.write(digest)
+@cache
+def expected_digest() -> str:
+    """Digest that a library has to answer with: of this package's structs, constants, robot and C sources."""
+    headers = {name: text.encode() for name, text in shared_headers().items()}
+    return library_digest(mjcf_path().read_bytes(), headers)
 
 
 FUNCTION: Any = ctypes.CFUNCTYPE(ctypes.c_int)
@@ -94,7 +90,7 @@ def load_core() -> Library:
     except OSError as error:
         raise SpidarError(f"cannot read {path}: {error.strerror}; valid: the file that `{BUILD}` writes") from error
     if hashlib.sha256(data[:-SEAL]).digest() != data[-SEAL:]:  # half a library is a bus error
-        raise StaleAssetError(path, BUILD)
+        raise StaleAssetError(path, BUILD, "is damaged")
     # A loaded library's file must not change, and one file is loaded once: every instance has a copy.
     with scratch_folder() as folder:
         own = folder / "libspidar.so"
@@ -104,13 +100,9 @@ def load_core() -> Library:
         except OSError as error:  # of another processor, or where programs may not lie
             words = str(error).replace(str(own), path.name)
             raise SpidarError(f"{words}; valid: the file that `{BUILD}` writes, a TMPDIR without noexec") from error
-    try:
-        digest = library.sp_library
-    except OSError as error:  # a core without the engine
-        raise StaleAssetError(path, BUILD) from error
-    digest.restype = ctypes.c_char_p
-    if digest().decode() != library_hash():
-        raise StaleAssetError(path, BUILD)
+    library.sp_interface.restype = ctypes.c_char_p
+    if library.sp_interface().decode() != expected_digest():
+        raise StaleAssetError(path, BUILD, "was compiled from other C, structs or numbers than are here")
     return library
 
 

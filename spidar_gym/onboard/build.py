@@ -1,47 +1,39 @@
-"""The library and the runner compiled for this machine, the runner once for every version of its sources."""
+"""The core with a learned policy and the runner, compiled for this machine; each version of the runner once."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 from spidar_gym.files import scratch_folder, whole_file
-from spidar_gym.native.codegen.engine import engine_files
-from spidar_gym.native.compiler import FLAGS, LIBRARY_FLAGS, compiler, run_tool
-from spidar_gym.native.library import core_path, seal
+from spidar_gym.native.compiler import compile_library, compiler, run_tool
+from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.export import export_files, write_files
+from spidar_gym.onboard.policy import policy_header
+from spidar_gym.policies.artifact import read_artifact
 
-CORE = ("core", "osqp")
-"""Where the C sources of the core are in an export."""
-RUNNER = (*CORE, "runner")
-"""Where those of the runner are, the core's included."""
-LIBRARY = (*CORE, "engine")
-"""Where those of the library are: the engine does not go to the robot."""
+PARTS = ("core", "osqp", "runner")
+"""Where the runner's C sources are in an export, the core's included."""
 
 
-def arguments(folder: Path, parts: Sequence[str]) -> list[str]:
-    """What a compiler is told of some parts of an exported folder: where headers are, and the C sources."""
-    sources = [str(p) for part in parts for p in sorted((folder / part).glob("*.c"))]
-    return [*(f"-I{folder / part}" for part in (*parts, "generated")), *sources, "-lm"]
+def arguments(folder: Path) -> list[str]:
+    """What a compiler is told of an exported folder's runner: where headers are, and the C sources."""
+    sources = [str(path) for part in PARTS for path in sorted((folder / part).glob("*.c"))]
+    return [*(f"-I{folder / part}" for part in (*PARTS, "generated")), *sources, "-lm"]
 
 
-def build_core(path: Path | None = None, *, residual: Path | None = None) -> Path:
-    """Compile core and engine as a shared library; where it lies.
+def build_core(path: Path, residual: Path) -> Path:
+    """Compile the library with a learned policy in its core; `path`, where it then lies.
 
     Args:
-        path: Where it is to lie; where environments look for it by default.
-        residual: Artifact of a learned policy that it has with it.
+        path: Where it is to lie.
+        residual: Artifact of the policy.
 
     Raises:
         MissingDependencyError: Without a C compiler.
         SpidarError: When it does not compile, with the compiler's words, or cannot be written.
     """
-    path, command = path or core_path(), [*compiler(), *LIBRARY_FLAGS, "-DSPIDAR_SHARED", "-fPIC", "-shared"]
-    with whole_file(path) as made:
-        with scratch_folder() as folder:
-            write_files(export_files(golden=False, residual=residual) | engine_files(), folder)
-            run_tool([*command, *arguments(folder, LIBRARY), "-o", str(made)], "the core")
-        seal(made)
-    return path
+    return compile_library(path, {"spidar_policy.h": policy_header(read_artifact(residual))})
 
 
 def compile_runner(folder: Path, out: Path) -> Path:
@@ -51,14 +43,14 @@ def compile_runner(folder: Path, out: Path) -> Path:
         MissingDependencyError: Without a C compiler.
         SpidarError: When it does not compile; with the compiler's words.
     """
-    run_tool([*compiler(), *FLAGS, *arguments(folder, RUNNER), "-o", str(out)], "the runner")
+    run_tool([*compiler(), *FLAGS, *arguments(folder), "-o", str(out)], "the runner")
     return out
 
 
 def build_runner(
     compile_: Callable[[Path, Path], Path] = compile_runner, name: str = "spidar-runner", residual: Path | None = None
 ) -> Path:
-    """The runner of the present sources, compiled where it is not yet; where it lies.
+    """The runner of the present sources, compiled where it is not yet in the user's cache; where it lies.
 
     Args:
         compile_: What turns an exported folder into a program.
@@ -67,7 +59,8 @@ def build_runner(
     """
     files = export_files(golden=False, residual=residual)
     digest = hashlib.sha256(b"".join(name.encode() + b"\0" + data for name, data in sorted(files.items())))
-    path = core_path().parent / f"{name}-{digest.hexdigest()[:16]}"
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "spidar_gym"
+    path = cache / f"{name}-{digest.hexdigest()[:16]}"
     if path.is_file():
         return path
     with whole_file(path) as made, scratch_folder() as folder:

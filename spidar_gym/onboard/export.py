@@ -10,15 +10,17 @@ from pathlib import Path
 import spidar_gym
 from spidar_gym.errors import SpidarError
 from spidar_gym.files import cannot_write, whole_file
+from spidar_gym.native.codegen.committed import osqp_files, osqp_version
 from spidar_gym.native.codegen.header import (
     CORE,
     constants_header,
+    interface_hash,
     model_header,
     modes_header,
     presets_header,
     structs_header,
 )
-from spidar_gym.native.codegen.solvers import generate_solvers
+from spidar_gym.native.recipe import interface_header
 from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
@@ -69,16 +71,18 @@ def export_files(
     generated = {
         "constants": constants_header(), "structs": structs_header(), "modes": modes_header(), "model": model_header(),
         "presets": presets_header(), "policy": policy_header(artifact, rate), "runner": runner_header(),
+        "interface": interface_header(interface_hash()),
     }  # fmt: skip
     files |= {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}
-    files |= {f"osqp/{name}": text.encode() for name, text in generate_solvers().items()}
+    files |= {f"osqp/{name}": data for name, data in osqp_files().items()}
     if golden:
         files |= golden_files()
     manifest = {
         "interface": runner_hash(),
         "versions": {
             "spidar-gym": spidar_gym.__version__,
-            **{name: version(name) for name in ("osqp", "pin", "numpy")},
+            "osqp": osqp_version(),
+            **{name: version(name) for name in ("pin", "numpy")},
         },
         "residual": origin,
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},

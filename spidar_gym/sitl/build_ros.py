@@ -6,8 +6,9 @@ from pathlib import Path
 
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.files import output_folder, scratch_folder
-from spidar_gym.native.compiler import FLAGS, compiler, run_tool
-from spidar_gym.onboard.build import RUNNER as PARTS
+from spidar_gym.native.compiler import compiler, run_tool
+from spidar_gym.native.recipe import FLAGS
+from spidar_gym.onboard.build import PARTS
 
 GENERATOR = "lib/gencpp/gen_cpp.py"
 TEMPLATES = "share/gencpp"

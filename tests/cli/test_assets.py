@@ -5,33 +5,48 @@ from pathlib import Path
 
 import pytest
 from support.commands import ROOT, files, refused
+from support.needs import needs_compiler
 
-from spidar_gym.cli import main as cli
+from spidar_gym.cli import assets as cli
 from spidar_gym.cli.main import main
 from spidar_gym.envs.docs import pages
 from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.native import library, recipe
+from spidar_gym.native.codegen import committed
 from spidar_gym.robot import description
 from spidar_gym.robot.description import generated_files
+
+NATIVE = ("spidar_structs.h", "spidar_policy.h", "osqp/auxil.c")
+"""Some of the generated C."""
 
 
 @pytest.fixture
 def assets(tmp_path, monkeypatch) -> Path:
-    """A copy of the assets that the command line works on, beside one of the guide's generated pages."""
+    """A copy of the assets that the command line works on, beside one of the guide's generated pages and of the C."""
     folder = tmp_path / "checkout" / "assets"
     shutil.copytree(description.assets_dir(), folder)
     shutil.copytree(ROOT / "docs" / "environments", folder.parent / "docs" / "environments")
     shutil.copy(ROOT / "docs" / "conf.py", folder.parent / "docs")
+    shutil.copytree(recipe.GENERATED, folder.parent / "generated")
     for module in (cli, description):
         monkeypatch.setattr(module, "assets_dir", lambda: folder)
+    for module in (cli, committed):
+        monkeypatch.setattr(module, "GENERATED", folder.parent / "generated")
     return folder
+
+
+def native_files():
+    """How many C files are generated."""
+    return len([path for path in recipe.GENERATED.rglob("*") if path.is_file()])
 
 
 def test_the_committed_assets_are_fresh(capfd):
     main(["assets", "--check"])
-    assert f"{len(generated_files()) + len(pages())} generated files" in capfd.readouterr().out
+    assert f"{len(generated_files()) + len(pages()) + native_files()} generated files" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("name", [*(f"assets/{n}" for n in generated_files()), *(f"docs/{n}" for n in pages())])
+@pytest.mark.parametrize("name", [*(f"assets/{n}" for n in generated_files()), *(f"docs/{n}" for n in pages()),
+                                  *(f"generated/{n}" for n in NATIVE)])  # fmt: skip
 @pytest.mark.parametrize("missing", [False, True])
 def test_a_stale_asset_is_named_by_the_check_which_writes_nothing(name, missing, assets, capfd):
     path = assets.parent / name
@@ -59,7 +74,7 @@ def test_assets_are_written_whole_and_only_where_they_are_stale(assets, capfd):
 def test_an_installed_package_has_no_guide_to_write(assets, capfd):
     shutil.rmtree(assets.parent / "docs")
     main(["assets", "--check"])
-    assert capfd.readouterr().out.startswith(f"{len(generated_files())} generated files")
+    assert capfd.readouterr().out.startswith(f"{len(generated_files()) + native_files()} generated files")
     main(["assets"])
     assert not (assets.parent / "docs").exists()
 
@@ -70,3 +85,44 @@ def test_an_asset_that_cannot_be_written_is_one_line_and_leaves_no_half_of_it(as
     before = files(assets)
     assert "README.md" in refused(capfd, "assets")
     assert files(assets) == before
+
+
+def test_c_that_nothing_generates_any_more_is_named_and_goes(assets, capfd):
+    old = assets.parent / "generated" / "osqp" / "old_workspace.c"
+    old.write_text("int old;\n")
+    assert "old_workspace.c is not generated any more; valid: " in refused(capfd, "assets", "--check")
+    main(["assets"])
+    assert not old.exists()
+    main(["assets", "--check"])
+
+
+def test_sources_of_another_osqp_are_not_compared_and_one_line_says_so(assets, capfd, monkeypatch):
+    monkeypatch.setattr(committed, "version", lambda name: "9.9.9")
+    (assets.parent / "generated" / "osqp" / "auxil.c").write_text("")
+    main(["assets", "--check"])
+    last = capfd.readouterr().out.splitlines()[-1]
+    assert last.startswith("not compared: OSQP's sources, which are those of osqp 1.")
+    assert last.endswith("; osqp 9.9.9 is installed here")
+
+
+@needs_compiler
+def test_an_edited_c_file_is_noticed_and_compiled(tmp_path, capfd, monkeypatch):
+    core, own = tmp_path / "core", tmp_path / recipe.LIBRARY
+    shutil.copytree(recipe.SOURCES[0], core)
+    shutil.copy(library.core_path(), own)
+    monkeypatch.setenv("SPIDAR_CORE", str(own))
+    monkeypatch.setattr(recipe, "LIBRARY_FLAGS", ("-std=c99", "-O0"))
+    monkeypatch.setattr(recipe, "SOURCES", (core, *recipe.SOURCES[1:]))
+    library.load_core()
+    with (core / "border.c").open("a") as file:
+        file.write("/* edited */\n")
+    library.expected_digest.cache_clear()
+    try:
+        line = refused(capfd, "assets", "--check")
+        assert str(own) in line
+        assert line.endswith("valid: the file that `spidar assets` writes")
+        main(["assets"])
+        assert capfd.readouterr().out.endswith(f"compiled: {own}\n")
+        library.load_core()
+    finally:
+        library.expected_digest.cache_clear()

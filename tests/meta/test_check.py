@@ -10,7 +10,7 @@ SPEC = spec_from_file_location("check", Path(__file__).resolve().parents[2] / ".
 check = module_from_spec(SPEC)
 sys.modules["check"] = check  # its dataclasses look for their module
 SPEC.loader.exec_module(check)
-CHECKS, CORE, GUIDE, FAST, FULL, ROOT = check.CHECKS, check.CORE, check.GUIDE, check.FAST, check.FULL, check.ROOT
+CHECKS, GUIDE, FAST, FULL, ROOT = check.CHECKS, check.GUIDE, check.FAST, check.FULL, check.ROOT
 Stage, main, play = check.Stage, check.main, check.play
 
 
@@ -48,8 +48,8 @@ def test_every_test_is_in_exactly_one_stage_of_the_whole():
                 assert sum(bool(eval(expression, {}, marked)) for expression in whole) == 1, marked
 
 
-def test_all_static_checks_the_core_and_the_guide_are_in_the_whole():
-    assert FULL[0].commands == CHECKS | CORE | GUIDE
+def test_all_static_checks_and_the_guide_are_in_the_whole():
+    assert FULL[0].commands == CHECKS | GUIDE
 
 
 def test_a_stage_says_how_long_it_took_and_a_failure_stops(capfd, monkeypatch):

@@ -11,10 +11,9 @@ import pytest
 from support.needs import needs_compiler
 
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
-from spidar_gym.native.compiler import compiler, run_tool
+from spidar_gym.native import recipe
+from spidar_gym.native.compiler import compile_library, compiler, run_tool
 from spidar_gym.native.library import Library
-from spidar_gym.onboard import build as building
-from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export
 
 FULL_LINKER = """#!/bin/sh
@@ -30,7 +29,7 @@ import sys
 from spidar_gym.cli.main import main
 from spidar_gym.onboard import export
 export.golden_files = dict  # which take half a minute
-main(["export", *sys.argv[1:]])
+main(sys.argv[1:])
 """
 
 
@@ -69,8 +68,8 @@ def test_cc_may_have_arguments(tmp_path, monkeypatch):
     plain = compiler()
     monkeypatch.setenv("CC", f"{plain[0]} -O0  -DNAME='a b'")
     assert compiler() == [plain[0], "-O0", "-DNAME=a b"]
-    monkeypatch.setattr(building, "LIBRARY_FLAGS", ("-std=c99",))
-    assert Library(build_core(tmp_path / "libspidar.so")).sp_interface() != 0
+    monkeypatch.setattr(recipe, "LIBRARY_FLAGS", ("-std=c99",))
+    assert Library(compile_library(tmp_path / "libspidar.so")).sp_interface() != 0
 
 
 @pytest.mark.parametrize("given", ["no-such-compiler", "no-such-compiler -O2", "'", "gcc 'half", "/"])
@@ -91,9 +90,9 @@ def test_without_a_compiler_the_message_says_what_to_install(monkeypatch, tmp_pa
 def test_a_linker_without_room_is_not_called_a_missing_compiler(cc, tmp_path):
     cc(FULL_LINKER)
     with pytest.raises(SpidarError) as refusal:
-        build_core(tmp_path / "out" / "libspidar.so")
+        compile_library(tmp_path / "out" / "libspidar.so")
     assert str(refusal.value) == (
-        "the core does not compile: their cc: /usr/bin/ld: final link failed: No space left on device / "
+        "the library does not compile: their cc: /usr/bin/ld: final link failed: No space left on device / "
         "collect2: error: ld returned 1 exit status; valid: compilers for C99 (CC) and, for ROS, C++11, and room on "
         "the disks of the output and of TMPDIR"
     )
@@ -126,7 +125,7 @@ def test_files_that_may_not_grow_are_one_line_and_leave_the_old_core(tmp_path, r
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
 
-    done = exported(["--build"], env={**os.environ, "SPIDAR_CORE": str(core)}, preexec_fn=limit)
+    done = exported(["assets"], env={**os.environ, "SPIDAR_CORE": str(core)}, preexec_fn=limit)
     assert re.fullmatch("spidar: .*File (too large|size limit exceeded).*; valid: .*\n", done.stderr)
     assert done.returncode == 2
     assert core.read_bytes() == b"old"
@@ -138,9 +137,9 @@ def test_files_that_may_not_grow_are_one_line_and_leave_the_old_core(tmp_path, r
 @pytest.mark.parametrize(
     ("words", "where", "size"),
     [
-        ("--build", "TMPDIR", "64k"),
-        ("--build", "TMPDIR", "2m"),
-        ("--build", "output", "64k"),
+        ("assets", "TMPDIR", "64k"),
+        ("assets", "TMPDIR", "700k"),
+        ("assets", "output", "64k"),
         ("--out", "TMPDIR", "500k"),
         ("--out", "output", "500k"),
     ],
@@ -150,7 +149,7 @@ def test_a_disk_without_room_is_one_line_and_leaves_nothing(tmp_path, words, whe
     for place in places.values():
         place.mkdir()
     environment = {**os.environ, "TMPDIR": str(places["TMPDIR"]), "SPIDAR_CORE": str(places["output"] / "libspidar.so")}
-    words = [words] if words == "--build" else [words, str(places["output"] / "onboard")]
+    words = [words] if words == "assets" else ["export", words, str(places["output"] / "onboard")]
     before = ["unshare", "-rm", "sh", "-c", DISK, "sh", size, str(places.pop(where))]
     done = exported(words, before, env=environment)
     assert re.fullmatch("spidar: .*No space left on device.*; valid: .*\n", done.stderr)

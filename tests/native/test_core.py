@@ -22,25 +22,15 @@ from spidar_gym.native import library as core
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, load_core, pointer
+from spidar_gym.native.recipe import seal
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.build import build_core
 from spidar_gym.so3 import exp
 
-pytestmark = needs_compiler
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled(tmp_path_factory):
-    """The core, compiled for these tests."""
-    path = build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPIDAR_CORE", str(path))
-        yield path
-
-
 @pytest.fixture(scope="module")
-def library(compiled):
+def library():
     return load_core()
 
 
@@ -250,21 +240,22 @@ def test_gymnasiums_checker_is_silent_and_the_same_seed_gives_the_same_bits(name
     np.testing.assert_array_equal(*traces)
 
 
-def test_a_core_that_is_missing_or_of_another_interface_is_refused(monkeypatch, tmp_path):
+def test_a_core_that_is_missing_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv("SPIDAR_CORE", str(tmp_path / "none.so"))
-    with pytest.raises(MissingDependencyError, match="spidar export --build"):
+    with pytest.raises(MissingDependencyError, match="spidar assets"):
         CoreFlightController()
-    monkeypatch.undo()
-    monkeypatch.setattr(core, "library_hash", lambda: "another")
-    monkeypatch.setattr(core, "core_path", lambda: tmp_path / "libspidar.so")
-    for name in ("sp_library", "sp_interface"):  # the latter alone: a core without the engine
-        (tmp_path / "old.c").write_text(f'const char *{name}(void) {{ return "old"; }}\n')
-        run = [*compiler(), "-shared", "-fPIC", "old.c", "-o", "libspidar.so"]
-        subprocess.run(run, cwd=tmp_path, check=True)
-        core.seal(tmp_path / "libspidar.so")
-        assert getattr(core.Library(tmp_path / "libspidar.so"), name)() != 0, "it loads: its interface is refused"
-        with pytest.raises(StaleAssetError, match="spidar export --build"):
-            CoreFlightController()
+
+
+@needs_compiler
+def test_a_core_of_another_interface_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setenv("SPIDAR_CORE", str(tmp_path / "libspidar.so"))
+    (tmp_path / "old.c").write_text('const char *sp_interface(void) { return "old"; }\n')
+    run = [*compiler(), "-shared", "-fPIC", "old.c", "-o", "libspidar.so"]
+    subprocess.run(run, cwd=tmp_path, check=True)
+    seal(tmp_path / "libspidar.so")
+    assert core.Library(tmp_path / "libspidar.so").sp_interface() != 0, "it loads: what is refused is its interface"
+    with pytest.raises(StaleAssetError, match="spidar assets"):
+        CoreFlightController()
 
 
 def test_unknown_controls_and_allocators_for_the_core_are_refused():

@@ -8,16 +8,13 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils import seeding
-from support.needs import needs_compiler
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.codegen.ziggurat import EDGE, LAYERS, PLACES, ziggurat
 from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import load_core, pointer
-from spidar_gym.onboard.build import build_core
 
-pytestmark = needs_compiler
 SEEDS = (0, 1, 2**31, 2**32 - 1, 2**32, 2**64 - 1, 2**64, 2**96 + 5, 2**128 - 1, 2**128, 2**160 - 1, 3**400)
 """Words from one to twenty; numpy has no largest seed."""
 MULTIPLIER = 2549297995355413924 << 64 | 4865540595714422341
@@ -25,11 +22,8 @@ INSIDE, DISTANCE, DENSITY = ziggurat()
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    path = build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPIDAR_CORE", str(path))
-        library = load_core()
+def library():
+    library = load_core()
     results = {"next64": ctypes.c_uint64, "next32": ctypes.c_uint32, "integer": ctypes.c_int64}
     for name in ("next64", "next32", "random", "uniform", "normal", "integer"):
         getattr(library, f"sp_{name}").restype = results.get(name, ctypes.c_double)

@@ -9,15 +9,13 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
-from support.needs import needs_compiler
 
 from spidar_gym.errors import SpidarError, StaleAssetError
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
-from spidar_gym.native.library import SEAL, load_core
-from spidar_gym.onboard.build import build_core
+from spidar_gym.native.library import core_path, load_core
+from spidar_gym.native.recipe import SEAL
 
-pytestmark = needs_compiler
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 LOADING = """
 import sys
@@ -28,18 +26,6 @@ try:
 except StaleAssetError:
     sys.exit(7)
 """
-
-
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    """The core, compiled for these tests."""
-    return build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
-
-
-@pytest.fixture(autouse=True)
-def path(compiled, monkeypatch):
-    monkeypatch.setenv("SPIDAR_CORE", str(compiled))
-    return compiled
 
 
 def loaded():
@@ -114,22 +100,22 @@ def test_a_function_keeps_its_library(before):
 
 
 @pytest.mark.parametrize("keep", [0, 1, SEAL, 64, 4096, 100_000, -SEAL, -1])
-def test_half_a_library_is_refused_before_it_is_loaded(path, tmp_path, monkeypatch, keep):
+def test_half_a_library_is_refused_before_it_is_loaded(tmp_path, monkeypatch, keep):
     half = tmp_path / "half.so"
-    half.write_bytes(path.read_bytes()[:keep])
+    half.write_bytes(core_path().read_bytes()[:keep])
     monkeypatch.setenv("SPIDAR_CORE", str(half))
     # In a process of its own: half a library that is loaded ends the process with a bus error.
     done = subprocess.run([sys.executable, "-c", LOADING], check=False)
     assert done.returncode == 7
 
 
-def test_a_library_with_a_flipped_bit_is_refused(path, tmp_path, monkeypatch):
-    data, rng = bytearray(path.read_bytes()), np.random.default_rng(0)
+def test_a_library_with_a_flipped_bit_is_refused(tmp_path, monkeypatch):
+    data, rng = bytearray(core_path().read_bytes()), np.random.default_rng(0)
     monkeypatch.setenv("SPIDAR_CORE", str(tmp_path / "flipped.so"))
     for at in rng.integers(len(data), size=50):
         data[at] ^= 1 << rng.integers(8)
         (tmp_path / "flipped.so").write_bytes(data)
-        with pytest.raises(StaleAssetError, match="spidar export --build"):
+        with pytest.raises(StaleAssetError, match="spidar assets"):
             load_core()
 
 

@@ -7,28 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.cores import CAP, Allocating
-from support.needs import needs_compiler
 from support.states import random_demands
 
 from spidar_gym.native.codegen.solvers import generate_solvers
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import load_core
-from spidar_gym.onboard.build import build_core
-
-pytestmark = needs_compiler
-
-
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    """The core, compiled for these tests."""
-    path = build_core(tmp_path_factory.mktemp("core") / "libspidar.so")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPIDAR_CORE", str(path))
-        yield path
 
 
 @pytest.fixture
-def allocate(compiled):
+def allocate():
     return Allocating(load_core())
 
 
@@ -134,7 +121,7 @@ def test_6_bounds_that_cross_are_not_answered_with_the_last_program(allocate):
     assert np.abs(given - allocate(other).forces_l).max() > 1e-3
 
 
-def test_7_every_instance_has_a_work_space_of_its_own(compiled):
+def test_7_every_instance_has_a_work_space_of_its_own():
     one, two = Allocating(load_core()), Allocating(load_core())
     a, b = demands(16, 2)
     alone = one(a).forces_l.copy(), one(b).forces_l.copy()

@@ -14,8 +14,9 @@ from support.networks import made
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.native.compiler import FLAGS, compiler
-from spidar_gym.onboard.build import RUNNER, arguments, build_runner
+from spidar_gym.native.compiler import compiler
+from spidar_gym.native.recipe import FLAGS
+from spidar_gym.onboard.build import arguments, build_runner
 from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.paper.flight import PAPER_FLIGHT
@@ -111,7 +112,7 @@ def test_a_drive_replays_byte_for_byte(driven, runner, kind, tmp_path):
 def test_a_drive_replays_on_the_robots_processor_and_without_optimisation_byte_for_byte(driven, tmp_path):
     folder = tmp_path / "onboard"
     write_files(export_files(golden=False), folder)
-    words = [*arguments(folder, RUNNER), "-static"]
+    words = [*arguments(folder), "-static"]
     builds = {"there": ("aarch64-linux-gnu-gcc", *FLAGS), "plain": (*compiler(), *FLAGS, "-O0")}
     for name, command in builds.items():
         subprocess.run([*command, *words, "-o", tmp_path / name], check=True)

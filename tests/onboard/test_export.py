@@ -12,11 +12,11 @@ from support.needs import marked, needs_compiler
 from spidar_gym.cli.main import main
 from spidar_gym.control.allocation.cone import MAX_STEPS
 from spidar_gym.errors import SpidarError
-from spidar_gym.native.codegen.engine import engine_files
-from spidar_gym.native.compiler import FLAGS, compiler
+from spidar_gym.native.compiler import compile_library, compiler
+from spidar_gym.native.recipe import FLAGS, GENERATED, NATIVE
 from spidar_gym.onboard import export as exporting
-from spidar_gym.onboard.build import RUNNER, arguments, build_core
-from spidar_gym.onboard.export import export, export_files, write_files
+from spidar_gym.onboard.build import arguments
+from spidar_gym.onboard.export import export, export_files
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
 
 pytestmark = needs_compiler
@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 
 def compile_runner(folder, out, *flags, cc=None):
     """The README's line."""
-    command = [*([cc] if cc else compiler()), *FLAGS, *flags, *arguments(folder, RUNNER), "-o", str(out)]
+    command = [*([cc] if cc else compiler()), *FLAGS, *flags, *arguments(folder), "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:2000]
     return [str(out)]
@@ -96,9 +96,8 @@ def test_on_the_robots_processor_it_gives_the_same_bytes(folder, tmp_path):
 
 
 def test_our_own_code_compiles_without_a_warning(folder, tmp_path):
-    write_files(engine_files(), tmp_path)
-    ours = [folder / "core", folder / "runner", tmp_path / "engine"]
-    includes = [f"-I{part}" for part in (*ours, folder / "generated", tmp_path / "generated")]
+    ours = [folder / "core", folder / "runner", NATIVE / "engine"]
+    includes = [f"-I{part}" for part in (*ours, folder / "generated", GENERATED)]
     system = ["-isystem", str(folder / "osqp")]  # somebody else's headers
     for part in ours:
         for source in sorted(part.glob("*.c")):
@@ -109,7 +108,7 @@ def test_our_own_code_compiles_without_a_warning(folder, tmp_path):
 
 
 def test_the_shared_library_asks_for_no_new_symbol_and_no_heap(tmp_path):
-    path = build_core(tmp_path / "libspidar.so")
+    path = compile_library(tmp_path / "libspidar.so")
     listed = subprocess.run(["nm", "-D", "--undefined-only", path], capture_output=True, text=True, check=True).stdout
     names = {line.split()[-1].split("@")[0] for line in listed.splitlines()}
     assert "exp" in names
@@ -204,8 +203,8 @@ def test_an_export_that_fails_leaves_the_old_one(folder, monkeypatch):
     assert sorted(p.name for p in folder.parent.iterdir() if p.name.startswith(".")) == []
 
 
-def test_the_command_wants_to_know_what_to_do(capfd):
+def test_the_command_wants_to_know_where_to(capfd):
     with pytest.raises(SystemExit) as stop:
         main(["export"])
     assert stop.value.code == 2
-    assert "--out FOLDER, --build, or both" in capfd.readouterr().err
+    assert "--out" in capfd.readouterr().err

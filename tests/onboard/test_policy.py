@@ -15,14 +15,12 @@ from spidar_gym.control.crawl.footsteps import Move
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
-from spidar_gym.native.codegen.engine import engine_files
-from spidar_gym.native.compiler import FLAGS, compiler
+from spidar_gym.native.compiler import compiler
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
-from spidar_gym.native.library import Struct, pointer, seal
+from spidar_gym.native.library import Struct, expected_digest, pointer
+from spidar_gym.native.recipe import FLAGS, includes, interface_header, seal, sources
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.build import LIBRARY
-from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.policies.artifact import Washout
 from spidar_gym.state import NO_RESIDUAL, Residual
@@ -51,18 +49,19 @@ NETS = {
 def compiled(tmp_path_factory):
     """Artifact, or none → the core with it as a shared library; all but the policy is compiled once."""
     folder = tmp_path_factory.mktemp("core")
-    write_files(export_files(golden=False) | engine_files(), folder)
-    flags = [*FLAGS, "-fPIC", *(f"-I{folder / part}" for part in (*LIBRARY, "generated"))]
-    sources = [p for part in LIBRARY for p in sorted((folder / part).glob("*.c")) if p.name != "policy.c"]
-    subprocess.run([*compiler(), *flags, "-c", *map(str, sources)], cwd=folder, check=True)
+    (folder / "spidar_interface.h").write_text(interface_header(expected_digest()), encoding="utf-8")
+    flags = [*FLAGS, "-fPIC", *includes(folder)]
+    (policy,) = (source for source in sources() if source.endswith("policy.c"))
+    others = [source for source in sources() if source != policy]
+    subprocess.run([*compiler(), *flags, "-c", *others], cwd=folder, check=True)
     objects = sorted(map(str, folder.glob("*.o")))
 
     def link(artifact, rate=RATE):
         header = policy_header(artifact, rate)
         path = folder / f"{hashlib.sha256(header.encode()).hexdigest()[:16]}.so"
         if not path.exists():
-            (folder / "generated" / "spidar_policy.h").write_text(header, encoding="utf-8")
-            own = ["-shared", str(folder / "core" / "policy.c"), *objects, "-lm", "-o", str(path)]
+            (folder / "spidar_policy.h").write_text(header, encoding="utf-8")
+            own = ["-shared", policy, *objects, "-lm", "-o", str(path)]
             subprocess.run([*compiler(), *flags, *own], check=True)
             seal(path)
         return path

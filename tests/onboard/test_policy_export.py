@@ -17,12 +17,14 @@ from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.native.compiler import FLAGS, compiler
+from spidar_gym.native import recipe
+from spidar_gym.native.compiler import compiler
 from spidar_gym.native.constants import CHANNELS, MAX_ACTION, MAX_WIDTH
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct
-from spidar_gym.onboard import build as building
+from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard import golden
+from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export, export_files
 from spidar_gym.onboard.policy import AUTHORITIES, RATE, policy_header
 from spidar_gym.policies.artifact import Washout, write_artifact
@@ -132,8 +134,8 @@ def test_the_same_policy_gives_the_same_bytes_and_another_rate_others(written):
 
 
 def test_a_core_is_built_with_a_policy(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(building, "LIBRARY_FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
-    path = building.build_core(tmp_path / "libspidar.so", residual=written)
+    monkeypatch.setattr(recipe, "LIBRARY_FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
+    path = build_core(tmp_path / "libspidar.so", written)
     monkeypatch.setenv("SPIDAR_CORE", str(path))
     assert CoreFlightController().library.sp_policy_kind() == 0
 
@@ -148,7 +150,6 @@ def test_the_command_refuses_in_one_line(tmp_path, capfd, written):
         ),
         (["--out", str(tmp_path / "o"), "--residual", str(direct)], "residual_wrench"),
         (["--out", str(tmp_path / "o"), "--residual", str(written), "--residual-rate", "0"], "above 0"),
-        (["--build", "--residual", str(written)], "--out FOLDER"),
     ):
         with pytest.raises(SystemExit):
             main(["export", *arguments])

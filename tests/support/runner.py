@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.native.compiler import FLAGS, compiler
-from spidar_gym.onboard.build import RUNNER, arguments, compile_runner
+from spidar_gym.native.compiler import compiler
+from spidar_gym.native.recipe import FLAGS
+from spidar_gym.onboard.build import arguments, compile_runner
 from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT
@@ -36,7 +37,7 @@ def export(folder):
 
 def compile_(folder, out, *flags):
     """All of the folder, the runner's `main` included."""
-    command = [*compiler(), *FLAGS, *flags, *arguments(folder, RUNNER), "-o", str(out)]
+    command = [*compiler(), *FLAGS, *flags, *arguments(folder), "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:2000]
     return out

@@ -9,10 +9,9 @@ from typing import Any, ClassVar, TypeVar
 import tyro
 
 from spidar_gym.errors import require_least, require_name
-from spidar_gym.native.library import core_path
 
-CONTROL = "core" if core_path().is_file() else "python"
-"""Controller that training flies with: the compiled one where there is one."""
+CONTROL = "core"
+"""Controller that training flies with: the compiled one."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class TrackRecipe(Recipe):
     """Preset of the controller that it adds to."""
     _: KW_ONLY
     control: str = CONTROL
-    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
+    """python, or core: the compiled controller, several times faster."""
 
     @property
     def arguments(self) -> dict[str, Any]:

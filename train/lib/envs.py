@@ -55,7 +55,7 @@ class EnvConfig:
     washout: float = 0.0
     """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
     control: str = CONTROL
-    """python, or core: the compiled controller, several times faster; core where `spidar export --build` made it."""
+    """python, or core: the compiled controller, several times faster."""
 
     def __post_init__(self) -> None:
         require_least(1, hold=self.hold)

@@ -202,7 +202,6 @@ def model_header() -> str:
     digest = hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
     lines = [
         f'#define SP_MODEL_SHA256 "{digest}"',
-        f'#define SP_INTERFACE "{interface_hash()}"',
         *(f"#define SP_{name.upper()} {hex_float(value)} /* {value!r} */" for name, value in constants.items()),
         "",
         f"static const double SP_FLIGHT_CONTROLLER[3] = {{{_numbers(ROBOT.flight_controller)}}};",

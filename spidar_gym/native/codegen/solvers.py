@@ -2,6 +2,7 @@
 
 import errno
 import os
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,10 @@ def generate_solvers() -> dict[str, str]:
             files |= _collect(scratch)
         tables += array("int32_t", f"{name}_P", P_at.tolist()) + array("int32_t", f"{name}_A", A_at.tolist())
         entries[name] = f"{{&{name}_solver, {name}_P, {name}_A, {len(P_at)}, {len(A_at)}}}"
-    empty = "{NULL, NULL, NULL, 0, 0}"
+    empty, installed = "{NULL, NULL, NULL, 0, 0}", version("osqp")
     lines = [
+        f'#define SP_OSQP_VERSION "{installed}"',
+        "",
         "typedef struct {",
         "    OSQPSolver *solver;",
         "    const int32_t *P_at, *A_at; /* entries of P's upper triangle and of A, column by column */",

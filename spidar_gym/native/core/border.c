@@ -1,5 +1,6 @@
 /* The border: what this core was made for, whether what comes in can be used at all, and the command that goes out. */
 #include "spidar_core.h"
+#include "spidar_interface.h" /* generated: what this is compiled from */
 #include "spidar_math.h"
 #include "spidar_model.h"
 

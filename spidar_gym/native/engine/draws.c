@@ -9,8 +9,6 @@
 
 __extension__ typedef unsigned __int128 wide;
 
-const char *sp_library(void) { return SP_LIBRARY; }
-
 static wide join(uint64_t high, uint64_t low) { return (wide)high << 64 | low; }
 
 static uint64_t next64(sp_generator *g)

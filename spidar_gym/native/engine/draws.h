@@ -9,8 +9,6 @@
 
 #include "spidar_engine_structs.h" /* generated */
 
-const char *sp_library(void); /* digest of structs, robot and sources, the engine's included */
-
 /* Of a whole number, given as its 32-bit words, the lowest first: one word at least, so that of 0 is 0. */
 void sp_seed(const uint32_t *words, int32_t count, sp_generator *generator);
 /* spawn(1)[0]; the child is another struct than its parent. */

@@ -1,0 +1,22 @@
+/*
+ * 
+ * This file contains the prototype for the solver structure needed
+ * by OSQP. The actual data is contained inside stance_soft_workspace.c.
+ */
+
+#ifndef STANCE_SOFT_WORKSPACE_H
+#define STANCE_SOFT_WORKSPACE_H
+
+#include "osqp_api_types.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+  extern OSQPSolver stance_soft_solver;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ifndef STANCE_SOFT_WORKSPACE_H */

@@ -1,0 +1,129 @@
+/* Generated: the numbers that Python and C share. */
+#ifndef SPIDAR_CONSTANTS_H
+#define SPIDAR_CONSTANTS_H
+
+#include <stdint.h>
+
+#define SP_LEGS 4
+#define SP_ROTORS 8
+#define SP_JOINTS 16
+#define SP_FORCES 24
+#define SP_UNKNOWNS 36
+#define SP_MAX_N 80
+#define SP_MAX_M 80
+#define SP_MAX_STEPS 256
+#define SP_MAX_OBSERVATION 512
+#define SP_MAX_ACTION 24
+#define SP_HISTORY 32
+#define SP_ANGLES 32
+#define SP_POSE_FRAMES 4
+#define SP_IMU_SAMPLES 8
+#define SP_MODE_COSTS 4
+#define SP_MODE_ROWS 6
+#define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
+#define SP_NO_NEXT_FORM 0x1.e000000000000p+5 /* 60.0, spidar_gym.control.flight.observation.NO_NEXT_FORM */
+#define SP_LEAST_QUATERNION 0x1.0000000000000p-2 /* 0.25, spidar_gym.state.LEAST_QUATERNION */
+#define SP_SMALL_ANGLE 0x1.ad7f29abcaf48p-24 /* 1e-07, spidar_gym.so3.SMALL_ANGLE */
+#define SP_SMALL_SINE 0x1.0c6f7a0b5ed8dp-20 /* 1e-06, spidar_gym.so3.SMALL_SINE */
+#define SP_MIN_FORCE 0x1.0000000000000p-1 /* 0.5, spidar_gym.model.rotor.MIN_FORCE */
+#define SP_TURN_BIAS 0x1.999999999999ap-4 /* 0.1, spidar_gym.model.rotor.TURN_BIAS */
+#define SP_NARROW 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.control.rotors.NARROW */
+#define SP_MISSED_FORCE 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.flight.centroidal.MISSED_FORCE */
+#define SP_MISSED_TORQUE 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.centroidal.MISSED_TORQUE */
+#define SP_MAX_EXTERNAL_FORCE 0x1.39eb851eb851fp+6 /* 78.48, spidar_gym.control.flight.compensation.MAX_EXTERNAL_FORCE */
+#define SP_MAX_EXTERNAL_TORQUE 0x1.4000000000000p+3 /* 10.0, spidar_gym.control.flight.compensation.MAX_EXTERNAL_TORQUE */
+#define SP_FORCE_SCALE 0x1.5000000000000p+5 /* 42.0, spidar_gym.control.allocation.problem.FORCE_SCALE */
+#define SP_WRENCH_SCALE 0x1.39eb851eb851fp+7 /* 156.96, spidar_gym.control.allocation.problem.WRENCH_SCALE */
+#define SP_TORQUE_SCALE 0x1.c000000000000p+2 /* 7.0, spidar_gym.control.allocation.problem.TORQUE_SCALE */
+#define SP_INFINITY 0x1.93e5939a08ceap+99 /* 1e+30, spidar_gym.control.allocation.problem.INFINITY */
+#define SP_DUAL_TOLERANCE 0x1.ad7f29abcaf48p-24 /* 1e-07, spidar_gym.control.allocation.solver.DUAL_TOLERANCE */
+#define SP_RHO 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.allocation.solver.RHO */
+#define SP_OTHER_RHO 0x1.4000000000000p+3 /* 10.0, spidar_gym.control.allocation.solver.OTHER_RHO */
+#define SP_ROUNDS 3 /* spidar_gym.control.allocation.solver.ROUNDS */
+#define SP_MORE_ROUNDS 8 /* spidar_gym.control.allocation.solver.MORE_ROUNDS */
+#define SP_ROW_TOLERANCE 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.allocation.solver.ROW_TOLERANCE */
+#define SP_SIDE_TOLERANCE 0x1.4f8b588e368f1p-17 /* 1e-05, spidar_gym.control.allocation.allocator.SIDE_TOLERANCE */
+#define SP_SPHERE_TOLERANCE 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.allocation.allocator.SPHERE_TOLERANCE */
+#define SP_CONE_MAX_STEPS 40 /* spidar_gym.control.allocation.cone.MAX_STEPS */
+#define SP_CONE_ROWS 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.allocation.cone.ROWS */
+#define SP_CONE_PRODUCT 0x1.5fd7fe1796495p-37 /* 1e-11, spidar_gym.control.allocation.cone.PRODUCT */
+#define SP_CONE_GRADIENT 0x1.ad7f29abcaf48p-24 /* 1e-07, spidar_gym.control.allocation.cone.GRADIENT */
+#define SP_CONE_LOOSE 0x1.2c00000000000p+8 /* 300.0, spidar_gym.control.allocation.cone.LOOSE */
+#define SP_CONE_PROOF 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.allocation.cone.PROOF */
+#define SP_CONE_FAR 0x1.f400000000000p+9 /* 1000.0, spidar_gym.control.allocation.cone.FAR */
+#define SP_CONE_SHORT 0x1.fd70a3d70a3d7p-1 /* 0.995, spidar_gym.control.allocation.cone.SHORT */
+#define SP_CONE_TINY 0x1.19799812dea11p-40 /* 1e-12, spidar_gym.control.allocation.cone.TINY */
+#define SP_LEAST_THRUST 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.allocation.contact.LEAST_THRUST */
+#define SP_EFFORT_SHARE 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.crawl.controller.EFFORT_SHARE */
+#define SP_MOST_STRIDE 0x1.4000000000000p+4 /* 20.0, spidar_gym.control.crawl.footsteps.MOST_STRIDE */
+#define SP_BISECTIONS 24 /* spidar_gym.control.crawl.footsteps.BISECTIONS */
+#define SP_STRAIGHT 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.crawl.pose2.STRAIGHT */
+#define SP_GAIT_FILTER_TIME 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.crawl.gait.FILTER_TIME */
+#define SP_GAIT_SLOW_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.crawl.gait.SLOW_TIME */
+#define SP_GAIT_AGREE 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.control.crawl.gait.AGREE */
+#define SP_GAIT_NEAR 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.crawl.gait.NEAR */
+#define SP_GAIT_STILL 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.crawl.gait.STILL */
+#define SP_GAIT_MAX_DEPTH 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.crawl.gait.MAX_DEPTH */
+#define SP_GAIT_RESPONSE_TIME 0x1.5c28f5c28f5c3p-3 /* 0.17, spidar_gym.control.crawl.gait.RESPONSE_TIME */
+#define SP_GAIT_SHORTEN 0x1.e666666666666p-1 /* 0.95, spidar_gym.control.crawl.gait.SHORTEN */
+#define SP_GAIT_LEAST_LIFT 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.control.crawl.gait.LEAST_LIFT */
+#define SP_GAIT_TRIAL 0x1.0624dd2f1a9fcp-9 /* 0.002, spidar_gym.control.crawl.gait.TRIAL */
+
+/* Blocks of cost. */
+typedef enum {
+    SP_NO_COST = 0, SP_THRUST_EFFORT = 1, SP_POWER_EFFORT = 2, SP_JOINT_TORQUE_EFFORT = 3, SP_FOOT_EFFORT = 4
+} sp_cost_kind;
+
+/* Blocks of rows. */
+typedef enum {
+    SP_NO_ROWS = 0, SP_WRENCH_BALANCE = 1, SP_THRUST_BOX = 2, SP_JOINT_TORQUE_LIMIT = 3, SP_VECTORING_LOCK = 4,
+    SP_INTERFERENCE_BOUND = 5, SP_CONTACT_WRENCH_RANGE = 6, SP_FRICTION_PYRAMID = 7
+} sp_rows_kind;
+
+/* Programs, each with a workspace. */
+typedef enum {
+    SP_PROGRAM_PAPER = 0, SP_PROGRAM_AS_FLOWN = 1, SP_PROGRAM_PROJECTION = 2, SP_PROGRAM_REST = 3, SP_PROGRAM_LEG = 4,
+    SP_PROGRAM_LEGS = 5, SP_PROGRAM_STANCE = 6, SP_PROGRAMS
+} sp_program_kind;
+
+/* How a tick was answered, best first. */
+typedef enum {
+    SP_CLOSED_FORM = 0, SP_SOLVED = 1, SP_PROJECTED = 2, SP_SOFTENED = 3, SP_HELD = 4
+} sp_status;
+
+/* What a step of the gait runs through. */
+typedef enum {
+    SP_CYCLE = 0, SP_LIFT = 1, SP_STAND = 2
+} sp_phases;
+
+/* Phases of the gait. */
+typedef enum {
+    SP_DONE = 0, SP_SPOOL = 1, SP_RAISE = 2, SP_SWING = 3, SP_LOWER = 4, SP_BRACE = 5, SP_UP = 6, SP_FORWARD = 7,
+    SP_DOWN = 8, SP_SETTLE = 9, SP_HOLD = 10
+} sp_phase;
+
+/* What the entries of a policy's action are, in this order. */
+typedef enum {
+    SP_CHANNEL_WRENCH = 1, SP_CHANNEL_JOINT_OFFSET = 2, SP_CHANNEL_JOINT_SPEED_SCALE = 4, SP_CHANNEL_FORCES = 8,
+    SP_CHANNEL_GAIT = 16, SP_CHANNEL_LEG_FORCES = 32
+} sp_channel;
+
+/* What a policy adds to. */
+typedef enum {
+    SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1
+} sp_policy_target;
+
+enum { SP_REFERENCE_MODE_FLIGHT = 0, SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED = 1 };
+
+enum { SP_CONTROLLER_CONFIG_ALLOCATION_PAPER = 0, SP_CONTROLLER_CONFIG_ALLOCATION_AS_FLOWN = 1 };
+
+enum { SP_GAIT_CONFIG_STRIDE_CENTRED = 0, SP_GAIT_CONFIG_STRIDE_HOME = 1 };
+
+/* Phases of each of sp_phases, −1 after the last. */
+static const int32_t SP_STEP_PHASES[3][10] = {
+    {SP_SPOOL, SP_RAISE, SP_SWING, SP_LOWER, SP_BRACE, SP_UP, SP_FORWARD, SP_DOWN, SP_SETTLE, -1},
+    {SP_SPOOL, SP_RAISE, SP_HOLD, SP_LOWER, SP_SETTLE, -1},
+    {SP_BRACE, SP_UP, SP_HOLD, SP_DOWN, SP_SETTLE, -1},
+};
+
+#endif

@@ -1,0 +1,44 @@
+/* Generated: no policy. */
+#ifndef SPIDAR_POLICY_H
+#define SPIDAR_POLICY_H
+
+#include "spidar_constants.h"
+
+#define SP_POLICY_KIND SP_POLICY_NONE
+#define SP_POLICY_NAME ""
+#define SP_POLICY_PRESET "" /* whose controller it adds to */
+#define SP_POLICY_LAYERS 0
+#define SP_POLICY_SIZES {0}
+#define SP_POLICY_WIDTH 1
+#define SP_POLICY_ACTIONS 0
+#define SP_POLICY_CHANNELS (0)
+#define SP_POLICY_RELU 0
+#define SP_POLICY_SQUASH 0
+#define SP_POLICY_CLIP 0.0
+#define SP_POLICY_STEP 0.0
+
+static const double SP_POLICY_MEAN[1] = {
+    0x0.0p+0,
+};
+
+static const double SP_POLICY_DEVIATION[1] = {
+    0x0.0p+0,
+};
+
+static const double SP_POLICY_BOUND[1] = {
+    0x0.0p+0,
+};
+
+static const double SP_POLICY_WASHOUT[1] = {
+    0x0.0p+0,
+};
+
+static const double SP_POLICY_AUTHORITY[1] = {
+    0x0.0p+0,
+};
+
+static const float SP_POLICY_WEIGHTS[1] = {
+    0x0.0p+0f,
+};
+
+#endif
