@@ -140,7 +140,6 @@ def test_files_that_may_not_grow_are_one_line_and_leave_the_old_core(tmp_path, r
         ("assets", "TMPDIR", "64k"),
         ("assets", "TMPDIR", "700k"),
         ("assets", "output", "64k"),
-        ("--out", "TMPDIR", "500k"),
         ("--out", "output", "500k"),
     ],
 )
