@@ -39,7 +39,6 @@ from spidar_gym.text import format_table
 app = tyro.extras.SubcommandApp()
 app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
 app.command(run)
-app.command(assets)
 app.command(name="eval")(eval_)
 app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
 app.command(scenarios)
@@ -115,6 +114,9 @@ def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
     data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
     data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
     mujoco.viewer.launch(model, data)
+
+
+app.command(assets)
 
 
 @app.command
