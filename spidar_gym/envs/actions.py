@@ -23,6 +23,17 @@ LEG_AUTHORITY = 8.0
 """Force per axis and leg after the allocation [N]."""
 
 
+AUTHORITIES = {
+    "wrench": WRENCH_AUTHORITY,
+    "joint_offset": JOINT_AUTHORITY,
+    "joint_speed_scale": SPEED_AUTHORITY,
+    "forces": FORCE_AUTHORITY,
+    "gait": (SPEED_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY),
+    "leg_forces": LEG_AUTHORITY,
+}
+"""Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """A run of action entries with one meaning."""

@@ -32,7 +32,7 @@ class NativeLibrary(BuildHookInterface):
         # In the target's folder where it stays: a library that is in use is replaced, never written into.
         self._folder = tempfile.TemporaryDirectory(dir=(root / place).parent if version == "editable" else None)
         made = Path(self._folder.name) / recipe.LIBRARY
-        self._compile(made, (root / "assets" / "mjcf" / "spidar.xml").read_bytes())
+        self._compile(made)
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"
         if version == "editable":
@@ -44,12 +44,12 @@ class NativeLibrary(BuildHookInterface):
         """Tidy up."""
         self._folder.cleanup()
 
-    def _compile(self, made: Path, robot: bytes) -> None:
+    def _compile(self, made: Path) -> None:
         command = self._compiler()
         if not command:
             self._refuse(f"no C compiler; valid: apt-get install gcc, or pip install '{recipe.ZIG}'")
         header = made.with_name("spidar_interface.h")
-        header.write_text(recipe.interface_header(recipe.library_digest(robot)), encoding="utf-8")
+        header.write_text(recipe.interface_header(recipe.library_digest()), encoding="utf-8")
         words = [*command, *recipe.compile_words(made.parent), "-o", str(made)]
         try:
             done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)

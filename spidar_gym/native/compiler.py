@@ -9,7 +9,6 @@ from pathlib import Path
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 from spidar_gym.files import scratch_folder, whole_file
 from spidar_gym.native import recipe
-from spidar_gym.robot.description import mjcf_path
 
 TELLING = re.compile(r"error|fatal|fail|cannot|denied|no such|no space|not found|undefined", re.IGNORECASE)
 """Lines of a compiler or linker that say why."""
@@ -44,7 +43,7 @@ def compile_library(path: Path, headers: Mapping[str, str] | None = None) -> Pat
         SpidarError: When it does not compile, with the compiler's words, or cannot be written.
     """
     command = compiler()
-    interface = recipe.interface_header(recipe.library_digest(mjcf_path().read_bytes()))
+    interface = recipe.interface_header(recipe.library_digest())
     with whole_file(path) as made:
         with scratch_folder() as folder:
             for name, text in {"spidar_interface.h": interface, **(headers or {})}.items():

@@ -31,13 +31,17 @@ MAX_STEPS = 256
 """Steps that the gait has room for."""
 N_ANGLES = N_JOINTS + 2 * N_ROTORS
 """Angles that the encoders tell."""
+N_BODIES = 1 + N_ANGLES
+"""Bodies of the kinematic tree: the torso, and one behind each joint and each vectoring servo."""
 MAX_OBSERVATION, MAX_ACTION, MAX_WIDTH = 512, 24, 1024
 """Numbers that a policy sees and answers at most, and those of the widest layer between them."""
+MAX_ENTRIES = 48
+"""Entries of an action, the modes without a controller included."""
 SIZES = {
     "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
     "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
-    "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "POSE_FRAMES": POSE_FRAMES,
-    "IMU_SAMPLES": IMU_SAMPLES, "MODE_COSTS": 4, "MODE_ROWS": 6,
+    "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
+    "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES, "MODE_COSTS": 4, "MODE_ROWS": 6,
 }  # fmt: skip
 """Whole numbers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (

@@ -15,6 +15,7 @@ from spidar_gym.native.constants import (
     MAX_SIDES,
     MAX_STEPS,
     N_ANGLES,
+    N_BODIES,
     PROGRAMS,
     SIZES,
 )
@@ -22,6 +23,25 @@ from spidar_gym.native.structs import CStruct, border_structs, dtypes
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 
 CORE_STRUCTS: Sequence[CStruct] = (
+    CStruct("body", "A body of the kinematic tree, and the joint that carries it.", (
+        ("parent joint", "i4", (), "its parent, before it in the tree; 0 … 15 are joints, from 16 on vectoring angles"),
+        ("rotation", "f8", (9,), "of the joint in its parent"),
+        ("position axis", "f8", (3,), "of the joint in its parent [m]; in the body's own axes"),
+        ("mass", "f8", (), "[kg]"),
+        ("com", "f8", (3,), "in the body's own axes [m]"),
+        ("inertia", "f8", (9,), "about its CoG, in the body's own axes [kg m²]"),
+    )),
+    CStruct("robot", "The robot's numbers.", (
+        ("tree", "body", (N_BODIES,), "the torso first, every other body after its parent"),
+        ("joint_body", "i4", (N_JOINTS,), "bodies that the joints carry"),
+        ("link_body rotor_body", "i4", (N_ROTORS,), "the links, and the modules at their rotors"),
+        ("gravity weight hover_thrust max_thrust", "f8", (), "[m/s²], [N]"),
+        ("max_joint_torque joint_limit joint_kp", "f8", (), "[Nm], [rad], [Nm/rad]"),
+        ("max_vectoring_speed", "f8", (), "[rad/s]"),
+        ("yaw_axis_xy yaw_axis_radius yaw_axis_z yaw_to_pitch pitch_to_yaw pitch_to_foot", "f8", (), "of a leg [m]"),
+        ("foot_radius peg_depth", "f8", (), "[m]"),
+        ("flight_controller", "f8", (3,), "where motion capture and inertial unit look [m]"),
+    )),
     CStruct("snapshot", "Model quantities at one configuration, torso axes.", (
         ("mass", "f8", (), "[kg]"),
         ("com_b", "f8", (3,), "CoG from the torso's origin [m]"),
@@ -79,7 +99,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("give s z ds dz", "f8", (MAX_SIDES,), ""),
         ("miss D product", "f8", (MAX_SIDES,), ""),
     )),
-    CStruct("workspace", "Room for the linear algebra of a tick; nothing in it outlives one.", (
+    CStruct("workspace", "Room for the linear algebra of a tick.", (
         ("program soft", "program", (), ""),
         ("K", "f8", (4 * MAX_N * MAX_N,), ""),
         ("right", "f8", (2 * MAX_N,), ""),
@@ -123,7 +143,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("wrench_desired", "f8", (6,), "residual included, {CoG} [N, Nm]"),
         ("joint_velocity", "f8", (N_JOINTS,), "commanded [rad/s]"),
         ("allocation", "allocation", (), ""),
-        ("workspace", "workspace", (), ""),
     )),
     CStruct("step", "One run through some phases.", (
         ("phases", "i4", (), "sp_phases"),
@@ -179,7 +198,6 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("snapshot", "snapshot", (), ""),
         ("demand", "demand", (), ""),
         ("allocation", "allocation", (), ""),
-        ("workspace", "workspace", (), ""),
     )),
     CStruct("estimator", "The state estimator.", (
         ("config", "estimator_config", (), ""),

@@ -13,7 +13,7 @@ from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import MAX_STEPS, PROGRAMS
-from spidar_gym.native.library import Core, LastCommand, Library, Struct, pointer, read_allocation
+from spidar_gym.native.library import Core, LastCommand, Struct, pointer, read_allocation
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_LEGS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
@@ -28,7 +28,7 @@ class _Pose2(ctypes.Structure):
 class CoreGait:
     """What the core's gait is doing: what tasks and observations read of it."""
 
-    def __init__(self, crawl: Struct, library: Library) -> None:
+    def __init__(self, crawl: Struct, library: ctypes.CDLL) -> None:
         """Look at it."""
         self._crawl, self._library = crawl, library
         self._memory = crawl.inner("gait", "gait_memory")
@@ -72,12 +72,12 @@ class CoreCrawler(Core[CoreCrawlMemory]):
     """The crawler of the onboard core, a `CrawlControl`."""
 
     def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
-        """Load the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
+        """Take the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
         super().__init__(model)
         self.config = config or CrawlerConfig()
         self._crawl, settings = Struct("crawl"), Struct("crawler_config")
         fill(settings.record, self.config)
-        self.library.sp_crawl_init(self._crawl.pointer, settings.pointer)
+        self.library.sp_crawl_init(self.room.robot, self._crawl.pointer, settings.pointer)
         self.gait = CoreGait(self._crawl, self.library)
         self.memory = CoreCrawlMemory(self._crawl.inner("memory", "crawl_memory"))
         self._answered = self._crawl.inner("allocation", "allocation")
@@ -108,14 +108,14 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         crawl = self._crawl.pointer
         if isinstance(command, Move):
             way = _Pose2(command.way.x, command.way.y, command.way.yaw)
-            steps = self.library.sp_gait_move(crawl, way, plan_cycles(self.config.gait, command))
+            steps = self.library.sp_gait_move(self.room.robot, crawl, way, plan_cycles(self.config.gait, command))
         elif isinstance(command, Lift):
             legs = np.array([leg in command.legs for leg in range(N_LEGS)], np.int32)
             seconds = ctypes.c_double(command.seconds)
             steps = self.library.sp_gait_lift(crawl, pointer(legs), ctypes.c_double(command.angle), seconds)
         else:
             height, seconds = ctypes.c_double(command.height), ctypes.c_double(command.seconds)
-            steps = self.library.sp_gait_stand(crawl, height, seconds)
+            steps = self.library.sp_gait_stand(self.room.robot, crawl, height, seconds)
         if not steps:
             raise InvalidValueError("command", command, f"one in reach, and no more than {MAX_STEPS} steps in all")
         return int(steps)
@@ -124,8 +124,9 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         """One control tick; as `Crawler.step`."""
         self.write_state(state)
         return self._tick(
-            self.library.sp_crawl_step, self._crawl.pointer, self._state.pointer, self.residual_pointer(residual)
-        )
+            self.library.sp_crawl_step, self._crawl.pointer, self._state.pointer, self.residual_pointer(residual),
+            self.room.pointer,
+        )  # fmt: skip
 
     def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
         """The observation; as `control.crawl.observation.observe_crawl`."""

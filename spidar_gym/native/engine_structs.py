@@ -1,12 +1,103 @@
-"""The engine's own structs, which become C text and numpy types: what a simulated robot is and remembers."""
+"""The engine's own numbers and structs, which become C text and numpy types: configurations and what a robot is."""
 
 from collections.abc import Sequence
 from functools import cache
+from types import ModuleType
 
 import numpy as np
 
+from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.native.structs import CStruct, dtypes
+from spidar_gym.native.structs import CStruct, dtypes, struct_of
+from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
+from spidar_gym.sim import actuators, air, disturbances, energy, ground, scene, sensors
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.air import N_DUCTS, AeroConfig
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import TILES, GroundConfig
+from spidar_gym.sim.sensors import SensorConfig
+from spidar_gym.state import IMU_SAMPLES
+
+AIR_STEPS = 10
+"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/simulator.md tells what the hold costs."""
+SERVO_STEPS = 5
+"""Physics steps between two looks at which way thrusts go and where joints are in their play: 12.5 ms."""
+IMU_STEPS = 2
+"""Physics steps between two samples of the sensors: 5 ms, 200 Hz."""
+FASTEST = 12.0
+"""Contacts are looked for only where something that falls as fast as this could touch the floor in time [m/s]."""
+N_ANGLES, N_ACTUATORS = N_JOINTS + 2 * N_ROTORS, N_ROTORS + N_JOINTS + 2 * N_ROTORS
+N_BALLS = N_LEGS + len(PEG_SITES)
+N_STATIONS = N_DUCTS + 3 * N_LINKS + 5
+"""Where the air is looked at: the ducts, three places on each link, five on the torso."""
+N_DOFS = 6 + N_ANGLES
+MUJOCO_STATE = 438
+"""Numbers of MuJoCo's state `mjSTATE_INTEGRATION`; held to MuJoCo where a model is handed over."""
+MAX_BODIES, MAX_MOVING, MAX_GEOMS = 64, 64, 512
+"""Bodies, geoms of the robot and geoms in all that there is room for."""
+MAX_PENDING = 32
+"""Commands on their way to the actuators."""
+MAX_FRAMES = 16
+"""Frames of the motion capture on their way: at 100 Hz more than 0.1 s, the longest latency, and four to hand out."""
+DRAWN = ("equal", "independent", "narrow")
+"""Sequences of forms that are drawn from ranges of angles."""
+ENGINE_SIZES = {
+    "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
+    "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
+    "TILES": TILES, "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST,
+}  # fmt: skip
+"""Numbers by their names in C without `SP_`."""
+ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
+    ("", scene, ("TIMESTEP",)),
+    ("", air, ("AIR_DENSITY", "BLUFF", "LINK_SEGMENT", "REACH", "SPREAD")),
+    ("JET_", air, ("NEAR", "LEAST_THRUST")),
+    ("", actuators, ("NOISE_BANDWIDTH",)),
+    ("WIND_", disturbances, ("LENGTH", "INTENSITY")),
+    ("", disturbances, ("PUSH_SECONDS", "PUSH_EVERY")),
+    ("", energy, ("CAPACITY_WH", "USABLE", "BASE_POWER", "THRUST_POWER", "SERVO_EFFICIENCY", "HOLDING_POWER",
+                  "FULL_VOLTAGE", "EMPTY_VOLTAGE", "RESISTANCE")),
+    ("", ground, ("TILE", "TILE_DEPTH")),
+    ("", sensors, ("POSE_PERIOD", "IMU_PERIOD", "ENCODER_PERIOD", "DRIFT_SECONDS", "DROPOUT_SECONDS")),
+)  # fmt: skip
+"""Prefix in C, where the numbers are, and their names there."""
+
+
+SEQUENCES = ("paper", *FORMS, *DRAWN, "mixed")
+"""Sequences of forms."""
+CRAWL_FAILURES = ("duct", "tilt", "astray", "diverged")
+"""Why a crawl is over."""
+SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "duct", "time")
+"""What keeps a crawl from being a success."""
+MAX_OBSTACLES = 64
+"""Blocks on the floor that there is room for."""
+FLIGHT_FAILURES = ("contact", "tilt", "position", "diverged")
+"""Why a flight is over."""
+MAX_DRAWS, MAX_WINDOWS = 64, 16
+"""Runs of drawn numbers and windows of time that there is room for."""
+DRAWN_NUMBERS = 256
+"""Numbers that are drawn of a robot, at most."""
+AUTORESETS = ("next_step", "same_step", "disabled")
+"""What happens at the end of an episode, as Gymnasium has it."""
+ENGINE_ENUMERATIONS = (
+    Enumeration("operation", "What a drawn number does to the nominal one.", ("set", "scale", "add"), "DRAW_"),
+    Enumeration("sequence", "Sequences of forms.", SEQUENCES, "FORMS_"),
+    Enumeration("flight_failure", "Why a flight is over.", FLIGHT_FAILURES, "FLIGHT_"),
+    Enumeration("crawl_failure", "Why a crawl is over.", CRAWL_FAILURES, "CRAWL_"),
+    Enumeration("shortfall", "What keeps a crawl from being a success.", SHORTFALLS, "SHORT_OF_",
+                tuple(1 << k for k in range(len(SHORTFALLS)))),
+    Enumeration("autoreset", "What happens at the end of an episode.", AUTORESETS, "RESET_"),
+)  # fmt: skip
+"""Words that are numbers in C."""
+
+
+@cache
+def configuration_structs() -> tuple[CStruct, ...]:
+    """What can be chosen about a simulated robot, those inside others first."""
+    parts = ActuatorConfig(), AeroConfig(), BodyConfig(), GroundConfig(), SensorConfig(), PlantConfig(), Disturbances()
+    return tuple(map(struct_of, parts))
+
 
 ENGINE_STRUCTS: Sequence[CStruct] = (
     CStruct("generator", "A stream of random numbers: numpy's PCG64, and what spawns others from it.", (
@@ -16,11 +107,238 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("pool", "u4", (4,), "the seed and the spawn key, mixed"),
         ("hash spawned", "u4", (), "constant that goes on mixing; how many were spawned"),
     )),
+    CStruct("world", "The robot and the floor as MuJoCo has them: where things are in its arrays, and their numbers.", (
+        ("bodies torso floor geoms moving", "i4", (), "of bodies; bodies; geom; of all geoms; of those of the robot"),
+        ("module_body link_body", "i4", (N_ROTORS,), "bodies"),
+        ("part_body", "i4", (4 * N_LINKS,), "bodies that a link carries: junction, link, and the two of its module"),
+        ("body_parent body_dofadr body_dofnum", "i4", (MAX_BODIES,), "of MuJoCo's tree"),
+        ("joint_qpos joint_dof", "i4", (N_ANGLES,), "of joints, then vectoring angles"),
+        ("ball", "i4", (N_BALLS,), "geoms of the feet, then of the pegs"),
+        ("ball_body", "i4", (N_BALLS,), "bodies that carry them"),
+        ("duct", "i4", (N_DUCTS,), "geoms of the ducts"),
+        ("geom", "i4", (MAX_MOVING,), "geoms of the robot"),
+        ("geom_kind", "i4", (MAX_GEOMS,), "what each geom is: a ball, SP_BALLS for a duct, −1"),
+        ("geom_touches geom_is_foot", "i4", (MAX_GEOMS,), "whether it meets the floor; whether it is a foot"),
+        ("tile", "i4", (TILES * TILES,), "geoms of the tiles, row by row; −1 where there are none"),
+        ("mass", "f8", (MAX_BODIES,), "of the described robot [kg]"),
+        ("inertia com", "f8", (MAX_BODIES, 3), "principal inertia [kg m²]; its centre [m]"),
+        ("geom_reach", "f8", (MAX_MOVING,), "bounding radius [m]"),
+        ("ball_radius", "f8", (N_BALLS,), "[m]"),
+        ("duct_radius duct_half", "f8", (N_DUCTS,), "radius and half height [m]"),
+        ("weight max_joint_torque", "f8", (), "[N], [Nm]"),
+        ("propeller_radius duct_offset_y duct_z", "f8", (), "of a duct; its exit below the module's centre [m]"),
+        ("torso_radius torso_height", "f8", (), "[m]"),
+        ("link_station link_width", "f8", (3,), "where a link is looked at, and how wide it is there [m]"),
+        ("imu_position_b", "f8", (3,), "where motion capture and inertial unit look [m]"),
+        ("gravity", "f8", (), "[m/s²]"),
+        ("encoder_step", "f8", (N_ANGLES,), "a count of each encoder [rad]"),
+        ("start", "f8", (MUJOCO_STATE,), "MuJoCo's state after a reset"),
+    )),
+    CStruct("air", "What the air did at one evaluation.", (
+        ("generalized", "f8", (N_DOFS,), "generalised force for qfrc_applied [N, Nm]"),
+        ("thrust_factor", "f8", (N_DUCTS,), "thrust of each duct over that in still air"),
+        ("forces_w points_w", "f8", (3 * N_STATIONS,), "force at each station, and where it is, world [N], [m]"),
+    )),
+    CStruct("weather", "Wind and pushes as they unfold.", (
+        ("mean_w gust_w push_w", "f8", (3,), "mean wind, turbulence [m/s]; the push that is on now [N]; world"),
+        ("next_push push_end", "f8", (), "when the next begins, and the present one ends [s]"),
+    )),
+    CStruct("pending", "A command on its way.", (
+        ("due vectoring_due", "i8", (), "physics steps at which thrusts and joints, and vectoring angles, arrive"),
+        ("target", "f8", (N_ACTUATORS,), "thrusts [N], joints, vectoring angles [rad]"),
+    )),
+    CStruct("sensor_memory", "Everything about the sensors that changes.", (
+        ("gyro_bias accelerometer_bias", "f8", (3,), "[rad/s], [m/s²]"),
+        ("drift", "f8", (6,), "slow error of position [m] and attitude [rad]"),
+        ("velocity_w", "f8", (3,), "of the inertial unit at its last sample [m/s]"),
+        ("silent_until next_pose next_encoder", "f8", (), "[s]"),
+        ("frames samples", "i4", (), "of the motion capture on their way; of the inertial unit since the last tick"),
+        ("frame_time", "f8", (MAX_FRAMES,), "oldest first [s]"),
+        ("frame_position_w", "f8", (MAX_FRAMES, 3), "[m]"),
+        ("frame_quat_wb", "f8", (MAX_FRAMES, 4), ""),
+        ("imu_time", "f8", (IMU_SAMPLES,), "oldest first [s]"),
+        ("gyro_b specific_force_b", "f8", (IMU_SAMPLES, 3), "[rad/s], [m/s²]"),
+        ("encoder_time", "f8", (), "of the latest reading [s]"),
+        ("angles", "f8", (N_ANGLES,), "what the servos indicated [rad]"),
+        ("torque", "f8", (N_JOINTS,), "what they reported [Nm]"),
+    )),
+    CStruct("touch", "What touches the floor at one instant.", (
+        ("balls", "i4", (N_BALLS,), "whether each foot, then each peg does"),
+        ("ducts", "i4", (), "whether a duct does"),
+        ("slip", "f8", (2 * N_LEGS,), "speed of the touching points of feet, then of the torso's pegs [m/s]"),
+        ("duct_clearance", "f8", (), "height of the lowest duct over the floor [m]"),
+    )),
+    CStruct("plant", "One simulated robot: what it is, and all that changes about it.", (
+        ("config", "plant_config", (), ""),
+        ("disturbances", "disturbances", (), ""),
+        ("floor_R", "f8", (9,), "attitude of the floor"),
+        ("highest_tile", "f8", (), "over the floor's plane [m]"),
+        ("delay vectoring_delay", "i8", (), "between a command and the actuators, in physics steps"),
+        ("row", "f8", (MUJOCO_STATE,), "MuJoCo's state"),
+        ("state", "robot_state", (), "the true state"),
+        ("clock", "i8", (), "physics steps since the reset"),
+        ("pending_first pending_count", "i4", (), "a ring"),
+        ("pending", "pending", (MAX_PENDING,), ""),
+        ("torque_limit", "f8", (N_JOINTS,), "that the joint servos may use [Nm]"),
+        ("in_contact diverged has_air senses", "i4", (), "touching; no longer finite; something blows; measuring"),
+        ("clearance", "f8", (), "least height of everything over the highest tile at the end of the last tick [m]"),
+        ("noise", "f8", (N_ROTORS,), "of the thrusts [N]"),
+        ("weather", "weather", (), ""),
+        ("air_force_w", "f8", (3,), "of the air besides the thrust in still air, world [N]"),
+        ("air_factor", "f8", (N_DUCTS,), "thrust of each duct over that in still air"),
+        ("falling", "i4", (N_ROTORS,), "modules whose thrust falls"),
+        ("loose", "f8", (N_JOINTS,), "where each joint is within its play [rad]"),
+        ("is_stuck", "i4", (), "whether the next counts"),
+        ("stuck", "f8", (2,), "vectoring angles of a module whose servos have failed [rad]"),
+        ("power energy_wh", "f8", (), "[W], since the reset [Wh]"),
+        ("sensors", "sensor_memory", (), ""),
+        ("generator", "generator", (), "source of noise, wind and pushes"),
+    )),
+    CStruct("goal", "A form to take.", (
+        ("start deadline", "f8", (), "when it becomes the target; when the slowest joint arrives [s]"),
+        ("joint_target", "f8", (N_JOINTS,), "q [rad]"),
+        ("reached", "i4", (), "whether it was, in time"),
+    )),
+    CStruct("draw", "A number of a plant's configuration that is drawn, or a run of them.", (
+        ("at count operation", "i4", (), "byte of the configuration; how many; sp_operation"),
+        ("low high", "f8", (), "even in between at strength 1"),
+    )),
+    CStruct("action_mode", "What the entries of an action are.", (
+        ("size is_direct channels", "i4", (), "entries; whether no controller stands behind; bits of sp_channel"),
+        ("authority", "f8", (MAX_ENTRIES,), "what 1 becomes"),
+    )),
+    CStruct("rules", "What all robots of an environment share.", (
+        ("plant", "plant_config", (), "the robot that others are drawn around"),
+        ("estimator", "estimator_config", (), ""),
+        ("mode", "action_mode", (), ""),
+        ("bound", "f8", (MAX_OBSERVATION,), "of the observation"),
+        ("size", "i4", (), "of the observation"),
+        ("is_described", "i4", (), "whether every robot is the described one, so that a hover needs no trim"),
+        ("draws", "i4", (), "how many of the next count"),
+        ("draw", "draw", (MAX_DRAWS,), "in the order of the draws"),
+        ("strength", "f8", (), "of the randomisation, 0 … 1"),
+        ("horizon", "i8", (), "ticks of an episode; success is judged there"),
+        ("truncates autoreset", "i4", (), "whether it ends there; sp_autoreset"),
+    )),
+    CStruct("hover_rules", "The task of a flight.", (
+        ("rules", "rules", (), ""),
+        ("controller", "controller_config", (), ""),
+        ("position_w", "f8", (3,), "where the CoG is to be [m]"),
+        ("joint_speed perturbation horizon_s", "f8", (), "[rad/s]; of the start, 1; forms are drawn until then [s]"),
+        ("avoids windows", "i4", (), "whether rotors are restricted; how many windows of time without"),
+        ("window", "f8", (MAX_WINDOWS, 2), "from, until [s]"),
+        ("form", "f8", (len(FORMS), N_JOINTS), "the paper's [rad]"),
+        ("range", "f8", (len(DRAWN), 2, 4), "least and largest angles of a leg's joints in drawn forms [rad]"),
+        ("drawn_legs", "i4", (len(DRAWN),), "how many legs are drawn; the others are alike"),
+        ("weight margin", "f8", (4,), "of the terms of the reward: position, attitude, joints, action"),
+        ("max_tilt max_distance", "f8", (), "beyond which a flight is over [rad], [m]"),
+        ("success_position success_attitude", "f8", (), "largest RMS errors of a success [m], [rad]"),
+        ("arrival_grace arrival_tolerance", "f8", (), "how late [s] and how far off [rad] a form may be reached"),
+    )),
+    CStruct("episode", "What every environment's robot has besides the simulated one.", (
+        ("generator", "generator", (), "of the environment: it draws what an episode is"),
+        ("disturbances", "disturbances", (), "of this episode and those after it"),
+        ("estimator", "estimator", (), ""),
+        ("seen", "robot_state", (), "what the controller sees: the state, or its estimate where there are sensors"),
+        ("action", "f8", (MAX_ENTRIES,), "the last, within [−1, 1]"),
+        ("has_command", "i4", (), "whether there was a tick"),
+        ("command", "command", (), "the last"),
+        ("residual", "residual", (), "what the action added"),
+        ("ticks", "i8", (), "since the reset"),
+        ("failure", "i4", (), "why the episode is over, or −1"),
+        ("truncated over", "i4", (), "whether the horizon is reached; whether the next step is a reset"),
+        ("reward", "f8", (), ""),
+        ("drawn", "f8", (DRAWN_NUMBERS,), "what was drawn of the robot, in the order of the draws"),
+    )),
+    CStruct("hover", "A robot in flight: simulated, controlled, and what it is to do.", (
+        ("plant", "plant", (), ""),
+        ("episode", "episode", (), ""),
+        ("flight", "flight", (), ""),
+        ("percept truth", "control_state", (), "what the controller makes of what it sees; of the true state"),
+        ("reference", "reference", (), ""),
+        ("leg_momentum leg_momentum_rate", "f8", (3,), "[Nms], [Nm]"),
+        ("joint_velocity", "f8", (N_JOINTS,), "of the joint commands [rad/s]"),
+        ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
+        ("forms is_given has_trim", "i4", (), "which sequence; whether the start is given; whether with its trim"),
+        ("offset rotation", "f8", (3,), "of the start [m], [rad]"),
+        ("trim", "f8", (6,), "what a hover takes beyond the description [N, Nm]"),
+        ("goals current flown", "i4", (), "how many; which is the target; ticks"),
+        ("position_sum attitude_sum", "f8", (), "of squared errors [m²], [rad²]"),
+    )),
+    CStruct("info", "What is told of every robot after a tick.", (
+        ("thrust_command thrust", "f8", (N_ROTORS,), "[N]"),
+        ("vectoring_command vectoring", "f8", (2 * N_ROTORS,), "(φ, θ) [rad]"),
+        ("joint_torque_allocated joint_torque", "f8", (N_JOINTS,), "[Nm]"),
+        ("wrench_allocated", "f8", (6,), "[N, Nm]"),
+        ("total_thrust qp_slack", "f8", (), "[N]"),
+        ("thrust_factor", "f8", (N_ROTORS,), "thrust of each module over that in still air"),
+        ("air_force", "f8", (3,), "world [N]"),
+        ("power_w energy_wh endurance_min", "f8", (), ""),
+        ("qp_status_code qp_iterations failure_code", "i4", (), "sp_status or −1; of the task or −1"),
+    )),
+    CStruct("hover_info", "What is told of a flight.", (
+        ("info", "info", (), ""),
+        ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
+        ("wrench_desired", "f8", (6,), "[N, Nm]"),
+        ("term", "f8", (4,), "of the reward: position, attitude, joints, action"),
+        ("restricted_rotors", "b1", (N_ROTORS,), ""),
+        ("is_success", "b1", (), ""),
+    )),
+    CStruct("crawl_rules", "The task of a crawl.", (
+        ("rules", "rules", (), ""),
+        ("controller", "crawler_config", (), ""),
+        ("lies", "f8", (N_JOINTS,), "joint angles of the robot at rest [rad]"),
+        ("way", "pose2", (), "the paper's"),
+        ("share turn", "f8", (), "how often it is drawn; the other draws turn by at most so much [rad]"),
+        ("distance", "f8", (2,), "and go at least and at most so far [m]"),
+        ("is_given", "i4", (3,), "whether distance, direction and turn are, and not drawn"),
+        ("given", "f8", (3,), "[m], [rad], [rad]"),
+        ("steps", "f8", (), "tiles are drawn up to this height [m]; 0 leaves the floor as it is"),
+        ("obstacles", "i4", (), "how many blocks"),
+        ("obstacle", "f8", (MAX_OBSTACLES, 3), "x, y, radius [m]"),
+        ("obstacle_height goal_clearance", "f8", (), "[m]"),
+        ("settle_ticks", "i4", (), "in which the robot comes to lie on a floor that is no plane"),
+        ("weight", "f8", (6,), "of the terms of the reward: progress, goal, level, slip, power, action"),
+        ("goal_margin level_margin slip_margin most_power", "f8", (), "[m], [rad], [m/s], [W]"),
+        ("turn_length max_tilt max_astray", "f8", (), "of a radian [m]; beyond which a crawl is over [rad], [m]"),
+        ("success_position success_yaw success_airborne success_slip success_time", "f8", (), "bounds of a success"),
+        ("saturated", "f8", (), "a servo this close to its largest torque is [Nm]"),
+    )),
+    CStruct("crawling", "A robot on the ground: simulated, controlled, and what it is to do.", (
+        ("plant", "plant", (), ""),
+        ("episode", "episode", (), ""),
+        ("crawl", "crawl", (), ""),
+        ("touch", "touch", (), ""),
+        ("tilt", "f8", (), "of the torso against the floor [rad]"),
+        ("way goal", "pose2", (), "seen from the start; world"),
+        ("cycles", "i4", (), "that the way takes; 0 where it is out of reach"),
+        ("nominal_time", "f8", (), "where joints and torso go exactly as planned [s]"),
+        ("error", "f8", (3,), "goal − torso, x, y [m], world, and yaw [rad]"),
+        ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
+        ("crawled swing_ticks timeouts", "i4", (), "ticks; those of the swing; phases that ended by time-out"),
+        ("finished", "f8", (), "when the gait was done [s]; 0 before"),
+        ("airborne_ticks foot_slip peg_slip", "f8", (N_LEGS,), "ticks of the swing in the air; ways on the floor [m]"),
+        ("duct_clearance", "f8", (), "least so far [m]"),
+        ("duct_contact", "i4", (), "whether a duct has touched the floor"),
+        ("saturation thrust thrust_peak", "f8", (), "sums over ticks: saturated joints, thrust over weight; its peak"),
+        ("tilt_legs tilt_torso", "f8", (), "largest tilt while legs are lifted, while the torso moves [rad]"),
+    )),
+    CStruct("crawling_info", "What is told of a crawl.", (
+        ("info", "info", (), ""),
+        ("goal_error", "f8", (3,), "[m], [m], [rad]"),
+        ("time_s nominal_time_s airborne_share foot_slip_m peg_slip_m duct_clearance_m", "f8", (), ""),
+        ("saturation_share thrust_fraction thrust_fraction_mean thrust_fraction_peak", "f8", (), ""),
+        ("tilt_rad cost_of_transport", "f8", (), ""),
+        ("term", "f8", (6,), "of the reward: progress, goal, level, slip, power, action"),
+        ("phase_code timeouts shortfalls_code", "i4", (), "sp_phase; phases; bits of sp_shortfall"),
+        ("foot_contact", "b1", (N_LEGS,), ""),
+        ("finished is_success", "b1", (), ""),
+    )),
 )  # fmt: skip
 """In the order of their definition: those inside others first."""
 
 
 @cache
 def engine_layouts() -> dict[str, np.dtype]:
-    """The structs of the library, the core's included, as numpy types, by name."""
-    return dtypes(ENGINE_STRUCTS, core_layouts())
+    """Every struct of the library as a numpy type, by name."""
+    return dtypes((*configuration_structs(), *ENGINE_STRUCTS), core_layouts())

@@ -54,7 +54,7 @@ class CoreFlightController(Core[CoreMemory]):
     """The flight controller of the onboard core, a `FlightControl`."""
 
     def __init__(self, config: ControllerConfig | None = None, model: Model | None = None) -> None:
-        """Load the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
+        """Take the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
         super().__init__(model)
         self.config = config or ControllerConfig()
         self._flight, self._reference, self._given = Struct("flight"), Struct("reference"), None
@@ -85,13 +85,13 @@ class CoreFlightController(Core[CoreMemory]):
         self._last_step = None
         given = [None if x is None else np.ascontiguousarray(x, float) for x in (joint_position, trim)]
         pointers = [None if x is None else pointer(x) for x in given]
-        self.library.sp_flight_reset(self._flight.pointer, self._state.pointer, *pointers)
+        self.library.sp_flight_reset(self.room.robot, self._flight.pointer, self._state.pointer, *pointers)
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
         """(φ, θ) that a hover in the form q comes to rest near [rad]."""
         vectoring = np.zeros((N_ROTORS, 2))
         self.library.sp_rest_vectoring(
-            self._settings.pointer, pointer(np.ascontiguousarray(q, float)), pointer(vectoring)
+            self.room.robot, self._settings.pointer, pointer(np.ascontiguousarray(q, float)), pointer(vectoring)
         )
         return vectoring
 
@@ -106,7 +106,9 @@ class CoreFlightController(Core[CoreMemory]):
         self._write_reference(reference)
         view = self._views[self._turn]
         self._turn = 1 - self._turn
-        self.library.sp_compute_state(self._state.pointer, self._reference.pointer, view.struct.pointer)
+        self.library.sp_compute_state(
+            self.room.robot, self._state.pointer, self._reference.pointer, view.struct.pointer
+        )
         return view.control_state
 
     def step(
@@ -122,7 +124,7 @@ class CoreFlightController(Core[CoreMemory]):
         known = next((view.struct.pointer for view in self._views if view.control_state is control_state), None)
         return self._tick(
             self.library.sp_flight_step, self._flight.pointer, self._state.pointer, self._reference.pointer,
-            self.residual_pointer(residual), known,
+            self.residual_pointer(residual), known, self.room.pointer,
         )  # fmt: skip
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:

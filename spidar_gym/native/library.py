@@ -1,11 +1,9 @@
 """The onboard core behind the controllers' own interface: `control="core"` flies what is compiled for the robot."""
 
-import _ctypes
 import ctypes
 import hashlib
 import os
 import time
-import weakref
 from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -14,15 +12,14 @@ import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus
 from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetError
-from spidar_gym.files import scratch_folder
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.native.codegen.committed import shared_headers
-from spidar_gym.native.constants import MAX_OBSERVATION
+from spidar_gym.native.constants import MAX_OBSERVATION, PROGRAMS
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.recipe import LIBRARY, NATIVE, SEAL, library_digest
+from spidar_gym.native.robot import robot
 from spidar_gym.robot import N_LEGS, N_ROTORS
-from spidar_gym.robot.description import mjcf_path
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
 BUILD = "spidar assets"
@@ -39,71 +36,54 @@ def core_path() -> Path:
 
 @cache
 def expected_digest() -> str:
-    """Digest that a library has to answer with: of this package's structs, constants, robot and C sources."""
+    """Digest that a library has to answer with: of this package's structs, constants and C sources."""
     headers = {name: text.encode() for name, text in shared_headers().items()}
-    return library_digest(mjcf_path().read_bytes(), headers)
+    return library_digest(headers)
 
 
-FUNCTION: Any = ctypes.CFUNCTYPE(ctypes.c_int)
-"""A function of the core, until its result is declared; other threads run while it does."""
-
-
-class Library:
-    """A compiled core, loaded; unloaded when it is closed, or when nobody has it or one of its functions any more."""
-
-    def __init__(self, path: Path) -> None:
-        """Load a file that no other instance has loaded (`OSError` where the system refuses)."""
-        library = ctypes.CDLL(str(path))
-        weakref.finalize(library, _ctypes.dlclose, library._handle).atexit = False
-        self._library: ctypes.CDLL | None = library
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a function of any result
-        """One of its functions (`SpidarError` once it is closed)."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        if self._library is None:
-            raise SpidarError("the compiled core of this environment or controller is closed; valid: a new one")
-        # Not one of ctypes' own making: those refer to themselves, and would keep the library until the next sweep.
-        function = self.__dict__[name] = FUNCTION(_ctypes.dlsym(self._library._handle, name))
-        function.library = self._library
-        return function
-
-    def close(self) -> None:
-        """Let go of it; a second call does nothing."""
-        self.__dict__.clear()
-        self._library = None
-
-
-def load_core() -> Library:
-    """The compiled core, an instance of its own: OSQP's generated work spaces are globals of the library.
+def load_core() -> ctypes.CDLL:
+    """The compiled library, one for the whole process: nothing in it is written.
 
     Raises:
         MissingDependencyError: When it is not compiled.
-        StaleAssetError: When it is damaged, or was compiled for another interface or robot.
+        StaleAssetError: When it is damaged, or was compiled of other sources.
         SpidarError: When it cannot be read or loaded here.
     """
     path = core_path()
     if not path.is_file():
         raise MissingDependencyError("the compiled core", f"{BUILD} (it needs a C compiler)")
     try:
-        data = path.read_bytes()
+        found = path.stat()
+        library = _load(path, (found.st_ino, found.st_mtime_ns, found.st_size))
     except OSError as error:
         raise SpidarError(f"cannot read {path}: {error.strerror}; valid: the file that `{BUILD}` writes") from error
-    if hashlib.sha256(data[:-SEAL]).digest() != data[-SEAL:]:  # half a library is a bus error
-        raise StaleAssetError(path, BUILD, "is damaged")
-    # A loaded library's file must not change, and one file is loaded once: every instance has a copy.
-    with scratch_folder() as folder:
-        own = folder / "libspidar.so"
-        own.write_bytes(data)
-        try:
-            library = Library(own)
-        except OSError as error:  # of another processor, or where programs may not lie
-            words = str(error).replace(str(own), path.name)
-            raise SpidarError(f"{words}; valid: the file that `{BUILD}` writes, a TMPDIR without noexec") from error
-    library.sp_interface.restype = ctypes.c_char_p
     if library.sp_interface().decode() != expected_digest():
         raise StaleAssetError(path, BUILD, "was compiled from other C, structs or numbers than are here")
+    library.sp_solvers_size.restype = ctypes.c_size_t
+    library.sp_find_mode.restype = ctypes.c_void_p
     return library
+
+
+@cache
+def _load(path: Path, version: tuple[int, ...]) -> ctypes.CDLL:
+    """Load a file after a look at its content; what the system has loaded under a name stays until the process ends."""
+    data = path.read_bytes()
+    if hashlib.sha256(data[:-SEAL]).digest() != data[-SEAL:]:  # half a library is a bus error
+        raise StaleAssetError(path, BUILD, "is damaged")
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:  # of another processor, or where programs may not lie
+        raise SpidarError(f"{error}; valid: the file that `{BUILD}` writes, a folder without noexec") from error
+    library.sp_interface.restype = ctypes.c_char_p
+    return library
+
+
+class Closed:
+    """What is left of the library where a controller is closed."""
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - never
+        """None of its functions."""
+        raise SpidarError("this environment or controller is closed; valid: a new one")
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
@@ -139,6 +119,20 @@ class Struct:
             view[...] = given.reshape(view.shape) if isinstance(given, np.ndarray) else given
 
 
+class Room:
+    """What a thread works in: the robot's numbers, solvers of its own, room for linear algebra."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        """Make one."""
+        size, programs = library.sp_solvers_size(), (len(PROGRAMS),)
+        self._solvers = np.zeros(size // 64 + 1, "V64")
+        self._robot = robot()
+        members = [("robot", "u8"), ("hard", "u8", programs), ("soft", "u8", programs)]
+        self.record = np.zeros((), np.dtype([*members, ("workspace", core_layouts()["workspace"])], align=True))
+        self.robot, self.pointer = pointer(self._robot), pointer(self.record)
+        library.sp_make_room(self.robot, pointer(self._solvers), self.pointer)
+
+
 class LastCommand:
     """What the core remembers of the last command: arrays that show what is there now."""
 
@@ -153,15 +147,16 @@ M = TypeVar("M", bound=LastCommand)
 
 
 class Core(Generic[M]):
-    """What flight and crawl share: the library, the structs that cross the border."""
+    """What flight and crawl share: the library, a room, the structs that cross the border."""
 
     memory: M
     """What the core remembers: views of it."""
 
     def __init__(self, model: Model | None) -> None:
-        """Load a library of its own."""
+        """Make a room of its own."""
         self.model = model or Model()
-        self.library = load_core()
+        self.library: Any = load_core()
+        self.room = Room(self.library)
         self._state, self._residual, self._command = Struct("robot_state"), Struct("residual"), Struct("command")
         self._observation = np.zeros(MAX_OBSERVATION, np.float32)
         self._seen: RobotState | None = None
@@ -169,8 +164,8 @@ class Core(Generic[M]):
         self._last_step: Any = None
 
     def close(self) -> None:
-        """Unload the library: nothing can be asked of it any more."""
-        self.library.close()
+        """Nothing can be asked of it any more."""
+        self.library = Closed()
 
     def write_state(self, state: RobotState) -> None:
         """Give a state to the core; the one that it has already is not written again."""

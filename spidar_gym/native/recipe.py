@@ -57,15 +57,14 @@ def find_compiler() -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc", *target]
 
 
-def library_digest(robot: bytes, headers: Mapping[str, bytes] | None = None) -> str:
+def library_digest(headers: Mapping[str, bytes] | None = None) -> str:
     """Digest of what a library is compiled from; it says its own when `sp_interface` is asked.
 
     Args:
-        robot: The robot's MJCF.
         headers: `SHARED_HEADERS` with their texts; the committed ones by default.
     """
     texts = headers or {name: (GENERATED / name).read_bytes() for name in SHARED_HEADERS}
-    digest = hashlib.sha256(robot)
+    digest = hashlib.sha256()
     for name in SHARED_HEADERS:
         digest.update(name.encode() + b"\0" + texts[name])
     for folder in SOURCES:

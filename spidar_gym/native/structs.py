@@ -21,12 +21,14 @@ from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, field_docs
+from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
 
 WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("reference", "mode"): ("flight", "flight_unrestricted"),
     ("controller_config", "allocation"): tuple(ALLOCATIONS),
     ("gait_config", "stride"): STRIDES,
+    ("disturbances", "fault"): FAULTS,
 }
 """Fields that are words in Python and numbers in C: the valid ones in order."""
 OPTIONAL = {("residual", "forces_l"): (N_ROTORS, 3), ("residual", "leg_forces_b"): (N_LEGS, 3)}
@@ -76,10 +78,12 @@ class CStruct:
 @cache
 def border_structs() -> tuple[CStruct, ...]:
     """Structs of the dataclasses that cross the border, in the core's order."""
-    return tuple(
-        CStruct(snake(type(sample).__name__), (type(sample).__doc__ or "").splitlines()[0], _rows(sample))
-        for sample in samples()
-    )
+    return tuple(map(struct_of, samples()))
+
+
+def struct_of(sample: Any) -> CStruct:  # noqa: ANN401 - any of the dataclasses
+    """The struct of a dataclass, from an instance of it."""
+    return CStruct(snake(type(sample).__name__), (type(sample).__doc__ or "").splitlines()[0], _rows(sample))
 
 
 def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses

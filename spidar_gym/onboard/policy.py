@@ -25,15 +25,6 @@ ENVIRONMENTS = {
     CRAWL: ("SP_POLICY_CRAWL", CrawlEnv, actions.CRAWL_MODES, crawl_layout),
 }
 """Environment → its name in C, class, action modes, layout of the observation."""
-AUTHORITIES = {
-    "wrench": actions.WRENCH_AUTHORITY,
-    "joint_offset": actions.JOINT_AUTHORITY,
-    "joint_speed_scale": actions.SPEED_AUTHORITY,
-    "forces": actions.FORCE_AUTHORITY,
-    "gait": (actions.SPEED_AUTHORITY, actions.GAIT_AUTHORITY, actions.GAIT_AUTHORITY, actions.GAIT_AUTHORITY),
-    "leg_forces": actions.LEG_AUTHORITY,
-}
-"""Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
 
 
 def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
@@ -72,7 +63,9 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "DEVIATION": np.sqrt(artifact.variance.astype(float)),
         "BOUND": bound,
         "WASHOUT": share if len(share) else np.zeros(mode.size),
-        "AUTHORITY": np.concatenate([np.broadcast_to(AUTHORITIES[each.name], each.size) for each in mode.channels]),
+        "AUTHORITY": np.concatenate(
+            [np.broadcast_to(actions.AUTHORITIES[each.name], each.size) for each in mode.channels]
+        ),
         "WEIGHTS": np.concatenate([part.astype(np.float32).reshape(-1) for layer in layers for part in layer]),
     }
     return _header(f"the policy {artifact.name}, learned in {artifact.env_id}", words, arrays)

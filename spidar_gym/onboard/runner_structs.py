@@ -15,6 +15,7 @@ from spidar_gym.native.codegen.header import (
     header,
     interface_digest,
     interface_hash,
+    model_header,
     struct,
 )
 from spidar_gym.native.constants import MAX_ACTION, Enumeration, snake
@@ -262,7 +263,7 @@ def _header_lines() -> list[str]:
 
 def runner_hash() -> str:
     """Digest of everything that a compiled runner has to agree on: the core, its own words, structs and sources."""
-    return interface_digest("\n".join([interface_hash(), *_header_lines()]).encode(), RUNNER)
+    return interface_digest("\n".join([interface_hash(), model_header(), *_header_lines()]).encode(), RUNNER)
 
 
 def runner_header() -> str:

@@ -1,6 +1,7 @@
 """Pins the onboard core against the readable controller: tree, allocation, flight, crawl, estimator, environments."""
 
 import _ctypes
+import ctypes
 import subprocess
 from dataclasses import replace
 
@@ -18,11 +19,11 @@ from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.estimator import Estimator, EstimatorConfig
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError, UnknownNameError
 from spidar_gym.model.dynamics import Snapshot
-from spidar_gym.native import library as core
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, load_core, pointer
 from spidar_gym.native.recipe import seal
+from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import fill
 from spidar_gym.so3 import exp
 
@@ -42,7 +43,7 @@ def test_the_tree_is_that_of_pinocchio(library):
     rng, seen, worst = np.random.default_rng(0), Struct("snapshot"), 0.0
     for _ in range(200):
         q, vectoring, R = rng.uniform(-1.5, 1.5, 16), rng.uniform(-3.0, 3.0, (8, 2)), exp(rng.normal(size=3))
-        library.sp_snapshot_at(pointer(q), pointer(R), pointer(vectoring), seen.pointer)
+        library.sp_snapshot_at(pointer(robot()), pointer(q), pointer(R), pointer(vectoring), seen.pointer)
         snapshot, feet = model().stance(q, R, vectoring)
         expected = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
         expected |= {"feet_b": feet.position_b, "J_foot": feet.J}
@@ -200,7 +201,7 @@ def test_the_estimator_says_the_same(library):
     fill(config.record, EstimatorConfig())
     library.sp_estimator_init(memory.pointer, config.pointer)
     fill(state.record, env.state)
-    library.sp_estimator_reset(memory.pointer, state.pointer)
+    library.sp_estimator_reset(pointer(robot()), memory.pointer, state.pointer)
     readable.reset(env.state)
     worst = 0.0
     for _ in range(200):
@@ -209,7 +210,7 @@ def test_the_estimator_says_the_same(library):
         fill(measured.record, measurement)
         thrust = np.full(8, 20.0)
         expected = readable.update(measurement, thrust)
-        library.sp_estimator_update(memory.pointer, measured.pointer, pointer(thrust), out.pointer)
+        library.sp_estimator_update(pointer(robot()), memory.pointer, measured.pointer, pointer(thrust), out.pointer)
         for name, view in out.views.items():
             worst = max(worst, float(np.abs(np.reshape(getattr(expected, name), -1) - np.reshape(view, -1)).max()))
     assert worst < 1e-9
@@ -253,7 +254,7 @@ def test_a_core_of_another_interface_is_refused(monkeypatch, tmp_path):
     run = [*compiler(), "-shared", "-fPIC", "old.c", "-o", "libspidar.so"]
     subprocess.run(run, cwd=tmp_path, check=True)
     seal(tmp_path / "libspidar.so")
-    assert core.Library(tmp_path / "libspidar.so").sp_interface() != 0, "it loads: what is refused is its interface"
+    assert ctypes.CDLL(str(tmp_path / "libspidar.so")).sp_interface() != 0, "it loads: what is refused is its interface"
     with pytest.raises(StaleAssetError, match="spidar assets"):
         CoreFlightController()
 

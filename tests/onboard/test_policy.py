@@ -98,7 +98,9 @@ class Learned:
         fill(self.own["robot_state"].record, state or self.env.seen)
         if isinstance(self.controller, CoreFlightController):
             fill(self.own["reference"].record, self.env.reference())
-            self.library.sp_compute_state(self["robot_state"], self["reference"], self["control_state"])
+            self.library.sp_compute_state(
+                self.controller.room.robot, self["robot_state"], self["reference"], self["control_state"]
+            )
             progress, preview = self.env.progress, self.own["preview"].record
             upcoming = progress.next_goal
             preview["joint_target"] = progress.goal.joint_target
@@ -109,15 +111,16 @@ class Learned:
         """The residual of this tick."""
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_policy_flight(
-                self["policy"], self.controller._flight.pointer, self["robot_state"], self["control_state"],
-                self["preview"], self["residual"],
+                self.controller.room.robot, self["policy"], self.controller._flight.pointer, self["robot_state"],
+                self["control_state"], self["preview"], self["residual"],
             )  # fmt: skip
         else:
             goal = self.env.progress.goal
             pose = np.array([goal.x, goal.y, goal.yaw])
             self.library.sp_policy_crawl(
-                self["policy"], self.controller._crawl.pointer, self["robot_state"], pointer(pose), self["residual"]
-            )
+                self.controller.room.robot, self["policy"], self.controller._crawl.pointer, self["robot_state"],
+                pointer(pose), self["residual"],
+            )  # fmt: skip
         return self.own["residual"]
 
     def command(self, residual):
@@ -126,10 +129,13 @@ class Learned:
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_flight_step(
                 self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"],
-                self["command"],
+                self.controller.room.pointer, self["command"],
             )  # fmt: skip
         else:
-            self.library.sp_crawl_step(self.controller._crawl.pointer, self["robot_state"], given, self["command"])
+            self.library.sp_crawl_step(
+                self.controller._crawl.pointer, self["robot_state"], given, self.controller.room.pointer,
+                self["command"],
+            )  # fmt: skip
         return self.own["command"].record.copy()
 
 

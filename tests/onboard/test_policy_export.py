@@ -15,7 +15,7 @@ from support.networks import made
 
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.envs.actions import ACTION_MODES, AUTHORITIES, CRAWL_MODES
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native import recipe
 from spidar_gym.native.compiler import compiler
@@ -26,7 +26,7 @@ from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard import golden
 from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export, export_files
-from spidar_gym.onboard.policy import AUTHORITIES, RATE, policy_header
+from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.policies.artifact import Washout, write_artifact
 from spidar_gym.state import Residual
 

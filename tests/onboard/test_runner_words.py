@@ -191,7 +191,7 @@ def test_a_mission_that_is_too_long_is_not_cut(runner, tmp_path, size):
 
 
 class Robot(ctypes.Structure):
-    """sp_robot."""
+    """sp_found."""
 
     _fields_ = [
         ("model", ctypes.c_char_p), ("name_count", ctypes.c_int32), ("names", ctypes.POINTER(ctypes.c_char_p)),

@@ -6,7 +6,7 @@ import numpy as np
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.native.constants import PROGRAMS
-from spidar_gym.native.library import Struct, pointer, read_allocation
+from spidar_gym.native.library import Room, Struct, pointer, read_allocation
 from spidar_gym.native.structs import fill
 
 CAP = 300
@@ -26,10 +26,9 @@ class Allocating:
     """The core's allocation for flights."""
 
     def __init__(self, library, cap=CAP, preset="paper"):
-        self.library, self.workspace = library, Struct("workspace")
+        self.library, self.room = library, Room(library)
         self.config, self.answer = Struct("allocator_config"), Struct("allocation")
         fill(self.config.record, AllocatorConfig(max_iter=cap))
-        library.sp_find_mode.restype = ctypes.c_void_p
         self.mode = ctypes.c_void_p(library.sp_find_mode(PROGRAMS.index(preset)))
 
     def __call__(self, demand, previous=None):
@@ -37,14 +36,14 @@ class Allocating:
         question = asked(demand)  # kept while the core reads it
         self.library.sp_allocate(
             self.mode, question.pointer, pointer(held), None, 0, self.config.pointer,
-            self.workspace.pointer, self.answer.pointer,
+            self.room.pointer, self.answer.pointer,
         )  # fmt: skip
         return read_allocation(self.answer, 0.0)
 
     def project(self, demand, wish):
         question, wished, held = asked(demand), wish.reshape(-1).copy(), np.zeros(24)
         self.library.sp_project(
-            question.pointer, pointer(wished), pointer(held), self.config.pointer, self.workspace.pointer,
+            question.pointer, pointer(wished), pointer(held), self.config.pointer, self.room.pointer,
             self.answer.pointer,
         )  # fmt: skip
         return read_allocation(self.answer, 0.0)

@@ -30,6 +30,10 @@ MAX_TILT = 0.5
 """More tilt of the torso against the floor than this ends the episode [rad]."""
 MAX_ASTRAY = 0.5
 """Being this much farther from the goal than at the start ends the episode [m]."""
+GOAL_MARGIN, LEVEL_MARGIN, SLIP_MARGIN = 0.01, 0.03, 0.02
+"""What is left of the way [m], tilt [rad] and slip [m/s] at which these terms of the reward are ½."""
+MOST_POWER = 3000.0
+"""Electrical power at which its term of the reward is 0 [W]."""
 RANGES = {
     "distance": (0.0, 10.0, "m"),
     "direction": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
@@ -176,10 +180,10 @@ class CrawlTask:
         """
         return {
             "progress": max(0.0, 1.0 - progress.distance / progress.initial_distance),
-            "goal": tolerance(progress.distance, 0.01),
-            "level": tolerance(tilt, 0.03),
-            "slip": tolerance(slip, 0.02),
-            "power": max(0.0, 1.0 - power / 3000.0),
+            "goal": tolerance(progress.distance, GOAL_MARGIN),
+            "level": tolerance(tilt, LEVEL_MARGIN),
+            "slip": tolerance(slip, SLIP_MARGIN),
+            "power": max(0.0, 1.0 - power / MOST_POWER),
             "action": 1.0 - float(action @ action) / len(action),
         }
 

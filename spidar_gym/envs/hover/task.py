@@ -28,6 +28,8 @@ ARRIVAL_GRACE = 0.5
 """A form may be reached this much after its deadline [s]."""
 ARRIVAL_TOLERANCE = 0.05
 """A form is reached when every joint is this close [rad]."""
+MARGINS = 0.02, 0.03, 0.1
+"""Errors at which the terms of the reward for position [m], attitude and joints [rad] are ½."""
 RANGES = {
     "joint_speed": (1e-6, 1e3, "rad/s"),
     # All forms are drawn before the episode begins, a day's in a second.
@@ -226,9 +228,9 @@ class HoverTask:
             action: The action, in [−1, 1].
         """
         return {
-            "position": tolerance(norm(position), 0.02),
-            "attitude": tolerance(norm(attitude), 0.03),
-            "joints": tolerance(float(np.abs(joints).max()), 0.1),
+            "position": tolerance(norm(position), MARGINS[0]),
+            "attitude": tolerance(norm(attitude), MARGINS[1]),
+            "joints": tolerance(float(np.abs(joints).max()), MARGINS[2]),
             "action": 1.0 - float(action @ action) / len(action),
         }
 

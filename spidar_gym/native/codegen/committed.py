@@ -7,7 +7,7 @@ from pathlib import Path
 
 from spidar_gym.errors import StaleAssetError
 from spidar_gym.native.codegen.engine import engine_headers
-from spidar_gym.native.codegen.header import constants_header, model_header, modes_header, structs_header
+from spidar_gym.native.codegen.header import constants_header, modes_header, structs_header
 from spidar_gym.native.codegen.solvers import generate_solvers
 from spidar_gym.native.recipe import GENERATED, SHARED_HEADERS
 
@@ -25,7 +25,7 @@ def shared_headers() -> dict[str, str]:
 def committed_files() -> dict[str, str]:
     """Path under `GENERATED` → text; OSQP's sources are those of the installed version."""
     solvers = {f"{OSQP}/{name}": text for name, text in generate_solvers().items()}
-    return shared_headers() | {"spidar_model.h": model_header()} | solvers
+    return shared_headers() | solvers
 
 
 def osqp_files() -> dict[str, bytes]:

@@ -1,18 +1,35 @@
-"""The engine's C text from Python: its numbers, structs and tables."""
+"""The engine's C text from Python: its numbers, enumerations, structs and tables."""
+
+import numpy as np
 
 from spidar_gym.native import draws
-from spidar_gym.native.codegen.header import define, header, struct
+from spidar_gym.native.codegen.header import define, enumeration, header, numbers, struct
 from spidar_gym.native.codegen.ziggurat import ziggurat_header
-from spidar_gym.native.engine_structs import ENGINE_STRUCTS
+from spidar_gym.native.engine_structs import (
+    ENGINE_ENUMERATIONS,
+    ENGINE_NUMBERS,
+    ENGINE_SIZES,
+    ENGINE_STRUCTS,
+    configuration_structs,
+)
 
 DRAWS = ("SEED_POOL", "SEED_START", "SEED_FACTOR", "SEED_LEFT", "SEED_RIGHT", "STATE_START", "STATE_FACTOR")
 """Numbers of the mixing of seeds."""
 
 
 def engine_header() -> str:
-    """spidar_engine_structs.h."""
-    numbers = [define(name, getattr(draws, name), draws.__name__) for name in DRAWS]
-    lines = [*numbers, "", *(line for each in ENGINE_STRUCTS for line in struct(each))][:-1]
+    """spidar_engine_structs.h: numbers, enumerations, structs."""
+    lines = [define(name, value, "engine_structs") for name, value in ENGINE_SIZES.items()]
+    lines += [define(name, getattr(draws, name), draws.__name__) for name in DRAWS]
+    for prefix, place, names in ENGINE_NUMBERS:
+        for name in names:
+            value, title = getattr(place, name), f"{prefix}{name}".upper()
+            if np.ndim(value):
+                lines.append(f"static const double SP_{title}[{len(value)}] = {{{numbers(value)}}};")
+            else:
+                lines.append(define(title, value, f"{place.__name__}.{name}"))
+    lines += ["", *(line for each in ENGINE_ENUMERATIONS for line in enumeration(each))]
+    lines += [line for each in (*configuration_structs(), *ENGINE_STRUCTS) for line in struct(each)][:-1]
     doc = "numbers and structs of the simulated world."
     return header("SPIDAR_ENGINE_STRUCTS", doc, lines, ("<stdint.h>", '"spidar_structs.h"'))
 

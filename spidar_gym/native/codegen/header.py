@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
@@ -29,14 +28,16 @@ from spidar_gym.native.constants import (
     snake,
 )
 from spidar_gym.native.core_structs import CORE_STRUCTS
+from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import WORDS, CStruct, border_structs
-from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_ROTORS, ROBOT
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
 from spidar_gym.robot.description import mjcf_path
 
 CORE = Path(__file__).resolve().parents[1] / "core"
 """Sources of the core."""
 _C_TYPES = {
     "f8": "double", "f4": "float", "i4": "int32_t", "i8": "int64_t", "u4": "uint32_t", "u8": "uint64_t", "u1": "char",
+    "b1": "uint8_t",
 }  # fmt: skip
 
 
@@ -47,7 +48,8 @@ def hex_float(x: float) -> str:
     return float(x).hex()
 
 
-def _numbers(values: object) -> str:
+def numbers(values: object) -> str:
+    """Numbers of C, one after another."""
     return ", ".join(hex_float(x) for x in np.asarray(values, float).reshape(-1).tolist())
 
 
@@ -63,7 +65,7 @@ def initializer(value: Any, indent: int = 1) -> str:  # noqa: ANN401 - any confi
         elif isinstance(own, bool | int):
             text = str(int(own))
         else:
-            text = f"{{{_numbers(own)}}}" if np.shape(own) else _numbers(own)
+            text = f"{{{numbers(own)}}}" if np.shape(own) else numbers(own)
         parts.append(f"{pad}.{field.name} = {text}")
     return "{\n" + ",\n".join(parts) + "\n" + "    " * (indent - 1) + "}"
 
@@ -142,7 +144,7 @@ def structs_header() -> str:
 def _blocks(blocks: Iterable[Any], size: int) -> str:
     """C's initialisers of costs or rows: what each is, and its `size` numbers."""
     return ", ".join(
-        f"{{SP_{snake(type(each).__name__).upper()}, {_numbers([*dataclasses.astuple(each), 0.0, 0.0][:size])}}}"
+        f"{{SP_{snake(type(each).__name__).upper()}, {numbers([*dataclasses.astuple(each), 0.0, 0.0][:size])}}}"
         for each in blocks
     )
 
@@ -170,67 +172,40 @@ def interface_digest(front: bytes, sources: Path) -> str:
 
 @cache
 def interface_hash() -> str:
-    """Digest of everything that a compiled core has to agree on: constants, structs, modes, robot, sources."""
+    """Digest of everything that a compiled core has to agree on: constants, structs, modes, sources."""
     text = constants_header() + structs_header() + modes_header()
-    return interface_digest(text.encode() + mjcf_path().read_bytes(), CORE)
+    return interface_digest(text.encode(), CORE)
 
 
 def model_header() -> str:
-    """spidar_model.h."""
-    model = pin.buildModelFromMJCF(str(mjcf_path()))
-    bodies = {name: joint - 1 for joint, name in enumerate(model.names)}  # Pinocchio's joint 0 is the universe
-    names = (*JOINT_NAMES, *GIMBAL_NAMES)
-    rows = []
-    for joint in range(1, model.njoints):
-        parent, index, placement, axis = 0, 0, pin.SE3.Identity(), np.zeros(3)
-        if joint > 1:  # the first is the torso; every other body follows its parent
-            parent, index = model.parents[joint] - 1, names.index(model.names[joint])
-            placement, axis = model.jointPlacements[joint], _axis(model, joint)
-        inertia = model.inertias[joint]
-        rows.append(
-            f"    {{{parent}, {index}, {{{_numbers(placement.rotation)}}}, {{{_numbers(placement.translation)}}}, "
-            f"{{{_numbers(axis)}}},\n"
-            f"     {hex_float(inertia.mass)}, {{{_numbers(inertia.lever)}}}, {{{_numbers(inertia.inertia)}}}}}, "
-            f"/* {model.names[joint]} */"
-        )
-    numbers = (
-        "total_mass", "weight", "hover_thrust", "max_thrust", "max_joint_torque", "joint_limit", "joint_kp",
-        "max_vectoring_speed", "yaw_axis_xy", "yaw_axis_radius", "yaw_axis_z", "yaw_to_pitch", "pitch_to_yaw",
-        "pitch_to_foot", "foot_radius", "peg_depth",
-    )  # fmt: skip
-    constants = {"gravity": GRAVITY, **{name: getattr(ROBOT, name) for name in numbers}}
+    """spidar_model.h: the robot's numbers, frozen for the robot itself."""
     digest = hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
     lines = [
         f'#define SP_MODEL_SHA256 "{digest}"',
-        *(f"#define SP_{name.upper()} {hex_float(value)} /* {value!r} */" for name, value in constants.items()),
         "",
-        f"static const double SP_FLIGHT_CONTROLLER[3] = {{{_numbers(ROBOT.flight_controller)}}};",
+        f"static const sp_robot SP_ROBOT = {record_initializer(robot())};",
         "",
-        f"#define SP_BODIES {len(rows)}",
-        "/* A body and the joint that carries it: 0 … 15 are joints, from 16 on vectoring angles. */",
-        "typedef struct {",
-        "    int32_t parent, joint;",
-        "    double rotation[9], position[3], axis[3]; /* of the joint in its parent */",
-        "    double mass, com[3], inertia[9];          /* in the body's own axes; inertia about its CoG */",
-        "} sp_body;",
-        "static const sp_body SP_TREE[SP_BODIES] = {",
-        *rows,
-        "};",
-        *array("int32_t", "SP_JOINT_BODY", [bodies[name] for name in JOINT_NAMES]),
-        *array("int32_t", "SP_LINK_BODY", [bodies[f"joint{i}_pitch"] for i in range(1, N_ROTORS + 1)]),
-        *array("int32_t", "SP_ROTOR_BODY", [bodies[f"gimbal{i}_pitch"] for i in range(1, N_ROTORS + 1)]),
         *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
         *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
     ]
-    return header("SPIDAR_MODEL", "the robot's kinematic tree, limits and names.", lines)
+    return header("SPIDAR_MODEL", "the robot's kinematic tree, limits and names.", lines, ('"spidar_structs.h"',))
 
 
-def _axis(model: object, joint: int) -> np.ndarray:
-    """Axis of a revolute joint in its own frame."""
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    J = pin.computeJointJacobian(model, data, pin.neutral(model), joint)
-    return np.round(J[3:, model.idx_vs[joint]], 12) + 0.0
+def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a numpy record
+    """A C initialiser of a record of a struct, exactly its numbers."""
+    pad, parts = "    " * indent, []
+    for name in record.dtype.names:
+        value = record[name]
+        if value.dtype.names and value.ndim:
+            text = "{" + ", ".join(record_initializer(each, indent + 1) for each in value) + "}"
+        elif value.dtype.names:
+            text = record_initializer(value, indent + 1)
+        elif value.dtype.kind == "i":
+            text = "{" + ", ".join(map(str, value.tolist())) + "}" if value.ndim else str(int(value))
+        else:
+            text = f"{{{numbers(value)}}}" if value.ndim else numbers(value)
+        parts.append(f"{pad}.{name} = {text}")
+    return "{\n" + ",\n".join(parts) + "\n" + "    " * (indent - 1) + "}"
 
 
 def presets_header() -> str:

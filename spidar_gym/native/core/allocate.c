@@ -1,18 +1,19 @@
 /* Demand → forces: closed form, OSQP, the thrust spheres, softened rows, previous forces, in that order. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
-#include "spidar_solvers.h" /* generated: a workspace of OSQP for each pattern */
+#include "spidar_solvers.h" /* generated: where numbers of each pattern stand */
 
 /* A cold-started solution: x, multipliers (0 where there are none), its iterations added; 1 solved, 0 not, −1 proven infeasible.
  *
  * Vectors before matrices, the solver's own scaling off, ρ as it was made: the result depends on the program alone.
  * Where it found none, the solver's NaN is a large finite number, so only the status counts.
  */
-static int solve(const sp_solver *kept, const sp_program *p, double rho, const sp_allocator_config *config,
-                 sp_workspace *work, double *x, double *duals, int32_t *iterations)
+static int solve(int32_t kind, int soft, const sp_program *p, double rho, const sp_allocator_config *config,
+                 sp_room *room, double *x, double *duals, int32_t *iterations)
 {
-    OSQPSolver *solver = kept->solver;
+    const sp_pattern *kept = soft ? &SP_PATTERNS[kind].soft : &SP_PATTERNS[kind].hard;
+    OSQPSolver *solver = soft ? room->soft[kind] : room->hard[kind];
+    sp_workspace *work = &room->workspace;
     sp_zero(x, p->n);
     sp_zero(duals, p->m);
     for (int k = 0; k < kept->P_count; k++) work->Px[k] = p->P[kept->P_at[k]];
@@ -48,27 +49,27 @@ static int finite_program(const sp_program *p)
 }
 
 /* Take off a rotor's force what is beyond the sphere; its thrust. */
-double sp_limit_thrust(double *force)
+double sp_limit_thrust(const sp_robot *robot, double *force)
 {
     double thrust = sp_norm(force);
-    if (!(thrust > SP_MAX_THRUST)) return thrust;
-    for (int k = 0; k < 3; k++) force[k] *= SP_MAX_THRUST / thrust;
-    return SP_MAX_THRUST;
+    if (!(thrust > robot->max_thrust)) return thrust;
+    for (int k = 0; k < 3; k++) force[k] *= robot->max_thrust / thrust;
+    return robot->max_thrust;
 }
 
 /* The forces with zeros for what is not finite, within the sphere. */
-static void within_sphere(const double *forces_l, double *held)
+static void within_sphere(const sp_robot *robot, const double *forces_l, double *held)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
         double f[3];
         for (int k = 0; k < 3; k++) f[k] = sp_finite(forces_l + 3 * i + k, 1) ? forces_l[3 * i + k] : 0.0;
-        sp_limit_thrust(f);
+        sp_limit_thrust(robot, f);
         sp_copy(held + 3 * i, f, 3);
     }
 }
 
 /* What the forces f (n) amount to; what rounding left beyond the sphere is taken off. */
-static void answer(const sp_mode *mode, const sp_demand *d, const double *f, sp_allocation *a)
+static void answer(const sp_robot *robot, const sp_mode *mode, const sp_demand *d, const double *f, sp_allocation *a)
 {
     int n = mode->n;
     double all[SP_UNKNOWNS];
@@ -76,7 +77,7 @@ static void answer(const sp_mode *mode, const sp_demand *d, const double *f, sp_
     for (int i = 0; i < SP_ROTORS; i++) {
         double *own = all + 3 * i;
         if (d->lost[i]) sp_zero(own, 3);
-        a->thrust[i] = sp_limit_thrust(own);
+        a->thrust[i] = sp_limit_thrust(robot, own);
     }
     sp_copy(a->forces_l, all, SP_FORCES);
     sp_zero(a->foot_forces_f, 3 * SP_LEGS);
@@ -90,13 +91,13 @@ static void answer(const sp_mode *mode, const sp_demand *d, const double *f, sp_
 }
 
 /* The previous forces; of the feet nothing is known. */
-static void hold_forces(const sp_mode *mode, const sp_demand *d, const double *previous_l, sp_allocation *a)
+static void hold_forces(const sp_robot *robot, const sp_mode *mode, const sp_demand *d, const double *previous_l, sp_allocation *a)
 {
     double held[SP_UNKNOWNS], unmet = 0.0;
     sp_zero(held, SP_UNKNOWNS);
-    within_sphere(previous_l, held);
+    within_sphere(robot, previous_l, held);
     a->status = SP_HELD;
-    answer(mode, d, held, a);
+    answer(robot, mode, d, held, a);
     for (int r = 0; r < 6; r++) {
         double miss = fabs(d->wrench[r] - sp_row(d->thrust_map + r * mode->n, held, mode->n)) / SP_WRENCH_SCALE;
         if (!(miss <= unmet)) unmet = miss;
@@ -119,8 +120,9 @@ static double largest_thrust(const double *x)
  * held where a number is not finite.
  */
 static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t *guess, int guess_rows,
-                        const sp_allocator_config *config, sp_workspace *work, double *x, sp_allocation *a)
+                        const sp_allocator_config *config, sp_room *room, double *x, sp_allocation *a)
 {
+    sp_workspace *work = &room->workspace;
     double duals[SP_MAX_M], first[SP_MAX_N];
     const double rhos[2] = {SP_RHO, SP_OTHER_RHO};
     int found = 0;
@@ -135,7 +137,7 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
         return 0;
     }
     for (int attempt = 0; attempt < 2 && !found; attempt++) {
-        int result = solve(&SP_SOLVERS[mode->kind].hard, p, rhos[attempt], config, work, first, duals, &a->iterations);
+        int result = solve(mode->kind, 0, p, rhos[attempt], config, room, first, duals, &a->iterations);
         int solved = result == 1 && sp_violation(p, first) <= config->check_tolerance;
         found = sp_closed_form(p, duals, SP_MORE_ROUNDS, work, x);
         if (!found && !solved) {
@@ -155,8 +157,9 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
  * cube: whether the program's own optimum is known, and leaves them.
  */
 static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, const sp_allocator_config *config,
-                          sp_workspace *work, double *x, sp_allocation *a)
+                          sp_room *room, double *x, sp_allocation *a)
 {
+    sp_workspace *work = &room->workspace;
     int32_t rows[SP_MAX_M];
     int found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
     if (found) {
@@ -169,7 +172,7 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
         double duals[SP_MAX_M];
         sp_program *soft = &work->soft;
         sp_soften(p, rows, count, config->price, soft);
-        int result = solve(&SP_SOLVERS[mode->kind].soft, soft, SP_RHO, config, work, x, duals, &a->iterations);
+        int result = solve(mode->kind, 1, soft, SP_RHO, config, room, x, duals, &a->iterations);
         found = sp_closed_form(soft, duals, SP_MORE_ROUNDS, work, x) ||
                 (result == 1 && sp_violation(soft, x) <= config->check_tolerance);
         if (found && largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE) {
@@ -185,22 +188,24 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
 /* The forces for a demand. `guess`: the rows that were active at the last tick; where it is given, those that now are
  * come with the answer. */
 void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
-                 int guess_rows, const sp_allocator_config *config, sp_workspace *work, sp_allocation *a)
+                 int guess_rows, const sp_allocator_config *config, sp_room *room, sp_allocation *a)
 {
+    const sp_robot *robot = room->robot;
+    sp_workspace *work = &room->workspace;
     sp_program *p = &work->program;
     double x[SP_MAX_N], guessed[SP_MAX_M], f[SP_UNKNOWNS];
     a->iterations = 0;
     a->slack = 0.0;
     a->rows = 0;
-    sp_assemble(mode, demand, p);
-    int found = cube_optimum(mode, p, guess, guess_rows, config, work, x, a);
-    if (a->status == SP_PROJECTED) found = within_spheres(mode, p, found, config, work, x, a);
+    sp_assemble(robot, mode, demand, p);
+    int found = cube_optimum(mode, p, guess, guess_rows, config, room, x, a);
+    if (a->status == SP_PROJECTED) found = within_spheres(mode, p, found, config, room, x, a);
     if (!found) {
-        hold_forces(mode, demand, previous_l, a);
+        hold_forces(robot, mode, demand, previous_l, a);
         return;
     }
     for (int k = 0; k < p->n; k++) f[k] = SP_FORCE_SCALE * x[k];
-    answer(mode, demand, f, a);
+    answer(robot, mode, demand, f, a);
     if (guess != NULL) {
         sides(p, x, guessed);
         a->rows = p->m;
@@ -210,26 +215,28 @@ void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *pre
 
 /* The valid forces nearest to `wish_l`: the rows of the projection and the thrust sphere hold, the wrench balance not. */
 void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
-                const sp_allocator_config *config, sp_workspace *work, sp_allocation *a)
+                const sp_allocator_config *config, sp_room *room, sp_allocation *a)
 {
+    const sp_robot *robot = room->robot;
+    sp_workspace *work = &room->workspace;
     const sp_mode *projection = sp_find_mode(SP_PROGRAM_PROJECTION);
     sp_program *p = &work->program;
     double x[SP_MAX_N], f[SP_FORCES];
     a->iterations = 0;
     a->slack = 0.0;
     a->rows = 0;
-    sp_assemble(projection, demand, p);
+    sp_assemble(robot, projection, demand, p);
     for (int k = 0; k < SP_FORCES; k++) p->q[k] = -wish_l[k] / SP_FORCE_SCALE;
-    int found = cube_optimum(projection, p, NULL, 0, config, work, x, a);
+    int found = cube_optimum(projection, p, NULL, 0, config, room, x, a);
     if (a->status == SP_PROJECTED) { /* here the spheres are part of what is asked */
         found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
         a->status = SP_SOLVED;
     }
     if (!found) {
-        hold_forces(projection, demand, previous_l, a);
+        hold_forces(robot, projection, demand, previous_l, a);
         a->slack = 0.0;
         return;
     }
     for (int k = 0; k < SP_FORCES; k++) f[k] = SP_FORCE_SCALE * x[k];
-    answer(projection, demand, f, a);
+    answer(robot, projection, demand, f, a);
 }

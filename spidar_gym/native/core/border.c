@@ -2,7 +2,7 @@
 #include "spidar_core.h"
 #include "spidar_interface.h" /* generated: what this is compiled from */
 #include "spidar_math.h"
-#include "spidar_model.h"
+#include "spidar_interface.h" /* generated */
 
 const sp_residual SP_NO_RESIDUAL = {
     .joint_speed_scale = 1.0, .raise_scale = 1.0, .stride_scale = 1.0, .lift_scale = 1.0,

@@ -1,15 +1,14 @@
 /* The stack on the ground: gait, snapshot, allocation, hand-over, vectoring, joints. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
-void sp_crawl_init(sp_crawl *crawl, const sp_crawler_config *config)
+void sp_crawl_init(const sp_robot *robot, sp_crawl *crawl, const sp_crawler_config *config)
 {
     memset(crawl, 0, sizeof *crawl);
     crawl->config = *config;
     crawl->dt = 1.0 / config->rate_hz;
     for (int k = SP_PROGRAM_REST; k <= SP_PROGRAM_STANCE; k++) sp_ground_mode(k, config, &crawl->modes[k]);
-    sp_home(&config->gait, crawl->home_b);
+    sp_home(robot, &config->gait, crawl->home_b);
 }
 
 /* Forget everything: the robot lies on the floor, rotors off; commands follow. */
@@ -28,9 +27,9 @@ void sp_crawl_reset(sp_crawl *crawl, const sp_robot_state *state)
 }
 
 /* Maps of rotor and foot forces to the wrench in {CoG} (6, 36) and to joint torque (16, 36). */
-static void add_feet(const sp_snapshot *s, const double *R_bf, double *Q, double *T)
+static void add_feet(const sp_robot *robot, const sp_snapshot *s, const double *R_bf, double *Q, double *T)
 {
-    double down[3] = {SP_FOOT_RADIUS * R_bf[2], SP_FOOT_RADIUS * R_bf[5], SP_FOOT_RADIUS * R_bf[8]};
+    double down[3] = {robot->foot_radius * R_bf[2], robot->foot_radius * R_bf[5], robot->foot_radius * R_bf[8]};
     for (int leg = 0; leg < SP_LEGS; leg++) {
         double lever[3], back[3];
         for (int i = 0; i < 3; i++) lever[i] = s->feet_b[leg][i] - s->com_b[i] - down[i], back[i] = -down[i];
@@ -60,7 +59,7 @@ static void add_feet(const sp_snapshot *s, const double *R_bf, double *Q, double
 }
 
 /* What the allocation is asked, and the rotors whose φ is held. */
-static void ground_demand(sp_crawl *crawl, const sp_robot_state *state, const double *plan, int mode,
+static void ground_demand(const sp_robot *robot, sp_crawl *crawl, const sp_robot_state *state, const double *plan, int mode,
                           const int32_t *lifted, const sp_residual *residual, sp_lock *lock)
 {
     static const int32_t none[SP_ROTORS] = {0};
@@ -85,9 +84,9 @@ static void ground_demand(sp_crawl *crawl, const sp_robot_state *state, const do
     sp_zero(d->torque_map, SP_JOINTS * n);
     sp_thrust_map(s, d->thrust_map, n);
     sp_torque_map(s, d->torque_map, n);
-    if (crawl->modes[mode].feet_carry) add_feet(s, d->R_bf, d->thrust_map, d->torque_map);
+    if (crawl->modes[mode].feet_carry) add_feet(robot, s, d->R_bf, d->thrust_map, d->torque_map);
     sp_zero(d->wrench, 6);
-    for (int i = 0; i < 3; i++) d->wrench[i] = s->mass * SP_GRAVITY * crawl->R_wb[6 + i];
+    for (int i = 0; i < 3; i++) d->wrench[i] = s->mass * robot->gravity * crawl->R_wb[6 + i];
     if (mode != SP_PROGRAM_REST)
         for (int k = 0; k < 6; k++) d->wrench[k] += residual->wrench[k];
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -103,7 +102,7 @@ static void ground_demand(sp_crawl *crawl, const sp_robot_state *state, const do
 }
 
 /* The allocation with a policy's forces, moved to the nearest valid point; the floor's forces as they were. */
-static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual)
+static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual, sp_room *room)
 {
     sp_allocation *a = &crawl->allocation;
     sp_demand *d = &crawl->demand, fixed;
@@ -134,7 +133,7 @@ static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual)
     }
     for (int k = 0; k < SP_FORCES; k++) wish[k] += a->forces_l[k];
     memcpy(active, a->active, sizeof active);
-    sp_project(&fixed, wish, crawl->memory.forces_l, &crawl->config.allocator, &crawl->workspace, a);
+    sp_project(&fixed, wish, crawl->memory.forces_l, &crawl->config.allocator, room, a);
     if (status == SP_SOFTENED || status == SP_HELD) a->status = status, a->slack = slack;
     for (int r = 0; r < 6; r++) a->wrench[r] += wrench[r];
     sp_copy(a->foot_forces_f, feet, 3 * SP_LEGS);
@@ -143,8 +142,10 @@ static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual)
 }
 
 /* One control tick. */
-void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_command *command)
+void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
+                   sp_command *command)
 {
+    const sp_robot *robot = room->robot;
     sp_crawl_memory *m = &crawl->memory;
     const sp_crawler_config *c = &crawl->config;
     sp_allocation *a = &crawl->allocation;
@@ -159,15 +160,15 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     }
     residual = sp_usable_residual(residual);
     sp_from_quat(state->quat_wb, crawl->R_wb);
-    sp_gait_step(crawl, state->position_w, crawl->R_wb, state->joint_position, residual, plan);
+    sp_gait_step(robot, crawl, state->position_w, crawl->R_wb, state->joint_position, residual, plan);
     int mode = sp_gait_mode(crawl);
     sp_gait_lifted(crawl, lifted);
-    sp_snapshot_at(state->joint_position, crawl->R_wb, state->vectoring, &crawl->snapshot);
-    ground_demand(crawl, state, plan, mode, lifted, residual, &lock);
+    sp_snapshot_at(robot, state->joint_position, crawl->R_wb, state->vectoring, &crawl->snapshot);
+    ground_demand(robot, crawl, state, plan, mode, lifted, residual, &lock);
     sp_allocate(&crawl->modes[mode], &crawl->demand, m->forces_l, m->active, m->rows, &c->allocator,
-                &crawl->workspace, a);
+                room, a);
     if (residual->has_forces_l || residual->has_leg_forces_b)
-        add_forces(crawl, crawl->modes[mode].n, residual);
+        add_forces(crawl, crawl->modes[mode].n, residual, room);
     for (int j = 0; j < SP_JOINTS; j++) torque[j] = lifted[j / 4] ? a->joint_torques[j] : 0.0;
     if (mode != m->mode) {
         for (int k = 0; k < SP_FORCES; k++) m->force_gap[k] = m->forces_l[k] - a->forces_l[k];
@@ -177,18 +178,18 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     m->gap = c->blend_time > 0.0 ? sp_max(0.0, m->gap - crawl->dt / c->blend_time) : 0.0;
     for (int j = 0; j < SP_JOINTS; j++) torque[j] += m->gap * m->torque_gap[j];
     for (int k = 0; k < SP_FORCES; k++) forces[k] = a->forces_l[k] + (m->gap > 0.0 ? m->gap * m->force_gap[k] : 0.0);
-    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_limit_thrust(forces + 3 * i);
-    sp_follow(forces, &lock, m->vectoring, SP_MAX_VECTORING_SPEED * crawl->dt, m->vectoring);
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_limit_thrust(robot, forces + 3 * i);
+    sp_follow(forces, &lock, m->vectoring, robot->max_vectoring_speed * crawl->dt, m->vectoring);
     double filter = c->setpoint_filter > 0.0 ? 1.0 - exp(-crawl->dt / c->setpoint_filter) : 1.0;
     for (int j = 0; j < SP_JOINTS; j++) {
-        joints[j] = plan[j] + c->feed_forward / SP_JOINT_KP * torque[j] + residual->joint_offset[j];
+        joints[j] = plan[j] + c->feed_forward / robot->joint_kp * torque[j] + residual->joint_offset[j];
         if (c->setpoint_filter > 0.0) joints[j] = m->joint_position[j] + filter * (joints[j] - m->joint_position[j]);
-        joints[j] = sp_clip(joints[j], -SP_JOINT_LIMIT, SP_JOINT_LIMIT);
+        joints[j] = sp_clip(joints[j], -robot->joint_limit, robot->joint_limit);
     }
     if (c->power)
         for (int i = 0; i < SP_ROTORS; i++)
             m->effort[i] +=
-                SP_EFFORT_SHARE * (sqrt(SP_HOVER_THRUST / sp_max(a->thrust[i], SP_LEAST_THRUST)) - m->effort[i]);
+                SP_EFFORT_SHARE * (sqrt(robot->hover_thrust / sp_max(a->thrust[i], SP_LEAST_THRUST)) - m->effort[i]);
     m->lock = lock;
     sp_copy(m->forces_l, forces, SP_FORCES);
     sp_copy(m->joint_torque, torque, SP_JOINTS);

@@ -1,7 +1,6 @@
 /* Pose, inertial unit and encoders → the controller's state: integrate the inertial unit, correct with the pose. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 void sp_estimator_init(sp_estimator *e, const sp_estimator_config *config)
 {
@@ -10,14 +9,14 @@ void sp_estimator_init(sp_estimator *e, const sp_estimator_config *config)
 }
 
 /* Start from a state that is known, at rest. */
-void sp_estimator_reset(sp_estimator *e, const sp_robot_state *state)
+void sp_estimator_reset(const sp_robot *robot, sp_estimator *e, const sp_robot_state *state)
 {
     sp_estimator_config config = e->config;
     double lever[3];
     sp_estimator_init(e, &config);
     e->time = e->encoder_time = state->time;
     sp_from_quat(state->quat_wb, e->R_wb);
-    sp_apply(e->R_wb, SP_FLIGHT_CONTROLLER, lever);
+    sp_apply(e->R_wb, robot->flight_controller, lever);
     for (int i = 0; i < 3; i++) e->position_w[i] = state->position_w[i] + lever[i];
     sp_copy(e->velocity_w, state->velocity_w, 3);
     sp_copy(e->omega_b, state->omega_b, 3);
@@ -33,7 +32,7 @@ void sp_estimator_reset(sp_estimator *e, const sp_robot_state *state)
 }
 
 /* Integrate one sample; the accelerometer gives the mean since the one before. */
-static void predict(sp_estimator *e, double time, const double *gyro, const double *force)
+static void predict(const sp_robot *robot, sp_estimator *e, double time, const double *gyro, const double *force)
 {
     double dt = time - e->time, omega[3], mean[3], turn[9], own[3], a[3];
     if (!(dt > 0.0)) return;
@@ -45,7 +44,7 @@ static void predict(sp_estimator *e, double time, const double *gyro, const doub
     sp_exp(mean, turn);
     sp_product(e->R_wb, turn, e->R_wb);
     sp_apply(e->R_wb, own, a);
-    a[2] -= SP_GRAVITY;
+    a[2] -= robot->gravity;
     for (int i = 0; i < 3; i++) {
         e->position_w[i] += dt * e->velocity_w[i] + 0.5 * dt * dt * a[i];
         e->velocity_w[i] += dt * a[i];
@@ -92,10 +91,10 @@ static void correct(sp_estimator *e, double time, const double *position_w, cons
 }
 
 /* The state at a control tick; `thrust` is what was last commanded, which the robot does not measure. */
-void sp_estimator_update(sp_estimator *e, const sp_measurement *m, const double *thrust, sp_robot_state *state)
+void sp_estimator_update(const sp_robot *robot, sp_estimator *e, const sp_measurement *m, const double *thrust, sp_robot_state *state)
 {
     for (int k = 0; k < m->imu_count; k++)
-        predict(e, m->imu_time[k], m->gyro_b + 3 * k, m->specific_force_b + 3 * k);
+        predict(robot, e, m->imu_time[k], m->gyro_b + 3 * k, m->specific_force_b + 3 * k);
     for (int k = 0; k < m->pose_count; k++) {
         double R[9];
         sp_from_quat(m->pose_quat_wb + 4 * k, R);
@@ -114,8 +113,8 @@ void sp_estimator_update(sp_estimator *e, const sp_measurement *m, const double 
     }
     double ahead = m->time - e->encoder_time, lever[3], swing[3];
     state->time = m->time;
-    sp_apply(e->R_wb, SP_FLIGHT_CONTROLLER, lever);
-    sp_cross(e->omega_b, SP_FLIGHT_CONTROLLER, swing);
+    sp_apply(e->R_wb, robot->flight_controller, lever);
+    sp_cross(e->omega_b, robot->flight_controller, swing);
     sp_apply(e->R_wb, swing, swing);
     for (int i = 0; i < 3; i++) {
         state->position_w[i] = e->position_w[i] - lever[i];

@@ -1,7 +1,6 @@
 /* The flight controller: snapshot, wrench, allocation, vectoring, joint targets. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 /* ---- centroidal control [Zhao2025, Eq. 6-8] ---- */
 
@@ -11,7 +10,7 @@ static double pid(const double *gains, double error, double integral, double rat
     return p + sp_clip(gains[1] * integral, -max_term, max_term) + sp_clip(gains[2] * rate, -max_term, max_term);
 }
 
-static void desired_wrench(const sp_control_state *control, const double *omega_b, const sp_flight_memory *memory,
+static void desired_wrench(const sp_robot *robot, const sp_control_state *control, const double *omega_b, const sp_flight_memory *memory,
                            const sp_centroidal_config *c, double *wrench)
 {
     const sp_motion_error *e = &control->error;
@@ -24,7 +23,7 @@ static void desired_wrench(const sp_control_state *control, const double *omega_
         alpha[k] = sp_clip(pid(c->attitude_gains + 3 * k, e->attitude[k], memory->attitude_integral[k], e->omega_b[k],
                                c->max_attitude_error[k], limit), -limit, limit);
     }
-    a[2] += SP_GRAVITY;
+    a[2] += robot->gravity;
     sp_apply_t(control->R_wb, a, wrench);
     for (int k = 0; k < 3; k++) wrench[k] *= s->mass;
     sp_apply(s->inertia_c, alpha, wrench + 3);
@@ -107,7 +106,7 @@ static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, con
 }
 
 /* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006]. */
-static void observe_wrench(const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
+static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
                            const double *velocity_w, const double *allocated, const sp_compensation_config *c,
                            double dt)
 {
@@ -126,7 +125,7 @@ static void observe_wrench(const sp_snapshot *s, sp_compensation_memory *m, cons
         for (int i = 0; i < 6; i++) {
             m->delivered_w[i] += lag * (asked[i] - m->delivered_w[i]);
             double residual = (momentum[i] - m->observed_momentum[i]) / dt - m->delivered_w[i];
-            if (i == 2) residual += s->mass * SP_GRAVITY;
+            if (i == 2) residual += s->mass * robot->gravity;
             double bound = i < 3 ? SP_MAX_EXTERNAL_FORCE : SP_MAX_EXTERNAL_TORQUE;
             m->external_w[i] = sp_clip(m->external_w[i] + share * (residual - m->external_w[i]), -bound, bound);
         }
@@ -136,7 +135,7 @@ static void observe_wrench(const sp_snapshot *s, sp_compensation_memory *m, cons
 }
 
 /* What the compensations add to the desired wrench; `joints` is the new q^d. */
-static void compensate(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *joints,
+static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *joints,
                        double *wrench)
 {
     const sp_compensation_config *c = &f->config.compensation;
@@ -146,7 +145,7 @@ static void compensate(sp_flight *f, const sp_robot_state *state, const sp_refer
     if (c->observer_gain != 0.0 && f->ticked) {
         double velocity_w[3];
         for (int i = 0; i < 3; i++) velocity_w[i] = reference->velocity_w[i] - control->error.velocity_w[i];
-        observe_wrench(&control->snapshot, m, control->R_wb, state->omega_b, velocity_w, f->allocation.wrench, c,
+        observe_wrench(robot, &control->snapshot, m, control->R_wb, state->omega_b, velocity_w, f->allocation.wrench, c,
                        f->dt);
     }
     if (c->observer_gain != 0.0) {
@@ -223,12 +222,12 @@ static void ramp_joints(const double *command, const double *velocity, const dou
 }
 
 /* Next joint command on the straight line to the target, and its rate. */
-static void plan_joints(const sp_flight *f, const double *wanted, double scale, double *following, double *rate)
+static void plan_joints(const sp_robot *robot, const sp_flight *f, const double *wanted, double scale, double *following, double *rate)
 {
     const double *command = f->memory.joint_position;
     double target[SP_JOINTS], way[SP_JOINTS], reach = f->config.joint_speed * f->dt;
     for (int j = 0; j < SP_JOINTS; j++) {
-        target[j] = sp_clip(wanted[j], -SP_JOINT_LIMIT, SP_JOINT_LIMIT);
+        target[j] = sp_clip(wanted[j], -robot->joint_limit, robot->joint_limit);
         way[j] = target[j] - command[j];
     }
     if (f->config.compensation.joint_ramp > 0.0) {
@@ -261,7 +260,7 @@ void sp_flight_init(sp_flight *f, const sp_controller_config *config)
     sp_no_interference(&f->memory.interference);
 }
 
-void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *joint_position, const double *trim)
+void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const double *joint_position, const double *trim)
 {
     const double *joints = joint_position == NULL ? state->joint_position : joint_position;
     sp_flight_memory *m = &f->memory;
@@ -279,7 +278,7 @@ void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *jo
     sp_snapshot *s = &f->control.snapshot;
     double R[9], force[3], torque[3], adjugate[9], angular[3], share = 1.0 - f->config.compensation.observer_gain;
     sp_from_quat(state->quat_wb, R);
-    sp_snapshot_at(joints, R, state->vectoring, s);
+    sp_snapshot_at(robot, joints, R, state->vectoring, s);
     sp_apply(R, trim, force);
     sp_apply(R, trim + 3, torque);
     for (int i = 0; i < 3; i++) {
@@ -299,7 +298,7 @@ void sp_flight_reset(sp_flight *f, const sp_robot_state *state, const double *jo
 }
 
 /* (φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it. */
-void sp_rest_vectoring(const sp_controller_config *config, const double *q, double *vectoring)
+void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring)
 {
     double guess[2 * SP_ROTORS], nominal[2 * SP_ROTORS], level[9];
     sp_snapshot s;
@@ -313,7 +312,7 @@ void sp_rest_vectoring(const sp_controller_config *config, const double *q, doub
         guess[2 * i + 1] = -q[4 * (i / 2) + 1];
         if (i % 2) guess[2 * i + 1] = -(q[4 * (i / 2) + 1] + q[4 * (i / 2) + 3]);
     }
-    sp_snapshot_at(q, level, guess, &s);
+    sp_snapshot_at(robot, q, level, guess, &s);
     sp_nominal_vectoring(&s, guess, nominal);
     sp_no_interference(&none);
     sp_find_interference(&s, nominal, &none, &config->interference, &bounds);
@@ -325,10 +324,10 @@ void sp_rest_vectoring(const sp_controller_config *config, const double *q, doub
                  vectoring + 2 * i);
 }
 
-void sp_compute_state(const sp_robot_state *state, const sp_reference *reference, sp_control_state *control)
+void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const sp_reference *reference, sp_control_state *control)
 {
     sp_from_quat(state->quat_wb, control->R_wb);
-    sp_snapshot_at(state->joint_position, control->R_wb, state->vectoring, &control->snapshot);
+    sp_snapshot_at(robot, state->joint_position, control->R_wb, state->vectoring, &control->snapshot);
     motion_error(state, reference, &control->snapshot, control->R_wb, &control->error);
 }
 
@@ -384,28 +383,29 @@ static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_re
 
 /* One control tick; `control` where the caller has it already, else NULL. */
 void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
-                    const sp_residual *residual, const sp_control_state *control, sp_command *command)
+                    const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command)
 {
+    const sp_robot *robot = room->robot;
     sp_flight_memory *m = &f->memory;
     if (!sp_valid_state(state) || !sp_valid_reference(reference)) {
         hold_command(f, command);
         return;
     }
     residual = sp_usable_residual(residual);
-    if (control == NULL) sp_compute_state(state, reference, &f->control);
+    if (control == NULL) sp_compute_state(robot, state, reference, &f->control);
     else f->control = *control;
     double target[SP_JOINTS], joints[SP_JOINTS], speed[SP_JOINTS], led[SP_FORCES];
     const double *forces, lead = f->config.compensation.vectoring_lead;
     sp_lock lock;
     sp_interference bounds;
     for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
-    plan_joints(f, target, residual->joint_speed_scale, joints, speed);
+    plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
     integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
-    desired_wrench(&f->control, state->omega_b, m, &f->config.centroidal, f->wrench_desired);
-    compensate(f, state, reference, joints, f->wrench_desired);
+    desired_wrench(robot, &f->control, state->omega_b, m, &f->config.centroidal, f->wrench_desired);
+    compensate(robot, f, state, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
     flight_demand(f, state, reference, &lock, &bounds);
-    sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, &f->workspace, &f->allocation);
+    sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     if (residual->has_forces_l) {
         double wish[SP_FORCES], any = 0.0;
         for (int k = 0; k < SP_FORCES; k++) {
@@ -413,14 +413,14 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
             any = sp_max(any, fabs(residual->forces_l[k]));
         }
         if (any > 0.0)
-            sp_project(&f->demand, wish, m->forces_l, &f->config.allocator, &f->workspace, &f->allocation);
+            sp_project(&f->demand, wish, m->forces_l, &f->config.allocator, room, &f->allocation);
     }
     forces = f->allocation.forces_l;
     if (lead > 0.0) {
         lead_forces(forces, &f->control.snapshot, state->omega_b, m->compensation.servo_velocity, lead, led);
         forces = led;
     }
-    sp_follow(forces, &lock, m->vectoring, SP_MAX_VECTORING_SPEED * f->dt, m->vectoring);
+    sp_follow(forces, &lock, m->vectoring, robot->max_vectoring_speed * f->dt, m->vectoring);
     m->lock = lock;
     m->interference = bounds;
     sp_copy(m->forces_l, f->allocation.forces_l, SP_FORCES);

@@ -21,12 +21,12 @@ static sp_step *append_step(sp_gait_memory *m, sp_phases phases)
 
 /* Go to a pose seen from where the commands end, on an arc; `cycles` 0 is as few as reach and configuration allow.
  * How many steps that takes; 0 where it is out of reach, not finite, or more than there is room for. */
-int sp_gait_move(sp_crawl *crawl, sp_pose2 way, int cycles)
+int sp_gait_move(const sp_robot *robot, sp_crawl *crawl, sp_pose2 way, int cycles)
 {
     sp_gait_memory *m = &crawl->gait;
     double numbers[3] = {way.x, way.y, way.yaw};
     if (!sp_finite(numbers, 3) || cycles < 0) return 0;
-    double share = sp_largest_stride(crawl, way), distance = length(way.x, way.y);
+    double share = sp_largest_stride(robot, crawl, way), distance = length(way.x, way.y);
     if (share <= 0.0) return 0;
     if (cycles == 0) {
         const sp_gait_config *c = &crawl->config.gait;
@@ -63,12 +63,12 @@ int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seco
 }
 
 /* Lift the torso, hold, put it down; 0 where that is out of reach. */
-int sp_gait_stand(sp_crawl *crawl, double height, double seconds)
+int sp_gait_stand(const sp_robot *robot, sp_crawl *crawl, double height, double seconds)
 {
     sp_gait_memory *m = &crawl->gait;
     sp_pose2 here = {0.0, 0.0, 0.0};
     if (!(height >= 0.0) || !(seconds >= 0.0) || !sp_finite(&height, 1) || !sp_finite(&seconds, 1)) return 0;
-    if (!sp_stride_fits(&crawl->config.gait, crawl->home_b, here, height) || m->count == SP_MAX_STEPS) return 0;
+    if (!sp_stride_fits(robot, &crawl->config.gait, crawl->home_b, here, height) || m->count == SP_MAX_STEPS) return 0;
     sp_step *step = append_step(m, SP_STAND);
     step->has_height = 1;
     step->height = height;
@@ -113,13 +113,13 @@ void sp_gait_lifted(const sp_crawl *crawl, int32_t *lifted)
 /* ---- targets ---- */
 
 /* Joint angles that hold the torso at a share of its way and a height, trim included; 0 out of reach. */
-static int torso_angles(const sp_gait_memory *m, double share, double height, double *q)
+static int torso_angles(const sp_robot *robot, const sp_gait_memory *m, double share, double height, double *q)
 {
     double feet[3 * SP_LEGS];
     sp_pose2 pose = arc(m->way, share);
     pose.x += m->trim[0], pose.y += m->trim[1], pose.yaw += m->trim[2];
     move_points(inverse(pose), m->feet_f, -height, feet);
-    return sp_leg_angles(feet, q);
+    return sp_leg_angles(robot, feet, q);
 }
 
 /* The torso lies on the floor: targets are reset to where the joints are, and this is where the floor is. */
@@ -145,7 +145,7 @@ static sp_pose2 way_to(const sp_gait_memory *m, const sp_step *step)
 }
 
 /* Where the lifted legs go. */
-static void footsteps(sp_crawl *crawl, const sp_step *step, const sp_residual *residual)
+static void footsteps(const sp_robot *robot, sp_crawl *crawl, const sp_step *step, const sp_residual *residual)
 {
     sp_gait_memory *m = &crawl->gait;
     const sp_gait_config *c = &crawl->config.gait;
@@ -154,10 +154,10 @@ static void footsteps(sp_crawl *crawl, const sp_step *step, const sp_residual *r
     sp_copy(landing, m->plan, SP_JOINTS);
     if (step->has_target) {
         double feet[3 * SP_LEGS];
-        while (length(way.x, way.y) + fabs(way.yaw) > 1e-6 && !sp_stride_fits(c, crawl->home_b, way, c->lift_height))
+        while (length(way.x, way.y) + fabs(way.yaw) > 1e-6 && !sp_stride_fits(robot, c, crawl->home_b, way, c->lift_height))
             way = arc(way, SP_GAIT_SHORTEN);
         move_points(arc(way, centred(c) ? 0.5 : 1.0), crawl->home_b, -c->press, feet);
-        sp_leg_angles(feet, landing);
+        sp_leg_angles(robot, feet, landing);
     }
     sp_copy(m->start, m->plan, SP_JOINTS);
     sp_copy(m->highest, landing, SP_JOINTS);
@@ -166,22 +166,22 @@ static void footsteps(sp_crawl *crawl, const sp_step *step, const sp_residual *r
 }
 
 /* Where the feet stand and where the torso goes. */
-static void stance(sp_crawl *crawl, const sp_step *step, const sp_residual *residual)
+static void stance(const sp_robot *robot, sp_crawl *crawl, const sp_step *step, const sp_residual *residual)
 {
     sp_gait_memory *m = &crawl->gait;
     double q[SP_JOINTS];
     m->way = arc(way_to(m, step), sp_max(0.0, residual->stride_scale));
-    sp_feet_at(m->joints, m->feet_f);
+    sp_feet_at(robot, m->joints, m->feet_f);
     m->share = m->height = m->yaw = 0.0;
     sp_zero(m->trim, 3);
     sp_zero(m->expected, 3);
     m->lift = (step->has_height ? step->height : crawl->config.gait.lift_height) * residual->lift_scale;
-    while (m->lift > SP_GAIT_LEAST_LIFT && !torso_angles(m, 1.0, m->lift, q)) m->lift *= SP_GAIT_SHORTEN;
-    sp_copy(m->target, torso_angles(m, 1.0, 0.0, q) ? q : m->plan, SP_JOINTS);
+    while (m->lift > SP_GAIT_LEAST_LIFT && !torso_angles(robot, m, 1.0, m->lift, q)) m->lift *= SP_GAIT_SHORTEN;
+    sp_copy(m->target, torso_angles(robot, m, 1.0, 0.0, q) ? q : m->plan, SP_JOINTS);
 }
 
 /* Begin a phase of the present step; after its last one the next step or nothing. */
-static void enter(sp_crawl *crawl, int index, const sp_residual *residual)
+static void enter(const sp_robot *robot, sp_crawl *crawl, int index, const sp_residual *residual)
 {
     sp_gait_memory *m = &crawl->gait;
     sp_step *step = step_at(m, 0);
@@ -199,7 +199,7 @@ static void enter(sp_crawl *crawl, int index, const sp_residual *residual)
     }
     int phase = SP_STEP_PHASES[step->phases][index];
     if (phase == SP_SETTLE && crawl->config.gait.settle_time == 0.0 && m->count > 1) {
-        enter(crawl, index + 1, residual);
+        enter(robot, crawl, index + 1, residual);
         return;
     }
     m->rested = m->phase == SP_DONE || m->phase == SP_SETTLE;
@@ -208,7 +208,7 @@ static void enter(sp_crawl *crawl, int index, const sp_residual *residual)
     m->time = m->still = 0.0;
     if (phase == SP_SPOOL || phase == SP_BRACE || phase == SP_SETTLE) lie(m);
     if (phase == SP_SPOOL) {
-        footsteps(crawl, step, residual);
+        footsteps(robot, crawl, step, residual);
     } else if (phase == SP_RAISE || phase == SP_SWING) {
         for (int j = 0; j < SP_JOINTS; j++) {
             int raised = j % 4 == 1 && step->legs[j / 4];
@@ -218,7 +218,7 @@ static void enter(sp_crawl *crawl, int index, const sp_residual *residual)
     } else if (phase == SP_LOWER) {
         sp_copy(m->target, m->landing, SP_JOINTS);
     } else if (phase == SP_BRACE) {
-        stance(crawl, step, residual);
+        stance(robot, crawl, step, residual);
     }
 }
 
@@ -306,20 +306,20 @@ static int ended(sp_crawl *crawl, double joint_rate)
 /* ---- motion of the torso ---- */
 
 /* A leg that turns down by an angle rolls its ball outwards by the radius times that. */
-static void roll(sp_gait_memory *m, const double *before)
+static void roll(const sp_robot *robot, sp_gait_memory *m, const double *before)
 {
     double turned = arc(m->way, m->share).yaw;
     for (int leg = 0; leg < SP_LEGS; leg++) {
         int k = 4 * leg;
         double turn = m->plan[k + 1] - before[k + 1] + (m->plan[k + 3] - before[k + 3]);
-        double out = SP_FOOT_RADIUS * turn, heading = azimuth(leg) + m->plan[k] + turned;
+        double out = robot->foot_radius * turn, heading = azimuth(leg) + m->plan[k] + turned;
         m->feet_f[3 * leg] += out * cos(heading);
         m->feet_f[3 * leg + 1] += out * sin(heading);
     }
 }
 
 /* Move the torso's plan on, as fast as the joints follow. */
-static void push(sp_crawl *crawl, double speed)
+static void push(const sp_robot *robot, sp_crawl *crawl, double speed)
 {
     sp_gait_memory *m = &crawl->gait;
     const sp_gait_config *c = &crawl->config.gait;
@@ -329,10 +329,10 @@ static void push(sp_crawl *crawl, double speed)
     double goal_share = m->phase == SP_FORWARD || m->phase == SP_DOWN ? 1.0 : m->share;
     double climb = goal_height - m->height, advance = (goal_share - m->share) * distance;
     double longest = sp_max(fabs(climb), fabs(advance));
-    if (torso_angles(m, m->share, m->height, now) && longest > 0.0) {
+    if (torso_angles(robot, m, m->share, m->height, now) && longest > 0.0) {
         /* A trial step tells how far the joints turn for it; the step is then as long as they allow. */
         double trial = sp_min(longest, SP_GAIT_TRIAL), turn = 1e-9;
-        if (torso_angles(m, m->share + sp_clip(advance, -trial, trial) / distance,
+        if (torso_angles(robot, m, m->share + sp_clip(advance, -trial, trial) / distance,
                          m->height + sp_clip(climb, -trial, trial), ahead)) {
             double most = 0.0;
             for (int j = 0; j < SP_JOINTS; j++) most = sp_max(most, fabs(ahead[j] - now[j]));
@@ -344,10 +344,10 @@ static void push(sp_crawl *crawl, double speed)
             if (fabs(advance) <= step) m->share = goal_share;
         }
     }
-    if (!torso_angles(m, m->share, m->height, wanted)) return;
+    if (!torso_angles(robot, m, m->share, m->height, wanted)) return;
     sp_copy(before, m->plan, SP_JOINTS);
     for (int j = 0; j < SP_JOINTS; j++) m->plan[j] = before[j] + sp_clip(wanted[j] - before[j], -step_reach, step_reach);
-    if (c->rolling) roll(m, before);
+    if (c->rolling) roll(robot, m, before);
 }
 
 /* Follow the torso's yaw, and where its filtered pose should be by now. */
@@ -391,7 +391,7 @@ void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb
 }
 
 /* One tick: where the joints are told to be. */
-void sp_gait_step(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q,
+void sp_gait_step(const sp_robot *robot, sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q,
                   const sp_residual *residual, double *plan)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -409,13 +409,13 @@ void sp_gait_step(sp_crawl *crawl, const double *position_w, const double *R_wb,
         m->slow_w[i] += slow * (position_w[i] - m->slow_w[i]);
     }
     m->time += dt;
-    if (m->phase == SP_DONE && m->count > 0) enter(crawl, 0, residual);
+    if (m->phase == SP_DONE && m->count > 0) enter(robot, crawl, 0, residual);
     if (m->phase != SP_DONE) {
         double speed = crawl->config.joint_speed * sp_max(0.0, residual->joint_speed_scale);
         if (on_feet(m->phase) || (m->phase == SP_HOLD && sp_gait_mode(crawl) == SP_PROGRAM_STANCE)) {
             track(crawl);
             trim(crawl);
-            push(crawl, speed);
+            push(robot, crawl, speed);
         } else if (legs_up(m->phase) || m->phase == SP_HOLD) {
             for (int j = 0; j < SP_JOINTS; j++)
                 m->plan[j] += sp_clip(m->target[j] - m->plan[j], -speed * dt, speed * dt);
@@ -426,7 +426,7 @@ void sp_gait_step(sp_crawl *crawl, const double *position_w, const double *R_wb,
             m->timeouts++;
             over = 1;
         }
-        if (over) enter(crawl, m->index + 1, residual);
+        if (over) enter(robot, crawl, m->index + 1, residual);
     }
     sp_copy(plan, m->plan, SP_JOINTS);
 }

@@ -4,7 +4,6 @@
 
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 /* ---- planar poses ---- */
 
@@ -53,9 +52,6 @@ static inline double length(double x, double y) { return sqrt(x * x + y * y); }
 static inline double wrapped(double angle) { return remainder(angle, SP_TWO_PI); }
 
 /* ---- legs ---- */
-
-#define UPPER (SP_YAW_TO_PITCH + SP_PITCH_TO_YAW)
-#define LOWER SP_PITCH_TO_FOOT
 
 static inline double azimuth(int leg) { return SP_PI / 4.0 + leg * SP_HALF_PI; }
 

@@ -1,7 +1,6 @@
 /* Inter-rotor interference: restricted rotors and the bounds of their θ [Zhao2025, Eq. 18-27, 33]. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 #define SUBSETS 32
 

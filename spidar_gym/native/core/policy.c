@@ -1,7 +1,6 @@
 /* A learned residual: a small network on what the environment shows it, bounded, and no faster than it may be. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 #include "spidar_policy.h" /* generated: network, normaliser, bounds, washout, authority; no layers without a policy */
 
 /* What flight and crawl cannot know at a policy's first tick: no action before it, no momentum of the legs. */
@@ -58,49 +57,50 @@ static void update_action(sp_policy *policy)
 }
 
 /* Add a channel's share where the action has it; what is left of the action. */
-static const double *add_channel(int channel, const double *share, double *to, int n)
+static const double *add_channel(int32_t channels, int channel, const double *share, double *to, int n)
 {
-    if (!(SP_POLICY_CHANNELS & channel)) return share;
+    if (!(channels & channel)) return share;
     for (int k = 0; k < n; k++) to[k] += share[k];
     return share + n;
 }
 
-/* What the action does, onto a neutral residual. */
-static void apply(const double *action, sp_residual *r)
+/* What an action of some channels (bits of sp_channel) does: `authority` is what 1 becomes, entry by entry. */
+void sp_make_residual(const double *action, const double *authority, int n, int32_t channels, sp_residual *r)
 {
-    double share[SP_MAX_ACTION] = {0.0};
-    for (int k = 0; k < SP_POLICY_ACTIONS; k++) share[k] = SP_POLICY_AUTHORITY[k] * action[k];
+    double share[SP_MAX_ENTRIES] = {0.0};
     const double *next = share;
-    next = add_channel(SP_CHANNEL_WRENCH, next, r->wrench, 6);
-    next = add_channel(SP_CHANNEL_JOINT_OFFSET, next, r->joint_offset, SP_JOINTS);
-    next = add_channel(SP_CHANNEL_JOINT_SPEED_SCALE, next, &r->joint_speed_scale, 1);
-    next = add_channel(SP_CHANNEL_FORCES, next, r->forces_l, SP_FORCES);
-    next = add_channel(SP_CHANNEL_GAIT, next, &r->joint_speed_scale, 1);
-    next = add_channel(SP_CHANNEL_GAIT, next, &r->raise_scale, 1);
-    next = add_channel(SP_CHANNEL_GAIT, next, &r->stride_scale, 1);
-    next = add_channel(SP_CHANNEL_GAIT, next, &r->lift_scale, 1);
-    add_channel(SP_CHANNEL_LEG_FORCES, next, r->leg_forces_b, 3 * SP_LEGS);
-    r->has_forces_l = (SP_POLICY_CHANNELS & SP_CHANNEL_FORCES) != 0;
-    r->has_leg_forces_b = (SP_POLICY_CHANNELS & SP_CHANNEL_LEG_FORCES) != 0;
+    *r = SP_NO_RESIDUAL;
+    for (int k = 0; k < n; k++) share[k] = authority[k] * action[k];
+    next = add_channel(channels, SP_CHANNEL_WRENCH, next, r->wrench, 6);
+    next = add_channel(channels, SP_CHANNEL_JOINT_OFFSET, next, r->joint_offset, SP_JOINTS);
+    next = add_channel(channels, SP_CHANNEL_JOINT_SPEED_SCALE, next, &r->joint_speed_scale, 1);
+    next = add_channel(channels, SP_CHANNEL_FORCES, next, r->forces_l, SP_FORCES);
+    next = add_channel(channels, SP_CHANNEL_GAIT, next, &r->joint_speed_scale, 1);
+    next = add_channel(channels, SP_CHANNEL_GAIT, next, &r->raise_scale, 1);
+    next = add_channel(channels, SP_CHANNEL_GAIT, next, &r->stride_scale, 1);
+    next = add_channel(channels, SP_CHANNEL_GAIT, next, &r->lift_scale, 1);
+    add_channel(channels, SP_CHANNEL_LEG_FORCES, next, r->leg_forces_b, 3 * SP_LEGS);
+    r->has_forces_l = (channels & SP_CHANNEL_FORCES) != 0;
+    r->has_leg_forces_b = (channels & SP_CHANNEL_LEG_FORCES) != 0;
 }
 
 /* ---- flight and crawl ---- */
 
 /* Thrust of the last command; before the first that of the state. */
-static void last_thrust(int32_t ticked, const double *forces_l, const sp_robot_state *state, double *thrust)
+static void last_thrust(const sp_robot *robot, int32_t ticked, const double *forces_l, const sp_robot_state *state, double *thrust)
 {
     for (int i = 0; i < SP_ROTORS; i++)
-        thrust[i] = ticked ? sp_min(sp_norm(forces_l + 3 * i), SP_MAX_THRUST) : state->thrust[i];
+        thrust[i] = ticked ? sp_min(sp_norm(forces_l + 3 * i), robot->max_thrust) : state->thrust[i];
 }
 
 /* The residual of this tick's flight: neutral without a policy for it. `control` is that of `state`. */
-void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
+void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_residual *residual)
 {
     double thrust[SP_ROTORS], momentum[3], rate[3];
     *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_FLIGHT) return;
-    last_thrust(flight->ticked, flight->memory.forces_l, state, thrust);
+    last_thrust(robot, flight->ticked, flight->memory.forces_l, state, thrust);
     sp_leg_momentum(&control->snapshot, flight->joint_velocity, momentum);
     for (int i = 0; i < 3; i++)
         rate[i] = policy->has_momentum ? (momentum[i] - policy->leg_momentum[i]) * flight->config.rate_hz : 0.0;
@@ -110,19 +110,19 @@ void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot
                preview->next_form, preview->time_to_next, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
                policy->observation);
     update_action(policy);
-    apply(policy->action, residual);
+    sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }
 
 /* The residual of this tick on the ground: neutral without a policy for it. `goal` is x, y [m], yaw [rad]. */
-void sp_policy_crawl(sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
+void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
                      sp_residual *residual)
 {
     double thrust[SP_ROTORS];
     *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_CRAWL) return;
-    last_thrust(crawl->ticked, crawl->memory.forces_l, state, thrust);
+    last_thrust(robot, crawl->ticked, crawl->memory.forces_l, state, thrust);
     sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
                      policy->observation);
     update_action(policy);
-    apply(policy->action, residual);
+    sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }

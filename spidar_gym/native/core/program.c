@@ -4,7 +4,6 @@
  */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 #include "spidar_modes.h" /* generated: the modes and how many rows a block has */
 
 const sp_mode *sp_find_mode(int32_t kind) { return &SP_MODES[kind]; }
@@ -52,7 +51,7 @@ static void add_cost(const sp_cost *cost, const sp_demand *d, int n, double *P, 
     }
 }
 
-static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A, double *l, double *u)
+static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_demand *d, int n, double *A, double *l, double *u)
 {
     switch (rows->kind) {
     case SP_WRENCH_BALANCE:
@@ -99,8 +98,8 @@ static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A
     case SP_CONTACT_WRENCH_RANGE: { /* [Zhao2025, Eq. 34, 35, 37] in {B} */
         /* w̲ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36]; w̄ is −w̲, f_z has no upper bound. */
         double friction = rows->a, least = rows->b, bound = friction * least / (2.0 * sqrt(2.0));
-        double tilt = 0.5 * SP_YAW_AXIS_XY * least - SP_PEG_DEPTH * bound;
-        double twist = 0.25 * friction * least * SP_YAW_AXIS_XY * sqrt(2.0);
+        double tilt = 0.5 * robot->yaw_axis_xy * least - robot->peg_depth * bound;
+        double twist = 0.25 * friction * least * robot->yaw_axis_xy * sqrt(2.0);
         double low[6] = {-bound, -bound, least, -tilt, -tilt, -twist}, w[6], lever[3];
         for (int c = 0; c < n; c++) {
             double f[3] = {d->thrust_map[c], d->thrust_map[n + c], d->thrust_map[2 * n + c]};
@@ -135,7 +134,7 @@ static void write_rows(const sp_rows *rows, const sp_demand *d, int n, double *A
 }
 
 /* The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them. */
-void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *p)
+void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *demand, sp_program *p)
 {
     int n = mode->n, m = mode->m, row = 0;
     p->n = n, p->m = m;
@@ -145,7 +144,7 @@ void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *p)
     for (int i = 0; i < m; i++) p->l[i] = -SP_INFINITY, p->u[i] = SP_INFINITY;
     for (int i = 0; i < SP_MODE_COSTS; i++) add_cost(&mode->costs[i], demand, n, p->P, p->q);
     for (int i = 0; i < SP_MODE_ROWS; i++) {
-        write_rows(&mode->rows[i], demand, n, p->A + row * n, p->l + row, p->u + row);
+        write_rows(robot, &mode->rows[i], demand, n, p->A + row * n, p->l + row, p->u + row);
         row += SP_ROWS_COUNTS[mode->rows[i].kind];
     }
 }

@@ -1,19 +1,31 @@
 /* SPIDAR's controller in flight and on the ground: what the simulator flies is what the robot runs.
  *
- * C99, no heap, no input or output. Every struct is plain data; a new controller is a reset one. The only state beside
- * the structs are OSQP's generated workspaces: globals that `sp_allocate` and `sp_project` write, for one thread at a
- * time, and that leave nothing of one tick to the next.
+ * C99, no heap, no globals that are written, no input or output. Every struct is plain data; a new controller is a reset
+ * one. What a tick works in, OSQP's work spaces included, is a room: a thread has one, and nothing in it outlives a tick.
+ * The robot's numbers are data as well (`sp_robot`); the export freezes them as SP_ROBOT.
  * Frames: w world, b torso, c CoG with torso axes, l axes of the link that carries a rotor, f floor. SI units.
  */
 #ifndef SPIDAR_CORE_H
 #define SPIDAR_CORE_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "spidar_structs.h" /* generated: every struct, and with it the constants that Python and C share */
 
+/* What a thread works in: the robot's numbers, a solver of OSQP for each program, hard and soft, room for linear algebra. */
+typedef struct {
+    const sp_robot *robot;
+    void *hard[SP_PROGRAMS], *soft[SP_PROGRAMS];
+    sp_workspace workspace;
+} sp_room;
+
+/* room.c */
+size_t sp_solvers_size(void);
+void sp_make_room(const sp_robot *robot, void *memory, sp_room *room); /* memory for the solvers, as of malloc, to stay */
+
 /* tree.c */
-void sp_snapshot_at(const double *q, const double *R_wb, const double *vectoring, sp_snapshot *snapshot);
+void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, const double *vectoring, sp_snapshot *snapshot);
 
 /* rotor.c */
 void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l);
@@ -33,7 +45,7 @@ void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, co
 /* program.c */
 const sp_mode *sp_find_mode(int32_t kind); /* of sp_program_kind, which begins with the allocations in flight */
 void sp_ground_mode(int32_t kind, const sp_crawler_config *config, sp_mode *mode);
-void sp_assemble(const sp_mode *mode, const sp_demand *demand, sp_program *program);
+void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *demand, sp_program *program);
 int sp_soft_rows(const sp_mode *mode, int32_t *rows);
 void sp_soften(const sp_program *program, const int32_t *rows, int count, double price, sp_program *soft);
 double sp_violation(const sp_program *program, const double *x);
@@ -45,47 +57,48 @@ int sp_sphere_optimum(const sp_program *program, const int32_t *soft, int count,
 
 /* allocate.c */
 void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
-                 int guess_rows, const sp_allocator_config *config, sp_workspace *work, sp_allocation *allocation);
+                 int guess_rows, const sp_allocator_config *config, sp_room *room, sp_allocation *allocation);
 void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
-                const sp_allocator_config *config, sp_workspace *work, sp_allocation *allocation);
-double sp_limit_thrust(double *force);
+                const sp_allocator_config *config, sp_room *room, sp_allocation *allocation);
+double sp_limit_thrust(const sp_robot *robot, double *force);
 
 /* flight.c */
 void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
-void sp_flight_reset(sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
-void sp_rest_vectoring(const sp_controller_config *config, const double *q, double *vectoring);
+void sp_flight_reset(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
+void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring);
 void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
-void sp_compute_state(const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
+void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
-                    const sp_residual *residual, const sp_control_state *control, sp_command *command);
+                    const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
 
 /* legs.c */
-int sp_leg_angles(const double *feet_b, double *q);
-void sp_feet_at(const double *q, double *feet_b);
-void sp_home(const sp_gait_config *config, double *home_b);
-int sp_stride_fits(const sp_gait_config *config, const double *home_b, sp_pose2 way, double lift_height);
-double sp_largest_stride(const sp_crawl *crawl, sp_pose2 way); /* as a share of the way */
+int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q);
+void sp_feet_at(const sp_robot *robot, const double *q, double *feet_b);
+void sp_home(const sp_robot *robot, const sp_gait_config *config, double *home_b);
+int sp_stride_fits(const sp_robot *robot, const sp_gait_config *config, const double *home_b, sp_pose2 way, double lift_height);
+double sp_largest_stride(const sp_robot *robot, const sp_crawl *crawl, sp_pose2 way); /* as a share of the way */
 
 /* gait.c */
 void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q);
-int sp_gait_move(sp_crawl *crawl, sp_pose2 way, int cycles);
+int sp_gait_move(const sp_robot *robot, sp_crawl *crawl, sp_pose2 way, int cycles);
 int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seconds);
-int sp_gait_stand(sp_crawl *crawl, double height, double seconds);
+int sp_gait_stand(const sp_robot *robot, sp_crawl *crawl, double height, double seconds);
 int sp_gait_done(const sp_crawl *crawl);
 sp_program_kind sp_gait_mode(const sp_crawl *crawl);
 void sp_gait_lifted(const sp_crawl *crawl, int32_t *lifted);
-void sp_gait_step(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q,
+void sp_gait_step(const sp_robot *robot, sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q,
                   const sp_residual *residual, double *plan);
 
 /* crawl.c */
-void sp_crawl_init(sp_crawl *crawl, const sp_crawler_config *config);
+void sp_crawl_init(const sp_robot *robot, sp_crawl *crawl, const sp_crawler_config *config);
 void sp_crawl_reset(sp_crawl *crawl, const sp_robot_state *state);
-void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_command *command);
+void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
+                   sp_command *command);
 
 /* estimate.c */
 void sp_estimator_init(sp_estimator *estimator, const sp_estimator_config *config);
-void sp_estimator_reset(sp_estimator *estimator, const sp_robot_state *state);
-void sp_estimator_update(sp_estimator *estimator, const sp_measurement *measurement, const double *thrust,
+void sp_estimator_reset(const sp_robot *robot, sp_estimator *estimator, const sp_robot_state *state);
+void sp_estimator_update(const sp_robot *robot, sp_estimator *estimator, const sp_measurement *measurement, const double *thrust,
                          sp_robot_state *state);
 
 /* observe.c */
@@ -98,11 +111,12 @@ int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const d
 
 /* policy.c: called before the controller's step, which gets the residual, or NULL where the policy is switched off;
  * reset whenever it is switched on. */
+void sp_make_residual(const double *action, const double *authority, int n, int32_t channels, sp_residual *residual);
 int sp_policy_kind(void); /* sp_policy_target */
 void sp_policy_reset(sp_policy *policy);
-void sp_policy_flight(sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
+void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_residual *residual);
-void sp_policy_crawl(sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
+void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
                      sp_residual *residual);
 
 /* border.c */

@@ -1,7 +1,6 @@
 /* The kinematic tree: (joint angles, attitude, vectoring angles) → snapshot. The table is generated. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 /* Frames and composites of the bodies; body 0 is the torso. */
 typedef struct {
@@ -17,12 +16,12 @@ static void shift(double *I, double m, const double *d)
         for (int j = 0; j < 3; j++) I[3 * i + j] += m * ((i == j ? s : 0.0) - d[i] * d[j]);
 }
 
-static void place(const double *q, const double *vectoring, tree *t)
+static void place(const sp_robot *robot, const double *q, const double *vectoring, tree *t)
 {
     sp_identity(t->R[0]);
     sp_zero(t->p[0], 3);
     for (int k = 0; k < SP_BODIES; k++) {
-        const sp_body *body = &SP_TREE[k];
+        const sp_body *body = &robot->tree[k];
         if (k > 0) {
             const double *R0 = t->R[body->parent];
             double angle = body->joint < SP_JOINTS ? q[body->joint] : vectoring[body->joint - SP_JOINTS];
@@ -48,7 +47,7 @@ static void place(const double *q, const double *vectoring, tree *t)
         sp_product(RI, Rt, t->inertia[k]);
     }
     for (int k = SP_BODIES - 1; k > 0; k--) { /* children come after their parents */
-        int up = SP_TREE[k].parent;
+        int up = robot->tree[k].parent;
         double m = t->mass[up] + t->mass[k], com[3], d[3];
         for (int i = 0; i < 3; i++) com[i] = (t->mass[up] * t->com[up][i] + t->mass[k] * t->com[k][i]) / m;
         for (int i = 0; i < 3; i++) d[i] = t->com[up][i] - com[i];
@@ -70,17 +69,17 @@ static void column(const tree *t, int k, const double *point, double *J, int j)
     for (int i = 0; i < 3; i++) J[SP_JOINTS * i + j] = v[i];
 }
 
-void sp_snapshot_at(const double *q, const double *R_wb, const double *vectoring, sp_snapshot *s)
+void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, const double *vectoring, sp_snapshot *s)
 {
     tree t;
-    place(q, vectoring, &t);
+    place(robot, q, vectoring, &t);
     s->mass = t.mass[0];
     sp_copy(s->com_b, t.com[0], 3);
     sp_copy(s->inertia_c, t.inertia[0], 9);
     sp_zero(s->J_rotor[0], SP_ROTORS * 3 * SP_JOINTS);
     sp_zero(s->J_foot[0], SP_LEGS * 3 * SP_JOINTS);
     for (int j = 0; j < SP_JOINTS; j++) {
-        int k = SP_JOINT_BODY[j];
+        int k = robot->joint_body[j];
         double arm[3], v[3], L[3], turn[3], Ia[3];
         for (int i = 0; i < 3; i++) arm[i] = t.com[k][i] - t.p[k][i];
         sp_cross(t.axis[k], arm, v);
@@ -95,21 +94,21 @@ void sp_snapshot_at(const double *q, const double *R_wb, const double *vectoring
             s->momentum_map[SP_JOINTS * (3 + i) + j] = turn[i];
         }
         /* The rate at which a joint lifts the CoG, times the weight. */
-        s->gravity_torque[j] = SP_GRAVITY * sp_dot(R_wb + 6, v);
+        s->gravity_torque[j] = robot->gravity * sp_dot(R_wb + 6, v);
     }
     for (int i = 0; i < SP_ROTORS; i++) {
-        const double *centre = t.p[SP_ROTOR_BODY[i]];
-        sp_copy(s->R_bl[i], t.R[SP_LINK_BODY[i]], 9);
+        const double *centre = t.p[robot->rotor_body[i]];
+        sp_copy(s->R_bl[i], t.R[robot->link_body[i]], 9);
         for (int k = 0; k < 3; k++) s->rotor_c[i][k] = centre[k] - s->com_b[k];
         int first = 4 * (i / 2), last = first + (i % 2 ? 4 : 2);
-        for (int j = first; j < last; j++) column(&t, SP_JOINT_BODY[j], centre, s->J_rotor[i], j);
+        for (int j = first; j < last; j++) column(&t, robot->joint_body[j], centre, s->J_rotor[i], j);
     }
     for (int leg = 0; leg < SP_LEGS; leg++) {
-        int link = SP_LINK_BODY[2 * leg + 1];
-        double out[3] = {SP_PITCH_TO_FOOT, 0.0, 0.0};
+        int link = robot->link_body[2 * leg + 1];
+        double out[3] = {robot->pitch_to_foot, 0.0, 0.0};
         sp_apply(t.R[link], out, s->feet_b[leg]);
         for (int i = 0; i < 3; i++) s->feet_b[leg][i] += t.p[link][i];
         for (int j = 4 * leg; j < 4 * leg + 4; j++)
-            column(&t, SP_JOINT_BODY[j], s->feet_b[leg], s->J_foot[leg], j);
+            column(&t, robot->joint_body[j], s->feet_b[leg], s->J_foot[leg], j);
     }
 }

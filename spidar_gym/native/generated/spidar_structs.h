@@ -245,6 +245,29 @@ typedef struct {
     double vectoring_bandwidth; /* Bandwidth of the vectoring velocity [rad/s]. */
 } sp_estimator_config;
 
+/* A body of the kinematic tree, and the joint that carries it. */
+typedef struct {
+    int32_t parent, joint; /* its parent, before it in the tree; 0 … 15 are joints, from 16 on vectoring angles */
+    double rotation[9]; /* of the joint in its parent */
+    double position[3], axis[3]; /* of the joint in its parent [m]; in the body's own axes */
+    double mass; /* [kg] */
+    double com[3]; /* in the body's own axes [m] */
+    double inertia[9]; /* about its CoG, in the body's own axes [kg m²] */
+} sp_body;
+
+/* The robot's numbers. */
+typedef struct {
+    sp_body tree[33]; /* the torso first, every other body after its parent */
+    int32_t joint_body[16]; /* bodies that the joints carry */
+    int32_t link_body[8], rotor_body[8]; /* the links, and the modules at their rotors */
+    double gravity, weight, hover_thrust, max_thrust; /* [m/s²], [N] */
+    double max_joint_torque, joint_limit, joint_kp; /* [Nm], [rad], [Nm/rad] */
+    double max_vectoring_speed; /* [rad/s] */
+    double yaw_axis_xy, yaw_axis_radius, yaw_axis_z, yaw_to_pitch, pitch_to_yaw, pitch_to_foot; /* of a leg [m] */
+    double foot_radius, peg_depth; /* [m] */
+    double flight_controller[3]; /* where motion capture and inertial unit look [m] */
+} sp_robot;
+
 /* Model quantities at one configuration, torso axes. */
 typedef struct {
     double mass; /* [kg] */
@@ -316,7 +339,7 @@ typedef struct {
     double miss[168], D[168], product[168];
 } sp_cone;
 
-/* Room for the linear algebra of a tick; nothing in it outlives one. */
+/* Room for the linear algebra of a tick. */
 typedef struct {
     sp_program program, soft;
     double K[25600];
@@ -369,7 +392,6 @@ typedef struct {
     double wrench_desired[6]; /* residual included, {CoG} [N, Nm] */
     double joint_velocity[16]; /* commanded [rad/s] */
     sp_allocation allocation;
-    sp_workspace workspace;
 } sp_flight;
 
 /* One run through some phases. */
@@ -433,7 +455,6 @@ typedef struct {
     sp_snapshot snapshot;
     sp_demand demand;
     sp_allocation allocation;
-    sp_workspace workspace;
 } sp_crawl;
 
 /* The state estimator. */

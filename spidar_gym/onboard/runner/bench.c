@@ -80,7 +80,7 @@ static void report(const char *name, cost *c)
 
 /* Demands that no force meets: closed form, attempts up to the cap, then the softened program, which goes to its own. */
 static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const double *previous_l,
-                          const sp_allocator_config *config, sp_workspace *work, cost *c)
+                          const sp_allocator_config *config, cost *c)
 {
     static sp_allocation answer;
     int most = 0;
@@ -90,7 +90,7 @@ static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const do
         asked.wrench[3] += 0.3 * k;
         for (int j = 0; j < SP_JOINTS; j++) asked.gravity_torque[j] *= 1.0 + 0.05 * k;
         start_clock();
-        sp_allocate(mode, &asked, previous_l, NULL, 0, config, work, &answer);
+        sp_allocate(mode, &asked, previous_l, NULL, 0, config, sp_own_room(), &answer);
         stop_clock(c);
         if (answer.iterations > most) most = answer.iterations;
     }
@@ -122,7 +122,7 @@ static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *harde
     if (mode == NULL) return 0;
     report(flies ? "flight, whole ticks" : "crawl, whole ticks", whole);
     bench_hardest(mode, &demand, flies ? f->memory.forces_l : c->memory.forces_l,
-                  flies ? &f->config.allocator : &c->config.allocator, flies ? &f->workspace : &c->workspace, hardest);
+                  flies ? &f->config.allocator : &c->config.allocator, hardest);
     return 1;
 }
 

@@ -14,7 +14,7 @@ static const char *expected(int k)
     return k < SP_JOINTS ? SP_JOINT_NAMES[k] : SP_GIMBAL_NAMES[k - SP_JOINTS];
 }
 
-int sp_agree(const sp_robot *robot, int32_t odometry, char *reason, size_t size)
+int sp_agree(const sp_found *robot, int32_t odometry, char *reason, size_t size)
 {
     for (int t = 0; t < SP_TOPICS; t++) {
         if (odometry ? t == SP_TOPIC_IMU || t == SP_TOPIC_POSE : t == SP_TOPIC_ODOMETRY) continue;

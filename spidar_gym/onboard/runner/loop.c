@@ -24,7 +24,7 @@ static int begin_crawl(sp_loop *l, const sp_robot_state *state)
 {
     sp_crawl_reset(&l->crawl, state);
     for (int k = 0; k < l->mission.move_count; k++)
-        if (!sp_gait_move(&l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
+        if (!sp_gait_move(&SP_ROBOT, &l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
     return 1;
 }
 
@@ -34,14 +34,14 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     l->mission = *mission;
     sp_sense_init(&l->sense, mission);
     sp_flight_init(&l->flight, &mission->controller);
-    sp_crawl_init(&l->crawl, &mission->crawler);
+    sp_crawl_init(&SP_ROBOT, &l->crawl, &mission->crawler);
     if (mission->residual && sp_policy_kind() != (mission->crawls ? SP_POLICY_CRAWL : SP_POLICY_FLIGHT))
         return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
     if (!mission->crawls) return NULL;
     sp_robot_state nominal;
     memset(&nominal, 0, sizeof nominal);
     nominal.quat_wb[0] = 1.0;
-    sp_leg_angles(l->crawl.home_b, nominal.joint_position);
+    sp_leg_angles(&SP_ROBOT, l->crawl.home_b, nominal.joint_position);
     return begin_crawl(l, &nominal) ? NULL : "a move of the mission is out of reach; valid: shorter ones";
 }
 
@@ -62,7 +62,7 @@ static sp_fault check_limits(const sp_loop *l, double now)
 static int thrust_within_limits(const double *thrust)
 {
     for (int i = 0; i < SP_ROTORS; i++)
-        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_MAX_THRUST + 1e-6)) return 0;
+        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_ROBOT.max_thrust + 1e-6)) return 0;
     return 1;
 }
 
@@ -74,12 +74,12 @@ static void learn_trim(sp_loop *l, const sp_loop_input *input)
     double R[9], Q[6 * SP_FORCES], forces[SP_FORCES], rate = (input->time - l->last) / TRIM_SECONDS;
     const sp_robot_state *x = &l->sense.state;
     sp_from_quat(x->quat_wb, R);
-    sp_snapshot_at(x->joint_position, R, x->vectoring, &snapshot);
+    sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &snapshot);
     sp_thrust_map(&snapshot, Q, SP_FORCES);
     sp_vectoring_to_force(input->thrust, x->vectoring, forces);
     if (!l->has_trim || rate > 1.0) rate = 1.0;
     for (int r = 0; r < 6; r++) {
-        double w = r < 3 ? -snapshot.mass * SP_GRAVITY * R[6 + r] : 0.0;
+        double w = r < 3 ? -snapshot.mass * SP_ROBOT.gravity * R[6 + r] : 0.0;
         for (int k = 0; k < SP_FORCES; k++) w += Q[r * SP_FORCES + k] * forces[k];
         l->trim[r] += rate * (w - l->trim[r]);
     }
@@ -94,7 +94,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     l->taken_over = input->time;
     memset(&l->command, 0, sizeof l->command);
     if (thrust_within_limits(input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
-    sp_make_command(l->command.thrust, x->vectoring, x->joint_position, SP_MAX_JOINT_TORQUE, &l->command);
+    sp_make_command(l->command.thrust, x->vectoring, x->joint_position, SP_ROBOT.max_joint_torque, &l->command);
     sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
     double R[9], lever[3];
@@ -107,14 +107,14 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
         return 1;
     }
     sp_reference *r = &l->reference;
-    sp_snapshot_at(x->joint_position, R, x->vectoring, &snapshot);
+    sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &snapshot);
     sp_apply(R, snapshot.com_b, lever);
     memset(r, 0, sizeof *r);
     r->quat_wb[0] = cos(0.5 * yaw);
     r->quat_wb[3] = sin(0.5 * yaw);
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
     sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
-    sp_flight_reset(&l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
+    sp_flight_reset(&SP_ROBOT, &l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
     return 1;
 }
 
@@ -136,7 +136,7 @@ static int command_within_limits(const sp_command *c)
 {
     if (!thrust_within_limits(c->thrust)) return 0;
     for (int j = 0; j < SP_JOINTS; j++)
-        if (!(fabs(c->joint_position[j]) <= SP_JOINT_LIMIT + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
+        if (!(fabs(c->joint_position[j]) <= SP_ROBOT.joint_limit + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
     return 1;
 }
 
@@ -152,8 +152,8 @@ static void apply_policy(sp_loop *l, double t, sp_control_state *control, sp_res
         sp_copy(preview.next_form, m->forms[k].joint_target, SP_JOINTS);
         preview.time_to_next = m->forms[k].start - t;
     }
-    sp_compute_state(&l->sense.state, &l->reference, control);
-    sp_policy_flight(&l->policy, &l->flight, &l->sense.state, control, &preview, residual);
+    sp_compute_state(&SP_ROBOT, &l->sense.state, &l->reference, control);
+    sp_policy_flight(&SP_ROBOT, &l->policy, &l->flight, &l->sense.state, control, &preview, residual);
 }
 
 /* One tick of the controller; what is wrong with it. */
@@ -166,8 +166,8 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
     sp_control_state control;
     int with_policy = l->mission.residual;
     if (l->mission.crawls) {
-        if (with_policy) sp_policy_crawl(&l->policy, &l->crawl, x, l->goal, &residual);
-        sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, &command);
+        if (with_policy) sp_policy_crawl(&SP_ROBOT, &l->policy, &l->crawl, x, l->goal, &residual);
+        sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, sp_own_room(), &command);
         l->finished = l->finished || (sp_gait_done(&l->crawl) && l->crawl.memory.gap == 0.0);
         a = &l->crawl.allocation;
         l->answer.phase = l->crawl.gait.phase;
@@ -176,7 +176,7 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
         update_reference(l, input->time - l->taken_over);
         if (with_policy) apply_policy(l, input->time - l->taken_over, &control, &residual);
         sp_flight_step(&l->flight, x, &l->reference, with_policy ? &residual : NULL, with_policy ? &control : NULL,
-                       &command);
+                       sp_own_room(), &command);
         a = &l->flight.allocation;
     }
     l->answer.status = a->status;

@@ -57,10 +57,10 @@ static const char *read_form(sp_mission *m, char **words, int count)
     if (m->form_count == SP_MAX_FORMS || (m->form_count > 0 && v[0] < m->forms[m->form_count - 1].start))
         return "at most 64 forms, in the order of their times";
     for (int j = 0; j < SP_JOINTS; j++)
-        if (!(fabs(v[1 + j]) <= SP_JOINT_LIMIT + 1e-3)) return "form angles within ± 90 degrees";
+        if (!(fabs(v[1 + j]) <= SP_ROBOT.joint_limit + 1e-3)) return "form angles within ± 90 degrees";
     m->forms[m->form_count].start = v[0];
     for (int j = 0; j < SP_JOINTS; j++) /* a rounded right angle is one */
-        m->forms[m->form_count].joint_target[j] = sp_clip(v[1 + j], -SP_JOINT_LIMIT, SP_JOINT_LIMIT);
+        m->forms[m->form_count].joint_target[j] = sp_clip(v[1 + j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
     m->form_count++;
     return NULL;
 }

@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 
 #include "runner.h"
+#include "spidar_model.h"
 
 #define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
 #define WRITE(x) (fwrite(&(x), sizeof(x), 1, out) == 1)
@@ -23,18 +24,18 @@ const char *sp_recorded_begin(FILE *in, sp_recorded *r)
         sp_log_start start;
         if (!READ(config) || !READ(start)) return ENDS_EARLY;
         sp_flight_init(&r->flight, &config);
-        sp_flight_reset(&r->flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
+        sp_flight_reset(&SP_ROBOT, &r->flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
     } else if (r->head.kind != SP_LOG_RUN) {
         sp_crawler_config config;
         sp_robot_state state;
         sp_move move;
         if (!READ(config) || !READ(state)) return ENDS_EARLY;
-        sp_crawl_init(&r->crawl, &config);
+        sp_crawl_init(&SP_ROBOT, &r->crawl, &config);
         sp_crawl_reset(&r->crawl, &state);
         for (;;) {
             if (!READ(move)) return ENDS_EARLY;
             if (move.cycles < 0) break;
-            if (!sp_gait_move(&r->crawl, move.way, move.cycles)) return IMPOSSIBLE;
+            if (!sp_gait_move(&SP_ROBOT, &r->crawl, move.way, move.cycles)) return IMPOSSIBLE;
         }
     }
     return NULL;
@@ -44,10 +45,10 @@ const sp_allocation *sp_recorded_tick(sp_recorded *r, const sp_log_input *input,
 {
     const sp_residual *residual = input->has_residual ? &input->residual : NULL;
     if (r->head.kind == SP_LOG_FLIGHT) {
-        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, command);
+        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, sp_own_room(), command);
         return &r->flight.allocation;
     }
-    sp_crawl_step(&r->crawl, &input->state, residual, command);
+    sp_crawl_step(&r->crawl, &input->state, residual, sp_own_room(), command);
     return &r->crawl.allocation;
 }
 

@@ -110,9 +110,9 @@ public:
     }
 
     /* What was found out, as the contract asks for it; the pointers live as long as this. */
-    sp_robot found()
+    sp_found found()
     {
-        sp_robot robot;
+        sp_found robot;
         robot.model = in_.getParam("spidar_model_sha256", model_) ? model_.c_str() : NULL;
         words_.clear();
         for (size_t k = 0; k < names_.size(); k++) words_.push_back(names_[k].c_str());
@@ -412,7 +412,7 @@ int serve(sp_run *run, const char *robot_ns, const char *out_ns)
     if (!robot.listen()) return sp_reject("", "ended before it had heard the robot");
     if (!robot.dry() && !robot.rival().empty())
         return sp_reject(robot.rival().c_str(), " drives the robot already; valid: one runner at a time");
-    const sp_robot found = robot.found();
+    const sp_found found = robot.found();
     if (!sp_agree(&found, run->loop.mission.odometry, reason, sizeof reason)) return sp_reject("", reason);
     /* What is there now: memory that comes later must not fail for want of a right to lock it. */
     urgent = mlockall(MCL_CURRENT) == 0 && urgent;

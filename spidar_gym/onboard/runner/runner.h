@@ -27,6 +27,9 @@ void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *out
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);
 
+/* room.c: of the whole program. */
+sp_room *sp_own_room(void);
+
 /* contract.c: what the robot has to be, asked before anything is sent to it: the same model, the same joints, topics at
  * their rates; 1, or 0 and a sentence. `odometry` as in the mission. */
 typedef struct {
@@ -34,8 +37,8 @@ typedef struct {
     int32_t name_count;
     const char *const *names; /* of `joint_states` */
     double rates[SP_TOPICS];  /* measured [Hz]; 0 where nothing came */
-} sp_robot;
-int sp_agree(const sp_robot *robot, int32_t odometry, char *reason, size_t size);
+} sp_found;
+int sp_agree(const sp_found *robot, int32_t odometry, char *reason, size_t size);
 
 /* run.c: a loop with its log and its clock: what every link drives. */
 #define SP_BINS 400

@@ -118,8 +118,8 @@ static void from_odometry(sp_sense *s)
         q[j] = x->joint_position[j] + step * x->joint_velocity[j];
         v[j] = x->vectoring[j] + step * x->vectoring_velocity[j];
     }
-    sp_snapshot_at(x->joint_position, R, x->vectoring, &here);
-    sp_snapshot_at(q, R, v, &soon);
+    sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &here);
+    sp_snapshot_at(&SP_ROBOT, q, R, v, &soon);
     sp_cross(o->omega_b, here.com_b, swing);
     for (int i = 0; i < 3; i++) rate[i] = swing[i] + (soon.com_b[i] - here.com_b[i]) / step;
     sp_apply(R, here.com_b, lever);
@@ -139,11 +139,11 @@ static void start(sp_sense *s, double now)
     first.time = now;
     sp_copy(first.quat_wb, s->pose_quat_wb, 4);
     sp_from_quat(s->pose_quat_wb, R);
-    sp_apply(R, SP_FLIGHT_CONTROLLER, lever);
+    sp_apply(R, SP_ROBOT.flight_controller, lever);
     for (int i = 0; i < 3; i++) first.position_w[i] = s->pose_position_w[i] - lever[i];
     sp_copy(first.joint_position, s->state.joint_position, SP_JOINTS);
     sp_copy(first.vectoring, s->state.vectoring, 2 * SP_ROTORS);
-    sp_estimator_reset(&s->estimator, &first);
+    sp_estimator_reset(&SP_ROBOT, &s->estimator, &first);
 }
 
 void sp_sense_init(sp_sense *s, const sp_mission *mission)
@@ -184,7 +184,7 @@ sp_fault sp_sense_update(sp_sense *s, const sp_mission *mission, const sp_loop_i
         start(s, now);
         s->started = 1;
     }
-    sp_estimator_update(&s->estimator, &clean, thrust, &s->state);
+    sp_estimator_update(&SP_ROBOT, &s->estimator, &clean, thrust, &s->state);
     if (mission->odometry) from_odometry(s);
     if (now - s->joint_time > limits->joint_age) first_of(&fault, SP_NO_JOINTS);
     if (now - s->pose_time > limits->pose_age) first_of(&fault, SP_NO_POSE);

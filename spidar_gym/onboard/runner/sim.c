@@ -63,7 +63,7 @@ static const char *meet(int link, int32_t odometry)
     if (!receive_all(link, hello.interface, front) || memcmp(hello.interface, SP_RUNNER_INTERFACE, front) != 0 ||
         !receive_all(link, (char *)&hello + front, sizeof hello - front))
         return "the simulator speaks another interface; valid: one of this export";
-    sp_robot robot = {.model = hello.model, .name_count = hello.name_count, .names = names};
+    sp_found robot = {.model = hello.model, .name_count = hello.name_count, .names = names};
     hello.model[sizeof hello.model - 1] = 0;
     for (int k = 0; k < SP_NAMES; k++) {
         hello.names[k][sizeof hello.names[k] - 1] = 0;

@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for as_flown_soft. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "as_flown_soft_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings as_flown_soft_settings = {
+const as_flown_soft_space as_flown_soft_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings as_flown_soft_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat as_flown_soft_sol_x[30];
-OSQPFloat as_flown_soft_sol_y[54];
-OSQPFloat as_flown_soft_sol_prim_inf_cert[54];
-OSQPFloat as_flown_soft_sol_dual_inf_cert[30];
-OSQPSolution as_flown_soft_sol = {
-  as_flown_soft_sol_x,
-  as_flown_soft_sol_y,
-  as_flown_soft_sol_prim_inf_cert,
-  as_flown_soft_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo as_flown_soft_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&as_flown_soft_SPACE.sol_x,
+  (OSQPFloat *)&as_flown_soft_SPACE.sol_y,
+  (OSQPFloat *)&as_flown_soft_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&as_flown_soft_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo as_flown_soft_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt as_flown_soft_data_P_csc_p[31] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -108,9 +95,9 @@ OSQPInt as_flown_soft_data_P_csc_p[31] = {
   87,
   88,
   89,
-  90,
-};
-OSQPInt as_flown_soft_data_P_csc_i[90] = {
+  90
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -200,9 +187,9 @@ OSQPInt as_flown_soft_data_P_csc_i[90] = {
   26,
   27,
   28,
-  29,
-};
-OSQPFloat as_flown_soft_data_P_csc_x[90] = {
+  29
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -292,22 +279,22 @@ OSQPFloat as_flown_soft_data_P_csc_x[90] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix as_flown_soft_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   30,
   30,
-  as_flown_soft_data_P_csc_p,
-  as_flown_soft_data_P_csc_i,
-  as_flown_soft_data_P_csc_x,
+  (OSQPInt *)&as_flown_soft_SPACE.data_P_csc_p,
+  (OSQPInt *)&as_flown_soft_SPACE.data_P_csc_i,
+  (OSQPFloat *)&as_flown_soft_SPACE.data_P_csc_x,
   90,
-  -1,
-};
-OSQPMatrix as_flown_soft_data_P = {
-  &as_flown_soft_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&as_flown_soft_SPACE.data_P_csc,
   1
-};
-OSQPInt as_flown_soft_data_A_csc_p[31] = {
+    },
+    .data_A_csc_p = {
   0,
   9,
   19,
@@ -338,9 +325,9 @@ OSQPInt as_flown_soft_data_A_csc_p[31] = {
   235,
   236,
   237,
-  238,
-};
-OSQPInt as_flown_soft_data_A_csc_i[238] = {
+  238
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -578,9 +565,9 @@ OSQPInt as_flown_soft_data_A_csc_i[238] = {
   2,
   3,
   4,
-  5,
-};
-OSQPFloat as_flown_soft_data_A_csc_x[238] = {
+  5
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -818,22 +805,22 @@ OSQPFloat as_flown_soft_data_A_csc_x[238] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix as_flown_soft_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   54,
   30,
-  as_flown_soft_data_A_csc_p,
-  as_flown_soft_data_A_csc_i,
-  as_flown_soft_data_A_csc_x,
+  (OSQPInt *)&as_flown_soft_SPACE.data_A_csc_p,
+  (OSQPInt *)&as_flown_soft_SPACE.data_A_csc_i,
+  (OSQPFloat *)&as_flown_soft_SPACE.data_A_csc_x,
   238,
-  -1,
-};
-OSQPMatrix as_flown_soft_data_A = {
-  &as_flown_soft_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&as_flown_soft_SPACE.data_A_csc,
   0
-};
-OSQPFloat as_flown_soft_data_q_val[30] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -863,13 +850,13 @@ OSQPFloat as_flown_soft_data_q_val[30] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_data_q = {
-  as_flown_soft_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&as_flown_soft_SPACE.data_q_val,
   30
-};
-OSQPFloat as_flown_soft_data_l_val[54] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -923,13 +910,13 @@ OSQPFloat as_flown_soft_data_l_val[54] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_data_l = {
-  as_flown_soft_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&as_flown_soft_SPACE.data_l_val,
   54
-};
-OSQPFloat as_flown_soft_data_u_val[54] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -983,24 +970,22 @@ OSQPFloat as_flown_soft_data_u_val[54] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_data_u = {
-  as_flown_soft_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&as_flown_soft_SPACE.data_u_val,
   54
-};
-OSQPData as_flown_soft_data = {
+    },
+    .data = {
   30,
   54,
-  &as_flown_soft_data_P,
-  &as_flown_soft_data_A,
-  &as_flown_soft_data_q,
-  &as_flown_soft_data_l,
-  &as_flown_soft_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt as_flown_soft_linsys_L_p[85] = {
+  (OSQPMatrix *)&as_flown_soft_SPACE.data_P,
+  (OSQPMatrix *)&as_flown_soft_SPACE.data_A,
+  (OSQPVectorf *)&as_flown_soft_SPACE.data_q,
+  (OSQPVectorf *)&as_flown_soft_SPACE.data_l,
+  (OSQPVectorf *)&as_flown_soft_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -1085,9 +1070,9 @@ OSQPInt as_flown_soft_linsys_L_p[85] = {
   310,
   312,
   313,
-  313,
-};
-OSQPInt as_flown_soft_linsys_L_i[313] = {
+  313
+    },
+    .linsys_L_i = {
   72,
   73,
   74,
@@ -1400,9 +1385,9 @@ OSQPInt as_flown_soft_linsys_L_i[313] = {
   83,
   82,
   83,
-  83,
-};
-OSQPFloat as_flown_soft_linsys_L_x[313] = {
+  83
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1715,18 +1700,18 @@ OSQPFloat as_flown_soft_linsys_L_x[313] = {
   (OSQPFloat)0.00002399802416249865,
   (OSQPFloat)0.00002399744827115520,
   (OSQPFloat)0.00002399744827115520,
-  (OSQPFloat)0.00002399687240745093,
-};
-OSQPCscMatrix as_flown_soft_linsys_L = {
+  (OSQPFloat)0.00002399687240745093
+    },
+    .linsys_L = {
   84,
   84,
-  as_flown_soft_linsys_L_p,
-  as_flown_soft_linsys_L_i,
-  as_flown_soft_linsys_L_x,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_L_p,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_L_i,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_L_x,
   313,
-  -1,
-};
-OSQPFloat as_flown_soft_linsys_Dinv[84] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1810,9 +1795,9 @@ OSQPFloat as_flown_soft_linsys_Dinv[84] = {
   (OSQPFloat)-0.00000099997500200184,
   (OSQPFloat)-0.00000099997500257773,
   (OSQPFloat)-0.00000099997500315359,
-  (OSQPFloat)-0.00000099997500372942,
-};
-OSQPInt as_flown_soft_linsys_P[84] = {
+  (OSQPFloat)-0.00000099997500372942
+    },
+    .linsys_P = {
   54,
   55,
   56,
@@ -1896,11 +1881,9 @@ OSQPInt as_flown_soft_linsys_P[84] = {
   33,
   34,
   35,
-  30,
-};
-OSQPFloat as_flown_soft_linsys_bp[84];
-OSQPFloat as_flown_soft_linsys_sol[84];
-OSQPFloat as_flown_soft_linsys_rho_inv_vec[54] = {
+  30
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1954,9 +1937,9 @@ OSQPFloat as_flown_soft_linsys_rho_inv_vec[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt as_flown_soft_linsys_KKT_p[85] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -2041,9 +2024,9 @@ OSQPInt as_flown_soft_linsys_KKT_p[85] = {
   304,
   330,
   356,
-  382,
-};
-OSQPInt as_flown_soft_linsys_KKT_i[382] = {
+  382
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -2425,9 +2408,9 @@ OSQPInt as_flown_soft_linsys_KKT_i[382] = {
   76,
   77,
   36,
-  83,
-};
-OSQPFloat as_flown_soft_linsys_KKT_x[382] = {
+  83
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2809,18 +2792,18 @@ OSQPFloat as_flown_soft_linsys_KKT_x[382] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)-1000000.00000000000000000000,
-};
-OSQPCscMatrix as_flown_soft_linsys_KKT = {
+  (OSQPFloat)-1000000.00000000000000000000
+    },
+    .linsys_KKT = {
   84,
   84,
-  as_flown_soft_linsys_KKT_p,
-  as_flown_soft_linsys_KKT_i,
-  as_flown_soft_linsys_KKT_x,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_KKT_p,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_KKT_x,
   382,
-  -1,
-};
-OSQPInt as_flown_soft_linsys_PtoKKT[90] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   54,
   58,
   59,
@@ -2910,9 +2893,9 @@ OSQPInt as_flown_soft_linsys_PtoKKT[90] = {
   38,
   39,
   40,
-  41,
-};
-OSQPInt as_flown_soft_linsys_AtoKKT[238] = {
+  41
+    },
+    .linsys_AtoKKT = {
   356,
   226,
   252,
@@ -3150,9 +3133,9 @@ OSQPInt as_flown_soft_linsys_AtoKKT[238] = {
   276,
   302,
   328,
-  354,
-};
-OSQPInt as_flown_soft_linsys_rhotoKKT[54] = {
+  354
+    },
+    .linsys_rhotoKKT = {
   381,
   251,
   277,
@@ -3206,9 +3189,9 @@ OSQPInt as_flown_soft_linsys_rhotoKKT[54] = {
   16,
   22,
   4,
-  10,
-};
-OSQPFloat as_flown_soft_linsys_D[84] = {
+  10
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3292,9 +3275,9 @@ OSQPFloat as_flown_soft_linsys_D[84] = {
   (OSQPFloat)-1000024.99862307996954768896,
   (OSQPFloat)-1000024.99804716045036911964,
   (OSQPFloat)-1000024.99747126852162182331,
-  (OSQPFloat)-1000024.99689540418330579996,
-};
-OSQPInt as_flown_soft_linsys_etree[84] = {
+  (OSQPFloat)-1000024.99689540418330579996
+    },
+    .linsys_etree = {
   72,
   73,
   74,
@@ -3378,9 +3361,9 @@ OSQPInt as_flown_soft_linsys_etree[84] = {
   81,
   82,
   83,
-  -1,
-};
-OSQPInt as_flown_soft_linsys_Lnz[84] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -3464,12 +3447,9 @@ OSQPInt as_flown_soft_linsys_Lnz[84] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   as_flown_soft_linsys_iwork[252];
-QDLDL_bool  as_flown_soft_linsys_bwork[84];
-QDLDL_float as_flown_soft_linsys_fwork[84];
-qdldl_solver as_flown_soft_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -3478,29 +3458,28 @@ qdldl_solver as_flown_soft_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &as_flown_soft_linsys_L,
-  as_flown_soft_linsys_Dinv,
-  as_flown_soft_linsys_P,
-  as_flown_soft_linsys_bp,
-  as_flown_soft_linsys_sol,
-  as_flown_soft_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&as_flown_soft_SPACE.linsys_L,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_Dinv,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_P,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_bp,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_sol,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   30,
   54,
-  &as_flown_soft_linsys_KKT,
-  as_flown_soft_linsys_PtoKKT,
-  as_flown_soft_linsys_AtoKKT,
-  as_flown_soft_linsys_rhotoKKT,
-  as_flown_soft_linsys_D,
-  as_flown_soft_linsys_etree,
-  as_flown_soft_linsys_Lnz,
-  as_flown_soft_linsys_iwork,
-  as_flown_soft_linsys_bwork,
-  as_flown_soft_linsys_fwork,
-};
-
-OSQPFloat as_flown_soft_work_rho_vec_val[54] = {
+  (OSQPCscMatrix *)&as_flown_soft_SPACE.linsys_KKT,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&as_flown_soft_SPACE.linsys_D,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_etree,
+  (OSQPInt *)&as_flown_soft_SPACE.linsys_Lnz,
+  (QDLDL_int *)&as_flown_soft_SPACE.linsys_iwork,
+  (QDLDL_bool *)&as_flown_soft_SPACE.linsys_bwork,
+  (QDLDL_float *)&as_flown_soft_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -3554,13 +3533,13 @@ OSQPFloat as_flown_soft_work_rho_vec_val[54] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf as_flown_soft_work_rho_vec = {
-  as_flown_soft_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_rho_vec_val,
   54
-};
-OSQPFloat as_flown_soft_work_rho_inv_vec_val[54] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -3614,13 +3593,13 @@ OSQPFloat as_flown_soft_work_rho_inv_vec_val[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_work_rho_inv_vec = {
-  as_flown_soft_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_rho_inv_vec_val,
   54
-};
-OSQPInt as_flown_soft_work_constr_type_val[54] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -3674,13 +3653,13 @@ OSQPInt as_flown_soft_work_constr_type_val[54] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori as_flown_soft_work_constr_type = {
-  as_flown_soft_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&as_flown_soft_SPACE.work_constr_type_val,
   54
-};
-OSQPFloat as_flown_soft_work_x_val[30] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3710,13 +3689,13 @@ OSQPFloat as_flown_soft_work_x_val[30] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_work_x = {
-  as_flown_soft_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_x_val,
   30
-};
-OSQPFloat as_flown_soft_work_y_val[54] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3770,13 +3749,13 @@ OSQPFloat as_flown_soft_work_y_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_work_y = {
-  as_flown_soft_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_y_val,
   54
-};
-OSQPFloat as_flown_soft_work_z_val[54] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3830,117 +3809,102 @@ OSQPFloat as_flown_soft_work_z_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_soft_work_z = {
-  as_flown_soft_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_z_val,
   54
-};
-OSQPFloat   as_flown_soft_work_xz_tilde_val[84];
-OSQPVectorf as_flown_soft_work_xz_tilde = {
-  as_flown_soft_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_xz_tilde_val,
   84
-};
-OSQPVectorf as_flown_soft_work_xtilde_view = {
-  as_flown_soft_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_xz_tilde_val,
   30
-};
-OSQPVectorf as_flown_soft_work_ztilde_view = {
-  as_flown_soft_work_xz_tilde_val+30,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_xz_tilde_val+30,
   54
-};
-OSQPFloat   as_flown_soft_work_x_prev_val[30];
-OSQPVectorf as_flown_soft_work_x_prev = {
-  as_flown_soft_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_x_prev_val,
   30
-};
-OSQPFloat   as_flown_soft_work_z_prev_val[54];
-OSQPVectorf as_flown_soft_work_z_prev = {
-  as_flown_soft_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_z_prev_val,
   54
-};
-OSQPFloat   as_flown_soft_work_Ax_val[54];
-OSQPVectorf as_flown_soft_work_Ax = {
-  as_flown_soft_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_Ax_val,
   54
-};
-OSQPFloat   as_flown_soft_work_Px_val[30];
-OSQPVectorf as_flown_soft_work_Px = {
-  as_flown_soft_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_Px_val,
   30
-};
-OSQPFloat   as_flown_soft_work_Aty_val[30];
-OSQPVectorf as_flown_soft_work_Aty = {
-  as_flown_soft_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_Aty_val,
   30
-};
-OSQPFloat   as_flown_soft_work_delta_y_val[54];
-OSQPVectorf as_flown_soft_work_delta_y = {
-  as_flown_soft_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_delta_y_val,
   54
-};
-OSQPFloat   as_flown_soft_work_Atdelta_y_val[30];
-OSQPVectorf as_flown_soft_work_Atdelta_y = {
-  as_flown_soft_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_Atdelta_y_val,
   30
-};
-OSQPFloat   as_flown_soft_work_delta_x_val[30];
-OSQPVectorf as_flown_soft_work_delta_x = {
-  as_flown_soft_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_delta_x_val,
   30
-};
-OSQPFloat   as_flown_soft_work_Pdelta_x_val[30];
-OSQPVectorf as_flown_soft_work_Pdelta_x = {
-  as_flown_soft_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_Pdelta_x_val,
   30
-};
-OSQPFloat   as_flown_soft_work_Adelta_x_val[54];
-OSQPVectorf as_flown_soft_work_Adelta_x = {
-  as_flown_soft_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_Adelta_x_val,
   54
-};
-OSQPFloat   as_flown_soft_work_D_temp_val[30];
-OSQPVectorf as_flown_soft_work_D_temp = {
-  as_flown_soft_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_D_temp_val,
   30
-};
-OSQPFloat   as_flown_soft_work_D_temp_A_val[30];
-OSQPVectorf as_flown_soft_work_D_temp_A = {
-  as_flown_soft_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_D_temp_A_val,
   30
-};
-OSQPFloat   as_flown_soft_work_E_temp_val[54];
-OSQPVectorf as_flown_soft_work_E_temp = {
-  as_flown_soft_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&as_flown_soft_SPACE.work_E_temp_val,
   54
-};
-/* Define the workspace structure */
-OSQPWorkspace as_flown_soft_work = {
-  &as_flown_soft_data,
-  (LinSysSolver *)&as_flown_soft_linsys,
-  &as_flown_soft_work_rho_vec,
-  &as_flown_soft_work_rho_inv_vec,
-  &as_flown_soft_work_constr_type,
-  &as_flown_soft_work_x,
-  &as_flown_soft_work_y,
-  &as_flown_soft_work_z,
-  &as_flown_soft_work_xz_tilde,
-  &as_flown_soft_work_xtilde_view,
-  &as_flown_soft_work_ztilde_view,
-  &as_flown_soft_work_x_prev,
-  &as_flown_soft_work_z_prev,
-  &as_flown_soft_work_Ax,
-  &as_flown_soft_work_Px,
-  &as_flown_soft_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&as_flown_soft_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&as_flown_soft_SPACE.linsys,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_rho_vec,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&as_flown_soft_SPACE.work_constr_type,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_x,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_y,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_z,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_x_prev,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_z_prev,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_Ax,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_Px,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &as_flown_soft_work_delta_y,
-  &as_flown_soft_work_Atdelta_y,
-  &as_flown_soft_work_delta_x,
-  &as_flown_soft_work_Pdelta_x,
-  &as_flown_soft_work_Adelta_x,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_delta_y,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_delta_x,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&as_flown_soft_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -3949,13 +3913,12 @@ OSQPWorkspace as_flown_soft_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver as_flown_soft_solver = {
-  &as_flown_soft_settings,
-  &as_flown_soft_sol,
-  &as_flown_soft_info,
-  &as_flown_soft_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&as_flown_soft_SPACE.settings,
+  (OSQPSolution *)&as_flown_soft_SPACE.sol,
+  (OSQPInfo *)&as_flown_soft_SPACE.info,
+  (OSQPWorkspace *)&as_flown_soft_SPACE.work
+    },
 };

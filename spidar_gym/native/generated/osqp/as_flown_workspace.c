@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for as_flown. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "as_flown_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings as_flown_settings = {
+const as_flown_space as_flown_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings as_flown_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat as_flown_sol_x[24];
-OSQPFloat as_flown_sol_y[54];
-OSQPFloat as_flown_sol_prim_inf_cert[54];
-OSQPFloat as_flown_sol_dual_inf_cert[24];
-OSQPSolution as_flown_sol = {
-  as_flown_sol_x,
-  as_flown_sol_y,
-  as_flown_sol_prim_inf_cert,
-  as_flown_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo as_flown_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&as_flown_SPACE.sol_x,
+  (OSQPFloat *)&as_flown_SPACE.sol_y,
+  (OSQPFloat *)&as_flown_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&as_flown_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo as_flown_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt as_flown_data_P_csc_p[25] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -102,9 +89,9 @@ OSQPInt as_flown_data_P_csc_p[25] = {
   69,
   73,
   78,
-  84,
-};
-OSQPInt as_flown_data_P_csc_i[84] = {
+  84
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -188,9 +175,9 @@ OSQPInt as_flown_data_P_csc_i[84] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat as_flown_data_P_csc_x[84] = {
+  23
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -274,22 +261,22 @@ OSQPFloat as_flown_data_P_csc_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix as_flown_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   24,
   24,
-  as_flown_data_P_csc_p,
-  as_flown_data_P_csc_i,
-  as_flown_data_P_csc_x,
+  (OSQPInt *)&as_flown_SPACE.data_P_csc_p,
+  (OSQPInt *)&as_flown_SPACE.data_P_csc_i,
+  (OSQPFloat *)&as_flown_SPACE.data_P_csc_x,
   84,
-  -1,
-};
-OSQPMatrix as_flown_data_P = {
-  &as_flown_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&as_flown_SPACE.data_P_csc,
   1
-};
-OSQPInt as_flown_data_A_csc_p[25] = {
+    },
+    .data_A_csc_p = {
   0,
   9,
   19,
@@ -314,9 +301,9 @@ OSQPInt as_flown_data_A_csc_p[25] = {
   203,
   212,
   222,
-  232,
-};
-OSQPInt as_flown_data_A_csc_i[232] = {
+  232
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -548,9 +535,9 @@ OSQPInt as_flown_data_A_csc_i[232] = {
   29,
   37,
   45,
-  53,
-};
-OSQPFloat as_flown_data_A_csc_x[232] = {
+  53
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -782,22 +769,22 @@ OSQPFloat as_flown_data_A_csc_x[232] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix as_flown_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   54,
   24,
-  as_flown_data_A_csc_p,
-  as_flown_data_A_csc_i,
-  as_flown_data_A_csc_x,
+  (OSQPInt *)&as_flown_SPACE.data_A_csc_p,
+  (OSQPInt *)&as_flown_SPACE.data_A_csc_i,
+  (OSQPFloat *)&as_flown_SPACE.data_A_csc_x,
   232,
-  -1,
-};
-OSQPMatrix as_flown_data_A = {
-  &as_flown_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&as_flown_SPACE.data_A_csc,
   0
-};
-OSQPFloat as_flown_data_q_val[24] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -821,13 +808,13 @@ OSQPFloat as_flown_data_q_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_data_q = {
-  as_flown_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&as_flown_SPACE.data_q_val,
   24
-};
-OSQPFloat as_flown_data_l_val[54] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -881,13 +868,13 @@ OSQPFloat as_flown_data_l_val[54] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf as_flown_data_l = {
-  as_flown_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&as_flown_SPACE.data_l_val,
   54
-};
-OSQPFloat as_flown_data_u_val[54] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -941,24 +928,22 @@ OSQPFloat as_flown_data_u_val[54] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf as_flown_data_u = {
-  as_flown_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&as_flown_SPACE.data_u_val,
   54
-};
-OSQPData as_flown_data = {
+    },
+    .data = {
   24,
   54,
-  &as_flown_data_P,
-  &as_flown_data_A,
-  &as_flown_data_q,
-  &as_flown_data_l,
-  &as_flown_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt as_flown_linsys_L_p[79] = {
+  (OSQPMatrix *)&as_flown_SPACE.data_P,
+  (OSQPMatrix *)&as_flown_SPACE.data_A,
+  (OSQPVectorf *)&as_flown_SPACE.data_q,
+  (OSQPVectorf *)&as_flown_SPACE.data_l,
+  (OSQPVectorf *)&as_flown_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -1037,9 +1022,9 @@ OSQPInt as_flown_linsys_L_p[79] = {
   304,
   306,
   307,
-  307,
-};
-OSQPInt as_flown_linsys_L_i[307] = {
+  307
+    },
+    .linsys_L_i = {
   66,
   67,
   68,
@@ -1346,9 +1331,9 @@ OSQPInt as_flown_linsys_L_i[307] = {
   77,
   76,
   77,
-  77,
-};
-OSQPFloat as_flown_linsys_L_x[307] = {
+  77
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1655,18 +1640,18 @@ OSQPFloat as_flown_linsys_L_x[307] = {
   (OSQPFloat)0.00002399804815877110,
   (OSQPFloat)0.00002399747226627596,
   (OSQPFloat)0.00002399747226627596,
-  (OSQPFloat)0.00002399689640142009,
-};
-OSQPCscMatrix as_flown_linsys_L = {
+  (OSQPFloat)0.00002399689640142009
+    },
+    .linsys_L = {
   78,
   78,
-  as_flown_linsys_L_p,
-  as_flown_linsys_L_i,
-  as_flown_linsys_L_x,
+  (OSQPInt *)&as_flown_SPACE.linsys_L_p,
+  (OSQPInt *)&as_flown_SPACE.linsys_L_i,
+  (OSQPFloat *)&as_flown_SPACE.linsys_L_x,
   307,
-  -1,
-};
-OSQPFloat as_flown_linsys_Dinv[78] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1744,9 +1729,9 @@ OSQPFloat as_flown_linsys_Dinv[78] = {
   (OSQPFloat)-0.00000099997600195184,
   (OSQPFloat)-0.00000099997600252773,
   (OSQPFloat)-0.00000099997600310360,
-  (OSQPFloat)-0.00000099997600367944,
-};
-OSQPInt as_flown_linsys_P[78] = {
+  (OSQPFloat)-0.00000099997600367944
+    },
+    .linsys_P = {
   48,
   49,
   50,
@@ -1824,11 +1809,9 @@ OSQPInt as_flown_linsys_P[78] = {
   27,
   28,
   29,
-  24,
-};
-OSQPFloat as_flown_linsys_bp[78];
-OSQPFloat as_flown_linsys_sol[78];
-OSQPFloat as_flown_linsys_rho_inv_vec[54] = {
+  24
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1882,9 +1865,9 @@ OSQPFloat as_flown_linsys_rho_inv_vec[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt as_flown_linsys_KKT_p[79] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -1963,9 +1946,9 @@ OSQPInt as_flown_linsys_KKT_p[79] = {
   295,
   320,
   345,
-  370,
-};
-OSQPInt as_flown_linsys_KKT_i[370] = {
+  370
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -2335,9 +2318,9 @@ OSQPInt as_flown_linsys_KKT_i[370] = {
   69,
   70,
   71,
-  77,
-};
-OSQPFloat as_flown_linsys_KKT_x[370] = {
+  77
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2707,18 +2690,18 @@ OSQPFloat as_flown_linsys_KKT_x[370] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)-1000000.00000000000000000000,
-};
-OSQPCscMatrix as_flown_linsys_KKT = {
+  (OSQPFloat)-1000000.00000000000000000000
+    },
+    .linsys_KKT = {
   78,
   78,
-  as_flown_linsys_KKT_p,
-  as_flown_linsys_KKT_i,
-  as_flown_linsys_KKT_x,
+  (OSQPInt *)&as_flown_SPACE.linsys_KKT_p,
+  (OSQPInt *)&as_flown_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&as_flown_SPACE.linsys_KKT_x,
   370,
-  -1,
-};
-OSQPInt as_flown_linsys_PtoKKT[84] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   48,
   52,
   53,
@@ -2802,9 +2785,9 @@ OSQPInt as_flown_linsys_PtoKKT[84] = {
   212,
   213,
   214,
-  215,
-};
-OSQPInt as_flown_linsys_AtoKKT[232] = {
+  215
+    },
+    .linsys_AtoKKT = {
   345,
   220,
   245,
@@ -3036,9 +3019,9 @@ OSQPInt as_flown_linsys_AtoKKT[232] = {
   216,
   217,
   218,
-  219,
-};
-OSQPInt as_flown_linsys_rhotoKKT[54] = {
+  219
+    },
+    .linsys_rhotoKKT = {
   369,
   244,
   269,
@@ -3092,9 +3075,9 @@ OSQPInt as_flown_linsys_rhotoKKT[54] = {
   16,
   22,
   4,
-  10,
-};
-OSQPFloat as_flown_linsys_D[78] = {
+  10
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3172,9 +3155,9 @@ OSQPFloat as_flown_linsys_D[78] = {
   (OSQPFloat)-1000023.99862407881300896406,
   (OSQPFloat)-1000023.99804815871175378561,
   (OSQPFloat)-1000023.99747226620092988014,
-  (OSQPFloat)-1000023.99689640139695256948,
-};
-OSQPInt as_flown_linsys_etree[78] = {
+  (OSQPFloat)-1000023.99689640139695256948
+    },
+    .linsys_etree = {
   66,
   67,
   68,
@@ -3252,9 +3235,9 @@ OSQPInt as_flown_linsys_etree[78] = {
   75,
   76,
   77,
-  -1,
-};
-OSQPInt as_flown_linsys_Lnz[78] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -3332,12 +3315,9 @@ OSQPInt as_flown_linsys_Lnz[78] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   as_flown_linsys_iwork[234];
-QDLDL_bool  as_flown_linsys_bwork[78];
-QDLDL_float as_flown_linsys_fwork[78];
-qdldl_solver as_flown_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -3346,29 +3326,28 @@ qdldl_solver as_flown_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &as_flown_linsys_L,
-  as_flown_linsys_Dinv,
-  as_flown_linsys_P,
-  as_flown_linsys_bp,
-  as_flown_linsys_sol,
-  as_flown_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&as_flown_SPACE.linsys_L,
+  (OSQPFloat *)&as_flown_SPACE.linsys_Dinv,
+  (OSQPInt *)&as_flown_SPACE.linsys_P,
+  (OSQPFloat *)&as_flown_SPACE.linsys_bp,
+  (OSQPFloat *)&as_flown_SPACE.linsys_sol,
+  (OSQPFloat *)&as_flown_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   24,
   54,
-  &as_flown_linsys_KKT,
-  as_flown_linsys_PtoKKT,
-  as_flown_linsys_AtoKKT,
-  as_flown_linsys_rhotoKKT,
-  as_flown_linsys_D,
-  as_flown_linsys_etree,
-  as_flown_linsys_Lnz,
-  as_flown_linsys_iwork,
-  as_flown_linsys_bwork,
-  as_flown_linsys_fwork,
-};
-
-OSQPFloat as_flown_work_rho_vec_val[54] = {
+  (OSQPCscMatrix *)&as_flown_SPACE.linsys_KKT,
+  (OSQPInt *)&as_flown_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&as_flown_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&as_flown_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&as_flown_SPACE.linsys_D,
+  (OSQPInt *)&as_flown_SPACE.linsys_etree,
+  (OSQPInt *)&as_flown_SPACE.linsys_Lnz,
+  (QDLDL_int *)&as_flown_SPACE.linsys_iwork,
+  (QDLDL_bool *)&as_flown_SPACE.linsys_bwork,
+  (QDLDL_float *)&as_flown_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -3422,13 +3401,13 @@ OSQPFloat as_flown_work_rho_vec_val[54] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf as_flown_work_rho_vec = {
-  as_flown_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&as_flown_SPACE.work_rho_vec_val,
   54
-};
-OSQPFloat as_flown_work_rho_inv_vec_val[54] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -3482,13 +3461,13 @@ OSQPFloat as_flown_work_rho_inv_vec_val[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf as_flown_work_rho_inv_vec = {
-  as_flown_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&as_flown_SPACE.work_rho_inv_vec_val,
   54
-};
-OSQPInt as_flown_work_constr_type_val[54] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -3542,13 +3521,13 @@ OSQPInt as_flown_work_constr_type_val[54] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori as_flown_work_constr_type = {
-  as_flown_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&as_flown_SPACE.work_constr_type_val,
   54
-};
-OSQPFloat as_flown_work_x_val[24] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3572,13 +3551,13 @@ OSQPFloat as_flown_work_x_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_work_x = {
-  as_flown_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&as_flown_SPACE.work_x_val,
   24
-};
-OSQPFloat as_flown_work_y_val[54] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3632,13 +3611,13 @@ OSQPFloat as_flown_work_y_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_work_y = {
-  as_flown_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&as_flown_SPACE.work_y_val,
   54
-};
-OSQPFloat as_flown_work_z_val[54] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3692,117 +3671,102 @@ OSQPFloat as_flown_work_z_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf as_flown_work_z = {
-  as_flown_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&as_flown_SPACE.work_z_val,
   54
-};
-OSQPFloat   as_flown_work_xz_tilde_val[78];
-OSQPVectorf as_flown_work_xz_tilde = {
-  as_flown_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&as_flown_SPACE.work_xz_tilde_val,
   78
-};
-OSQPVectorf as_flown_work_xtilde_view = {
-  as_flown_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&as_flown_SPACE.work_xz_tilde_val,
   24
-};
-OSQPVectorf as_flown_work_ztilde_view = {
-  as_flown_work_xz_tilde_val+24,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&as_flown_SPACE.work_xz_tilde_val+24,
   54
-};
-OSQPFloat   as_flown_work_x_prev_val[24];
-OSQPVectorf as_flown_work_x_prev = {
-  as_flown_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&as_flown_SPACE.work_x_prev_val,
   24
-};
-OSQPFloat   as_flown_work_z_prev_val[54];
-OSQPVectorf as_flown_work_z_prev = {
-  as_flown_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&as_flown_SPACE.work_z_prev_val,
   54
-};
-OSQPFloat   as_flown_work_Ax_val[54];
-OSQPVectorf as_flown_work_Ax = {
-  as_flown_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&as_flown_SPACE.work_Ax_val,
   54
-};
-OSQPFloat   as_flown_work_Px_val[24];
-OSQPVectorf as_flown_work_Px = {
-  as_flown_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&as_flown_SPACE.work_Px_val,
   24
-};
-OSQPFloat   as_flown_work_Aty_val[24];
-OSQPVectorf as_flown_work_Aty = {
-  as_flown_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&as_flown_SPACE.work_Aty_val,
   24
-};
-OSQPFloat   as_flown_work_delta_y_val[54];
-OSQPVectorf as_flown_work_delta_y = {
-  as_flown_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&as_flown_SPACE.work_delta_y_val,
   54
-};
-OSQPFloat   as_flown_work_Atdelta_y_val[24];
-OSQPVectorf as_flown_work_Atdelta_y = {
-  as_flown_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&as_flown_SPACE.work_Atdelta_y_val,
   24
-};
-OSQPFloat   as_flown_work_delta_x_val[24];
-OSQPVectorf as_flown_work_delta_x = {
-  as_flown_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&as_flown_SPACE.work_delta_x_val,
   24
-};
-OSQPFloat   as_flown_work_Pdelta_x_val[24];
-OSQPVectorf as_flown_work_Pdelta_x = {
-  as_flown_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&as_flown_SPACE.work_Pdelta_x_val,
   24
-};
-OSQPFloat   as_flown_work_Adelta_x_val[54];
-OSQPVectorf as_flown_work_Adelta_x = {
-  as_flown_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&as_flown_SPACE.work_Adelta_x_val,
   54
-};
-OSQPFloat   as_flown_work_D_temp_val[24];
-OSQPVectorf as_flown_work_D_temp = {
-  as_flown_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&as_flown_SPACE.work_D_temp_val,
   24
-};
-OSQPFloat   as_flown_work_D_temp_A_val[24];
-OSQPVectorf as_flown_work_D_temp_A = {
-  as_flown_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&as_flown_SPACE.work_D_temp_A_val,
   24
-};
-OSQPFloat   as_flown_work_E_temp_val[54];
-OSQPVectorf as_flown_work_E_temp = {
-  as_flown_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&as_flown_SPACE.work_E_temp_val,
   54
-};
-/* Define the workspace structure */
-OSQPWorkspace as_flown_work = {
-  &as_flown_data,
-  (LinSysSolver *)&as_flown_linsys,
-  &as_flown_work_rho_vec,
-  &as_flown_work_rho_inv_vec,
-  &as_flown_work_constr_type,
-  &as_flown_work_x,
-  &as_flown_work_y,
-  &as_flown_work_z,
-  &as_flown_work_xz_tilde,
-  &as_flown_work_xtilde_view,
-  &as_flown_work_ztilde_view,
-  &as_flown_work_x_prev,
-  &as_flown_work_z_prev,
-  &as_flown_work_Ax,
-  &as_flown_work_Px,
-  &as_flown_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&as_flown_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&as_flown_SPACE.linsys,
+  (OSQPVectorf *)&as_flown_SPACE.work_rho_vec,
+  (OSQPVectorf *)&as_flown_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&as_flown_SPACE.work_constr_type,
+  (OSQPVectorf *)&as_flown_SPACE.work_x,
+  (OSQPVectorf *)&as_flown_SPACE.work_y,
+  (OSQPVectorf *)&as_flown_SPACE.work_z,
+  (OSQPVectorf *)&as_flown_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&as_flown_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&as_flown_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&as_flown_SPACE.work_x_prev,
+  (OSQPVectorf *)&as_flown_SPACE.work_z_prev,
+  (OSQPVectorf *)&as_flown_SPACE.work_Ax,
+  (OSQPVectorf *)&as_flown_SPACE.work_Px,
+  (OSQPVectorf *)&as_flown_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &as_flown_work_delta_y,
-  &as_flown_work_Atdelta_y,
-  &as_flown_work_delta_x,
-  &as_flown_work_Pdelta_x,
-  &as_flown_work_Adelta_x,
+  (OSQPVectorf *)&as_flown_SPACE.work_delta_y,
+  (OSQPVectorf *)&as_flown_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&as_flown_SPACE.work_delta_x,
+  (OSQPVectorf *)&as_flown_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&as_flown_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -3811,13 +3775,12 @@ OSQPWorkspace as_flown_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver as_flown_solver = {
-  &as_flown_settings,
-  &as_flown_sol,
-  &as_flown_info,
-  &as_flown_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&as_flown_SPACE.settings,
+  (OSQPSolution *)&as_flown_SPACE.sol,
+  (OSQPInfo *)&as_flown_SPACE.info,
+  (OSQPWorkspace *)&as_flown_SPACE.work
+    },
 };

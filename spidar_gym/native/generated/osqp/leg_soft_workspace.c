@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for leg_soft. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "leg_soft_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings leg_soft_settings = {
+const leg_soft_space leg_soft_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings leg_soft_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat leg_soft_sol_x[40];
-OSQPFloat leg_soft_sol_y[48];
-OSQPFloat leg_soft_sol_prim_inf_cert[48];
-OSQPFloat leg_soft_sol_dual_inf_cert[40];
-OSQPSolution leg_soft_sol = {
-  leg_soft_sol_x,
-  leg_soft_sol_y,
-  leg_soft_sol_prim_inf_cert,
-  leg_soft_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo leg_soft_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&leg_soft_SPACE.sol_x,
+  (OSQPFloat *)&leg_soft_SPACE.sol_y,
+  (OSQPFloat *)&leg_soft_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&leg_soft_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo leg_soft_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt leg_soft_data_P_csc_p[41] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -118,9 +105,9 @@ OSQPInt leg_soft_data_P_csc_p[41] = {
   97,
   98,
   99,
-  100,
-};
-OSQPInt leg_soft_data_P_csc_i[100] = {
+  100
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -220,9 +207,9 @@ OSQPInt leg_soft_data_P_csc_i[100] = {
   36,
   37,
   38,
-  39,
-};
-OSQPFloat leg_soft_data_P_csc_x[100] = {
+  39
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -322,22 +309,22 @@ OSQPFloat leg_soft_data_P_csc_x[100] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix leg_soft_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   40,
   40,
-  leg_soft_data_P_csc_p,
-  leg_soft_data_P_csc_i,
-  leg_soft_data_P_csc_x,
+  (OSQPInt *)&leg_soft_SPACE.data_P_csc_p,
+  (OSQPInt *)&leg_soft_SPACE.data_P_csc_i,
+  (OSQPFloat *)&leg_soft_SPACE.data_P_csc_x,
   100,
-  -1,
-};
-OSQPMatrix leg_soft_data_P = {
-  &leg_soft_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&leg_soft_SPACE.data_P_csc,
   1
-};
-OSQPInt leg_soft_data_A_csc_p[41] = {
+    },
+    .data_A_csc_p = {
   0,
   3,
   7,
@@ -378,9 +365,9 @@ OSQPInt leg_soft_data_A_csc_p[41] = {
   125,
   126,
   127,
-  128,
-};
-OSQPInt leg_soft_data_A_csc_i[128] = {
+  128
+    },
+    .data_A_csc_i = {
   0,
   24,
   25,
@@ -508,9 +495,9 @@ OSQPInt leg_soft_data_A_csc_i[128] = {
   36,
   37,
   38,
-  39,
-};
-OSQPFloat leg_soft_data_A_csc_x[128] = {
+  39
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -638,22 +625,22 @@ OSQPFloat leg_soft_data_A_csc_x[128] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix leg_soft_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   48,
   40,
-  leg_soft_data_A_csc_p,
-  leg_soft_data_A_csc_i,
-  leg_soft_data_A_csc_x,
+  (OSQPInt *)&leg_soft_SPACE.data_A_csc_p,
+  (OSQPInt *)&leg_soft_SPACE.data_A_csc_i,
+  (OSQPFloat *)&leg_soft_SPACE.data_A_csc_x,
   128,
-  -1,
-};
-OSQPMatrix leg_soft_data_A = {
-  &leg_soft_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&leg_soft_SPACE.data_A_csc,
   0
-};
-OSQPFloat leg_soft_data_q_val[40] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -693,13 +680,13 @@ OSQPFloat leg_soft_data_q_val[40] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_soft_data_q = {
-  leg_soft_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&leg_soft_SPACE.data_q_val,
   40
-};
-OSQPFloat leg_soft_data_l_val[48] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -747,13 +734,13 @@ OSQPFloat leg_soft_data_l_val[48] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf leg_soft_data_l = {
-  leg_soft_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&leg_soft_SPACE.data_l_val,
   48
-};
-OSQPFloat leg_soft_data_u_val[48] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -801,24 +788,22 @@ OSQPFloat leg_soft_data_u_val[48] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf leg_soft_data_u = {
-  leg_soft_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&leg_soft_SPACE.data_u_val,
   48
-};
-OSQPData leg_soft_data = {
+    },
+    .data = {
   40,
   48,
-  &leg_soft_data_P,
-  &leg_soft_data_A,
-  &leg_soft_data_q,
-  &leg_soft_data_l,
-  &leg_soft_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt leg_soft_linsys_L_p[89] = {
+  (OSQPMatrix *)&leg_soft_SPACE.data_P,
+  (OSQPMatrix *)&leg_soft_SPACE.data_A,
+  (OSQPVectorf *)&leg_soft_SPACE.data_q,
+  (OSQPVectorf *)&leg_soft_SPACE.data_l,
+  (OSQPVectorf *)&leg_soft_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -907,9 +892,9 @@ OSQPInt leg_soft_linsys_L_p[89] = {
   189,
   191,
   192,
-  192,
-};
-OSQPInt leg_soft_linsys_L_i[192] = {
+  192
+    },
+    .linsys_L_i = {
   19,
   20,
   14,
@@ -1101,9 +1086,9 @@ OSQPInt leg_soft_linsys_L_i[192] = {
   87,
   86,
   87,
-  87,
-};
-OSQPFloat leg_soft_linsys_L_x[192] = {
+  87
+    },
+    .linsys_L_x = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -1295,18 +1280,18 @@ OSQPFloat leg_soft_linsys_L_x[192] = {
   (OSQPFloat)0.00000199998200015600,
   (OSQPFloat)0.00000499994400064299,
   (OSQPFloat)-0.00000099999000012300,
-  (OSQPFloat)-0.00000099998500025400,
-};
-OSQPCscMatrix leg_soft_linsys_L = {
+  (OSQPFloat)-0.00000099998500025400
+    },
+    .linsys_L = {
   88,
   88,
-  leg_soft_linsys_L_p,
-  leg_soft_linsys_L_i,
-  leg_soft_linsys_L_x,
+  (OSQPInt *)&leg_soft_SPACE.linsys_L_p,
+  (OSQPInt *)&leg_soft_SPACE.linsys_L_i,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_L_x,
   192,
-  -1,
-};
-OSQPFloat leg_soft_linsys_Dinv[88] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -1394,9 +1379,9 @@ OSQPFloat leg_soft_linsys_Dinv[88] = {
   (OSQPFloat)0.99999500003599983700,
   (OSQPFloat)-0.00000099999400006300,
   (OSQPFloat)-0.00000099999400008800,
-  (OSQPFloat)0.99999400008399841333,
-};
-OSQPInt leg_soft_linsys_P[88] = {
+  (OSQPFloat)0.99999400008399841333
+    },
+    .linsys_P = {
   24,
   25,
   40,
@@ -1484,11 +1469,9 @@ OSQPInt leg_soft_linsys_P[88] = {
   23,
   76,
   77,
-  21,
-};
-OSQPFloat leg_soft_linsys_bp[88];
-OSQPFloat leg_soft_linsys_sol[88];
-OSQPFloat leg_soft_linsys_rho_inv_vec[48] = {
+  21
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1536,9 +1519,9 @@ OSQPFloat leg_soft_linsys_rho_inv_vec[48] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt leg_soft_linsys_KKT_p[89] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -1627,9 +1610,9 @@ OSQPInt leg_soft_linsys_KKT_p[89] = {
   251,
   258,
   265,
-  276,
-};
-OSQPInt leg_soft_linsys_KKT_i[276] = {
+  276
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -1905,9 +1888,9 @@ OSQPInt leg_soft_linsys_KKT_i[276] = {
   85,
   86,
   78,
-  79,
-};
-OSQPFloat leg_soft_linsys_KKT_x[276] = {
+  79
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2183,18 +2166,18 @@ OSQPFloat leg_soft_linsys_KKT_x[276] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix leg_soft_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   88,
   88,
-  leg_soft_linsys_KKT_p,
-  leg_soft_linsys_KKT_i,
-  leg_soft_linsys_KKT_x,
+  (OSQPInt *)&leg_soft_SPACE.linsys_KKT_p,
+  (OSQPInt *)&leg_soft_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_KKT_x,
   276,
-  -1,
-};
-OSQPInt leg_soft_linsys_PtoKKT[100] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   16,
   18,
   19,
@@ -2294,9 +2277,9 @@ OSQPInt leg_soft_linsys_PtoKKT[100] = {
   207,
   208,
   214,
-  213,
-};
-OSQPInt leg_soft_linsys_AtoKKT[128] = {
+  213
+    },
+    .linsys_AtoKKT = {
   17,
   44,
   51,
@@ -2424,9 +2407,9 @@ OSQPInt leg_soft_linsys_AtoKKT[128] = {
   256,
   263,
   219,
-  221,
-};
-OSQPInt leg_soft_linsys_rhotoKKT[48] = {
+  221
+    },
+    .linsys_rhotoKKT = {
   2,
   3,
   4,
@@ -2474,9 +2457,9 @@ OSQPInt leg_soft_linsys_rhotoKKT[48] = {
   143,
   149,
   212,
-  218,
-};
-OSQPFloat leg_soft_linsys_D[88] = {
+  218
+    },
+    .linsys_D = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2564,9 +2547,9 @@ OSQPFloat leg_soft_linsys_D[88] = {
   (OSQPFloat)1.00000499998899994303,
   (OSQPFloat)-1000005.99997300026006996632,
   (OSQPFloat)-1000005.99994800065178424120,
-  (OSQPFloat)1.00000599995200079029,
-};
-OSQPInt leg_soft_linsys_etree[88] = {
+  (OSQPFloat)1.00000599995200079029
+    },
+    .linsys_etree = {
   19,
   20,
   14,
@@ -2654,9 +2637,9 @@ OSQPInt leg_soft_linsys_etree[88] = {
   85,
   86,
   87,
-  -1,
-};
-OSQPInt leg_soft_linsys_Lnz[88] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -2744,12 +2727,9 @@ OSQPInt leg_soft_linsys_Lnz[88] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   leg_soft_linsys_iwork[264];
-QDLDL_bool  leg_soft_linsys_bwork[88];
-QDLDL_float leg_soft_linsys_fwork[88];
-qdldl_solver leg_soft_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -2758,29 +2738,28 @@ qdldl_solver leg_soft_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &leg_soft_linsys_L,
-  leg_soft_linsys_Dinv,
-  leg_soft_linsys_P,
-  leg_soft_linsys_bp,
-  leg_soft_linsys_sol,
-  leg_soft_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&leg_soft_SPACE.linsys_L,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_Dinv,
+  (OSQPInt *)&leg_soft_SPACE.linsys_P,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_bp,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_sol,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   40,
   48,
-  &leg_soft_linsys_KKT,
-  leg_soft_linsys_PtoKKT,
-  leg_soft_linsys_AtoKKT,
-  leg_soft_linsys_rhotoKKT,
-  leg_soft_linsys_D,
-  leg_soft_linsys_etree,
-  leg_soft_linsys_Lnz,
-  leg_soft_linsys_iwork,
-  leg_soft_linsys_bwork,
-  leg_soft_linsys_fwork,
-};
-
-OSQPFloat leg_soft_work_rho_vec_val[48] = {
+  (OSQPCscMatrix *)&leg_soft_SPACE.linsys_KKT,
+  (OSQPInt *)&leg_soft_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&leg_soft_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&leg_soft_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&leg_soft_SPACE.linsys_D,
+  (OSQPInt *)&leg_soft_SPACE.linsys_etree,
+  (OSQPInt *)&leg_soft_SPACE.linsys_Lnz,
+  (QDLDL_int *)&leg_soft_SPACE.linsys_iwork,
+  (QDLDL_bool *)&leg_soft_SPACE.linsys_bwork,
+  (QDLDL_float *)&leg_soft_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -2828,13 +2807,13 @@ OSQPFloat leg_soft_work_rho_vec_val[48] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf leg_soft_work_rho_vec = {
-  leg_soft_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&leg_soft_SPACE.work_rho_vec_val,
   48
-};
-OSQPFloat leg_soft_work_rho_inv_vec_val[48] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -2882,13 +2861,13 @@ OSQPFloat leg_soft_work_rho_inv_vec_val[48] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf leg_soft_work_rho_inv_vec = {
-  leg_soft_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&leg_soft_SPACE.work_rho_inv_vec_val,
   48
-};
-OSQPInt leg_soft_work_constr_type_val[48] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -2936,13 +2915,13 @@ OSQPInt leg_soft_work_constr_type_val[48] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori leg_soft_work_constr_type = {
-  leg_soft_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&leg_soft_SPACE.work_constr_type_val,
   48
-};
-OSQPFloat leg_soft_work_x_val[40] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -2982,13 +2961,13 @@ OSQPFloat leg_soft_work_x_val[40] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_soft_work_x = {
-  leg_soft_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&leg_soft_SPACE.work_x_val,
   40
-};
-OSQPFloat leg_soft_work_y_val[48] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3036,13 +3015,13 @@ OSQPFloat leg_soft_work_y_val[48] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_soft_work_y = {
-  leg_soft_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&leg_soft_SPACE.work_y_val,
   48
-};
-OSQPFloat leg_soft_work_z_val[48] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3090,117 +3069,102 @@ OSQPFloat leg_soft_work_z_val[48] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_soft_work_z = {
-  leg_soft_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&leg_soft_SPACE.work_z_val,
   48
-};
-OSQPFloat   leg_soft_work_xz_tilde_val[88];
-OSQPVectorf leg_soft_work_xz_tilde = {
-  leg_soft_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&leg_soft_SPACE.work_xz_tilde_val,
   88
-};
-OSQPVectorf leg_soft_work_xtilde_view = {
-  leg_soft_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&leg_soft_SPACE.work_xz_tilde_val,
   40
-};
-OSQPVectorf leg_soft_work_ztilde_view = {
-  leg_soft_work_xz_tilde_val+40,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&leg_soft_SPACE.work_xz_tilde_val+40,
   48
-};
-OSQPFloat   leg_soft_work_x_prev_val[40];
-OSQPVectorf leg_soft_work_x_prev = {
-  leg_soft_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&leg_soft_SPACE.work_x_prev_val,
   40
-};
-OSQPFloat   leg_soft_work_z_prev_val[48];
-OSQPVectorf leg_soft_work_z_prev = {
-  leg_soft_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&leg_soft_SPACE.work_z_prev_val,
   48
-};
-OSQPFloat   leg_soft_work_Ax_val[48];
-OSQPVectorf leg_soft_work_Ax = {
-  leg_soft_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&leg_soft_SPACE.work_Ax_val,
   48
-};
-OSQPFloat   leg_soft_work_Px_val[40];
-OSQPVectorf leg_soft_work_Px = {
-  leg_soft_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&leg_soft_SPACE.work_Px_val,
   40
-};
-OSQPFloat   leg_soft_work_Aty_val[40];
-OSQPVectorf leg_soft_work_Aty = {
-  leg_soft_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&leg_soft_SPACE.work_Aty_val,
   40
-};
-OSQPFloat   leg_soft_work_delta_y_val[48];
-OSQPVectorf leg_soft_work_delta_y = {
-  leg_soft_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&leg_soft_SPACE.work_delta_y_val,
   48
-};
-OSQPFloat   leg_soft_work_Atdelta_y_val[40];
-OSQPVectorf leg_soft_work_Atdelta_y = {
-  leg_soft_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&leg_soft_SPACE.work_Atdelta_y_val,
   40
-};
-OSQPFloat   leg_soft_work_delta_x_val[40];
-OSQPVectorf leg_soft_work_delta_x = {
-  leg_soft_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&leg_soft_SPACE.work_delta_x_val,
   40
-};
-OSQPFloat   leg_soft_work_Pdelta_x_val[40];
-OSQPVectorf leg_soft_work_Pdelta_x = {
-  leg_soft_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&leg_soft_SPACE.work_Pdelta_x_val,
   40
-};
-OSQPFloat   leg_soft_work_Adelta_x_val[48];
-OSQPVectorf leg_soft_work_Adelta_x = {
-  leg_soft_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&leg_soft_SPACE.work_Adelta_x_val,
   48
-};
-OSQPFloat   leg_soft_work_D_temp_val[40];
-OSQPVectorf leg_soft_work_D_temp = {
-  leg_soft_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&leg_soft_SPACE.work_D_temp_val,
   40
-};
-OSQPFloat   leg_soft_work_D_temp_A_val[40];
-OSQPVectorf leg_soft_work_D_temp_A = {
-  leg_soft_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&leg_soft_SPACE.work_D_temp_A_val,
   40
-};
-OSQPFloat   leg_soft_work_E_temp_val[48];
-OSQPVectorf leg_soft_work_E_temp = {
-  leg_soft_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&leg_soft_SPACE.work_E_temp_val,
   48
-};
-/* Define the workspace structure */
-OSQPWorkspace leg_soft_work = {
-  &leg_soft_data,
-  (LinSysSolver *)&leg_soft_linsys,
-  &leg_soft_work_rho_vec,
-  &leg_soft_work_rho_inv_vec,
-  &leg_soft_work_constr_type,
-  &leg_soft_work_x,
-  &leg_soft_work_y,
-  &leg_soft_work_z,
-  &leg_soft_work_xz_tilde,
-  &leg_soft_work_xtilde_view,
-  &leg_soft_work_ztilde_view,
-  &leg_soft_work_x_prev,
-  &leg_soft_work_z_prev,
-  &leg_soft_work_Ax,
-  &leg_soft_work_Px,
-  &leg_soft_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&leg_soft_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&leg_soft_SPACE.linsys,
+  (OSQPVectorf *)&leg_soft_SPACE.work_rho_vec,
+  (OSQPVectorf *)&leg_soft_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&leg_soft_SPACE.work_constr_type,
+  (OSQPVectorf *)&leg_soft_SPACE.work_x,
+  (OSQPVectorf *)&leg_soft_SPACE.work_y,
+  (OSQPVectorf *)&leg_soft_SPACE.work_z,
+  (OSQPVectorf *)&leg_soft_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&leg_soft_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&leg_soft_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&leg_soft_SPACE.work_x_prev,
+  (OSQPVectorf *)&leg_soft_SPACE.work_z_prev,
+  (OSQPVectorf *)&leg_soft_SPACE.work_Ax,
+  (OSQPVectorf *)&leg_soft_SPACE.work_Px,
+  (OSQPVectorf *)&leg_soft_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &leg_soft_work_delta_y,
-  &leg_soft_work_Atdelta_y,
-  &leg_soft_work_delta_x,
-  &leg_soft_work_Pdelta_x,
-  &leg_soft_work_Adelta_x,
+  (OSQPVectorf *)&leg_soft_SPACE.work_delta_y,
+  (OSQPVectorf *)&leg_soft_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&leg_soft_SPACE.work_delta_x,
+  (OSQPVectorf *)&leg_soft_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&leg_soft_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -3209,13 +3173,12 @@ OSQPWorkspace leg_soft_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver leg_soft_solver = {
-  &leg_soft_settings,
-  &leg_soft_sol,
-  &leg_soft_info,
-  &leg_soft_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&leg_soft_SPACE.settings,
+  (OSQPSolution *)&leg_soft_SPACE.sol,
+  (OSQPInfo *)&leg_soft_SPACE.info,
+  (OSQPWorkspace *)&leg_soft_SPACE.work
+    },
 };

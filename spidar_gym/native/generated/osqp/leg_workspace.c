@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for leg. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "leg_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings leg_settings = {
+const leg_space leg_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings leg_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat leg_sol_x[24];
-OSQPFloat leg_sol_y[48];
-OSQPFloat leg_sol_prim_inf_cert[48];
-OSQPFloat leg_sol_dual_inf_cert[24];
-OSQPSolution leg_sol = {
-  leg_sol_x,
-  leg_sol_y,
-  leg_sol_prim_inf_cert,
-  leg_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo leg_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&leg_SPACE.sol_x,
+  (OSQPFloat *)&leg_SPACE.sol_y,
+  (OSQPFloat *)&leg_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&leg_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo leg_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt leg_data_P_csc_p[25] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -102,9 +89,9 @@ OSQPInt leg_data_P_csc_p[25] = {
   69,
   73,
   78,
-  84,
-};
-OSQPInt leg_data_P_csc_i[84] = {
+  84
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -188,9 +175,9 @@ OSQPInt leg_data_P_csc_i[84] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat leg_data_P_csc_x[84] = {
+  23
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -274,22 +261,22 @@ OSQPFloat leg_data_P_csc_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix leg_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   24,
   24,
-  leg_data_P_csc_p,
-  leg_data_P_csc_i,
-  leg_data_P_csc_x,
+  (OSQPInt *)&leg_SPACE.data_P_csc_p,
+  (OSQPInt *)&leg_SPACE.data_P_csc_i,
+  (OSQPFloat *)&leg_SPACE.data_P_csc_x,
   84,
-  -1,
-};
-OSQPMatrix leg_data_P = {
-  &leg_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&leg_SPACE.data_P_csc,
   1
-};
-OSQPInt leg_data_A_csc_p[25] = {
+    },
+    .data_A_csc_p = {
   0,
   3,
   7,
@@ -314,9 +301,9 @@ OSQPInt leg_data_A_csc_p[25] = {
   95,
   100,
   106,
-  112,
-};
-OSQPInt leg_data_A_csc_i[112] = {
+  112
+    },
+    .data_A_csc_i = {
   0,
   24,
   25,
@@ -428,9 +415,9 @@ OSQPInt leg_data_A_csc_i[112] = {
   37,
   38,
   39,
-  47,
-};
-OSQPFloat leg_data_A_csc_x[112] = {
+  47
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -542,22 +529,22 @@ OSQPFloat leg_data_A_csc_x[112] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix leg_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   48,
   24,
-  leg_data_A_csc_p,
-  leg_data_A_csc_i,
-  leg_data_A_csc_x,
+  (OSQPInt *)&leg_SPACE.data_A_csc_p,
+  (OSQPInt *)&leg_SPACE.data_A_csc_i,
+  (OSQPFloat *)&leg_SPACE.data_A_csc_x,
   112,
-  -1,
-};
-OSQPMatrix leg_data_A = {
-  &leg_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&leg_SPACE.data_A_csc,
   0
-};
-OSQPFloat leg_data_q_val[24] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -581,13 +568,13 @@ OSQPFloat leg_data_q_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_data_q = {
-  leg_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&leg_SPACE.data_q_val,
   24
-};
-OSQPFloat leg_data_l_val[48] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -635,13 +622,13 @@ OSQPFloat leg_data_l_val[48] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf leg_data_l = {
-  leg_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&leg_SPACE.data_l_val,
   48
-};
-OSQPFloat leg_data_u_val[48] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -689,24 +676,22 @@ OSQPFloat leg_data_u_val[48] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf leg_data_u = {
-  leg_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&leg_SPACE.data_u_val,
   48
-};
-OSQPData leg_data = {
+    },
+    .data = {
   24,
   48,
-  &leg_data_P,
-  &leg_data_A,
-  &leg_data_q,
-  &leg_data_l,
-  &leg_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt leg_linsys_L_p[73] = {
+  (OSQPMatrix *)&leg_SPACE.data_P,
+  (OSQPMatrix *)&leg_SPACE.data_A,
+  (OSQPVectorf *)&leg_SPACE.data_q,
+  (OSQPVectorf *)&leg_SPACE.data_l,
+  (OSQPVectorf *)&leg_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -779,9 +764,9 @@ OSQPInt leg_linsys_L_p[73] = {
   173,
   175,
   176,
-  176,
-};
-OSQPInt leg_linsys_L_i[176] = {
+  176
+    },
+    .linsys_L_i = {
   10,
   11,
   12,
@@ -957,9 +942,9 @@ OSQPInt leg_linsys_L_i[176] = {
   71,
   70,
   71,
-  71,
-};
-OSQPFloat leg_linsys_L_x[176] = {
+  71
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1135,18 +1120,18 @@ OSQPFloat leg_linsys_L_x[176] = {
   (OSQPFloat)0.00000299998100012300,
   (OSQPFloat)0.00000499995200047600,
   (OSQPFloat)-0.00000099999000010600,
-  (OSQPFloat)-0.00000099998500022900,
-};
-OSQPCscMatrix leg_linsys_L = {
+  (OSQPFloat)-0.00000099998500022900
+    },
+    .linsys_L = {
   72,
   72,
-  leg_linsys_L_p,
-  leg_linsys_L_i,
-  leg_linsys_L_x,
+  (OSQPInt *)&leg_SPACE.linsys_L_p,
+  (OSQPInt *)&leg_SPACE.linsys_L_i,
+  (OSQPFloat *)&leg_SPACE.linsys_L_x,
   176,
-  -1,
-};
-OSQPFloat leg_linsys_Dinv[72] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1218,9 +1203,9 @@ OSQPFloat leg_linsys_Dinv[72] = {
   (OSQPFloat)0.99999500002900010287,
   (OSQPFloat)-0.00000099999500004800,
   (OSQPFloat)-0.00000099999500007300,
-  (OSQPFloat)0.99999300010199843047,
-};
-OSQPInt leg_linsys_P[72] = {
+  (OSQPFloat)0.99999300010199843047
+    },
+    .linsys_P = {
   24,
   25,
   26,
@@ -1292,11 +1277,9 @@ OSQPInt leg_linsys_P[72] = {
   22,
   60,
   61,
-  23,
-};
-OSQPFloat leg_linsys_bp[72];
-OSQPFloat leg_linsys_sol[72];
-OSQPFloat leg_linsys_rho_inv_vec[48] = {
+  23
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1344,9 +1327,9 @@ OSQPFloat leg_linsys_rho_inv_vec[48] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt leg_linsys_KKT_p[73] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -1419,9 +1402,9 @@ OSQPInt leg_linsys_KKT_p[73] = {
   220,
   226,
   232,
-  244,
-};
-OSQPInt leg_linsys_KKT_i[244] = {
+  244
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -1665,9 +1648,9 @@ OSQPInt leg_linsys_KKT_i[244] = {
   70,
   63,
   62,
-  61,
-};
-OSQPFloat leg_linsys_KKT_x[244] = {
+  61
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -1911,18 +1894,18 @@ OSQPFloat leg_linsys_KKT_x[244] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix leg_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   72,
   72,
-  leg_linsys_KKT_p,
-  leg_linsys_KKT_i,
-  leg_linsys_KKT_x,
+  (OSQPInt *)&leg_SPACE.linsys_KKT_p,
+  (OSQPInt *)&leg_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&leg_SPACE.linsys_KKT_x,
   244,
-  -1,
-};
-OSQPInt leg_linsys_PtoKKT[84] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   10,
   12,
   13,
@@ -2006,9 +1989,9 @@ OSQPInt leg_linsys_PtoKKT[84] = {
   234,
   235,
   236,
-  237,
-};
-OSQPInt leg_linsys_AtoKKT[112] = {
+  237
+    },
+    .linsys_AtoKKT = {
   11,
   37,
   43,
@@ -2120,9 +2103,9 @@ OSQPInt leg_linsys_AtoKKT[112] = {
   240,
   241,
   242,
-  243,
-};
-OSQPInt leg_linsys_rhotoKKT[48] = {
+  243
+    },
+    .linsys_rhotoKKT = {
   0,
   1,
   2,
@@ -2170,9 +2153,9 @@ OSQPInt leg_linsys_rhotoKKT[48] = {
   125,
   129,
   186,
-  190,
-};
-OSQPFloat leg_linsys_D[72] = {
+  190
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2244,9 +2227,9 @@ OSQPFloat leg_linsys_D[72] = {
   (OSQPFloat)1.00000499999599967715,
   (OSQPFloat)-1000004.99997700005769729614,
   (OSQPFloat)-1000004.99995200044941157103,
-  (OSQPFloat)1.00000699994700048556,
-};
-OSQPInt leg_linsys_etree[72] = {
+  (OSQPFloat)1.00000699994700048556
+    },
+    .linsys_etree = {
   10,
   11,
   12,
@@ -2318,9 +2301,9 @@ OSQPInt leg_linsys_etree[72] = {
   69,
   70,
   71,
-  -1,
-};
-OSQPInt leg_linsys_Lnz[72] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -2392,12 +2375,9 @@ OSQPInt leg_linsys_Lnz[72] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   leg_linsys_iwork[216];
-QDLDL_bool  leg_linsys_bwork[72];
-QDLDL_float leg_linsys_fwork[72];
-qdldl_solver leg_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -2406,29 +2386,28 @@ qdldl_solver leg_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &leg_linsys_L,
-  leg_linsys_Dinv,
-  leg_linsys_P,
-  leg_linsys_bp,
-  leg_linsys_sol,
-  leg_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&leg_SPACE.linsys_L,
+  (OSQPFloat *)&leg_SPACE.linsys_Dinv,
+  (OSQPInt *)&leg_SPACE.linsys_P,
+  (OSQPFloat *)&leg_SPACE.linsys_bp,
+  (OSQPFloat *)&leg_SPACE.linsys_sol,
+  (OSQPFloat *)&leg_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   24,
   48,
-  &leg_linsys_KKT,
-  leg_linsys_PtoKKT,
-  leg_linsys_AtoKKT,
-  leg_linsys_rhotoKKT,
-  leg_linsys_D,
-  leg_linsys_etree,
-  leg_linsys_Lnz,
-  leg_linsys_iwork,
-  leg_linsys_bwork,
-  leg_linsys_fwork,
-};
-
-OSQPFloat leg_work_rho_vec_val[48] = {
+  (OSQPCscMatrix *)&leg_SPACE.linsys_KKT,
+  (OSQPInt *)&leg_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&leg_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&leg_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&leg_SPACE.linsys_D,
+  (OSQPInt *)&leg_SPACE.linsys_etree,
+  (OSQPInt *)&leg_SPACE.linsys_Lnz,
+  (QDLDL_int *)&leg_SPACE.linsys_iwork,
+  (QDLDL_bool *)&leg_SPACE.linsys_bwork,
+  (QDLDL_float *)&leg_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -2476,13 +2455,13 @@ OSQPFloat leg_work_rho_vec_val[48] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf leg_work_rho_vec = {
-  leg_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&leg_SPACE.work_rho_vec_val,
   48
-};
-OSQPFloat leg_work_rho_inv_vec_val[48] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -2530,13 +2509,13 @@ OSQPFloat leg_work_rho_inv_vec_val[48] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf leg_work_rho_inv_vec = {
-  leg_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&leg_SPACE.work_rho_inv_vec_val,
   48
-};
-OSQPInt leg_work_constr_type_val[48] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -2584,13 +2563,13 @@ OSQPInt leg_work_constr_type_val[48] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori leg_work_constr_type = {
-  leg_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&leg_SPACE.work_constr_type_val,
   48
-};
-OSQPFloat leg_work_x_val[24] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -2614,13 +2593,13 @@ OSQPFloat leg_work_x_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_work_x = {
-  leg_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&leg_SPACE.work_x_val,
   24
-};
-OSQPFloat leg_work_y_val[48] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -2668,13 +2647,13 @@ OSQPFloat leg_work_y_val[48] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_work_y = {
-  leg_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&leg_SPACE.work_y_val,
   48
-};
-OSQPFloat leg_work_z_val[48] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -2722,117 +2701,102 @@ OSQPFloat leg_work_z_val[48] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf leg_work_z = {
-  leg_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&leg_SPACE.work_z_val,
   48
-};
-OSQPFloat   leg_work_xz_tilde_val[72];
-OSQPVectorf leg_work_xz_tilde = {
-  leg_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&leg_SPACE.work_xz_tilde_val,
   72
-};
-OSQPVectorf leg_work_xtilde_view = {
-  leg_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&leg_SPACE.work_xz_tilde_val,
   24
-};
-OSQPVectorf leg_work_ztilde_view = {
-  leg_work_xz_tilde_val+24,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&leg_SPACE.work_xz_tilde_val+24,
   48
-};
-OSQPFloat   leg_work_x_prev_val[24];
-OSQPVectorf leg_work_x_prev = {
-  leg_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&leg_SPACE.work_x_prev_val,
   24
-};
-OSQPFloat   leg_work_z_prev_val[48];
-OSQPVectorf leg_work_z_prev = {
-  leg_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&leg_SPACE.work_z_prev_val,
   48
-};
-OSQPFloat   leg_work_Ax_val[48];
-OSQPVectorf leg_work_Ax = {
-  leg_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&leg_SPACE.work_Ax_val,
   48
-};
-OSQPFloat   leg_work_Px_val[24];
-OSQPVectorf leg_work_Px = {
-  leg_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&leg_SPACE.work_Px_val,
   24
-};
-OSQPFloat   leg_work_Aty_val[24];
-OSQPVectorf leg_work_Aty = {
-  leg_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&leg_SPACE.work_Aty_val,
   24
-};
-OSQPFloat   leg_work_delta_y_val[48];
-OSQPVectorf leg_work_delta_y = {
-  leg_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&leg_SPACE.work_delta_y_val,
   48
-};
-OSQPFloat   leg_work_Atdelta_y_val[24];
-OSQPVectorf leg_work_Atdelta_y = {
-  leg_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&leg_SPACE.work_Atdelta_y_val,
   24
-};
-OSQPFloat   leg_work_delta_x_val[24];
-OSQPVectorf leg_work_delta_x = {
-  leg_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&leg_SPACE.work_delta_x_val,
   24
-};
-OSQPFloat   leg_work_Pdelta_x_val[24];
-OSQPVectorf leg_work_Pdelta_x = {
-  leg_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&leg_SPACE.work_Pdelta_x_val,
   24
-};
-OSQPFloat   leg_work_Adelta_x_val[48];
-OSQPVectorf leg_work_Adelta_x = {
-  leg_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&leg_SPACE.work_Adelta_x_val,
   48
-};
-OSQPFloat   leg_work_D_temp_val[24];
-OSQPVectorf leg_work_D_temp = {
-  leg_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&leg_SPACE.work_D_temp_val,
   24
-};
-OSQPFloat   leg_work_D_temp_A_val[24];
-OSQPVectorf leg_work_D_temp_A = {
-  leg_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&leg_SPACE.work_D_temp_A_val,
   24
-};
-OSQPFloat   leg_work_E_temp_val[48];
-OSQPVectorf leg_work_E_temp = {
-  leg_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&leg_SPACE.work_E_temp_val,
   48
-};
-/* Define the workspace structure */
-OSQPWorkspace leg_work = {
-  &leg_data,
-  (LinSysSolver *)&leg_linsys,
-  &leg_work_rho_vec,
-  &leg_work_rho_inv_vec,
-  &leg_work_constr_type,
-  &leg_work_x,
-  &leg_work_y,
-  &leg_work_z,
-  &leg_work_xz_tilde,
-  &leg_work_xtilde_view,
-  &leg_work_ztilde_view,
-  &leg_work_x_prev,
-  &leg_work_z_prev,
-  &leg_work_Ax,
-  &leg_work_Px,
-  &leg_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&leg_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&leg_SPACE.linsys,
+  (OSQPVectorf *)&leg_SPACE.work_rho_vec,
+  (OSQPVectorf *)&leg_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&leg_SPACE.work_constr_type,
+  (OSQPVectorf *)&leg_SPACE.work_x,
+  (OSQPVectorf *)&leg_SPACE.work_y,
+  (OSQPVectorf *)&leg_SPACE.work_z,
+  (OSQPVectorf *)&leg_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&leg_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&leg_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&leg_SPACE.work_x_prev,
+  (OSQPVectorf *)&leg_SPACE.work_z_prev,
+  (OSQPVectorf *)&leg_SPACE.work_Ax,
+  (OSQPVectorf *)&leg_SPACE.work_Px,
+  (OSQPVectorf *)&leg_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &leg_work_delta_y,
-  &leg_work_Atdelta_y,
-  &leg_work_delta_x,
-  &leg_work_Pdelta_x,
-  &leg_work_Adelta_x,
+  (OSQPVectorf *)&leg_SPACE.work_delta_y,
+  (OSQPVectorf *)&leg_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&leg_SPACE.work_delta_x,
+  (OSQPVectorf *)&leg_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&leg_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -2841,13 +2805,12 @@ OSQPWorkspace leg_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver leg_solver = {
-  &leg_settings,
-  &leg_sol,
-  &leg_info,
-  &leg_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&leg_SPACE.settings,
+  (OSQPSolution *)&leg_SPACE.sol,
+  (OSQPInfo *)&leg_SPACE.info,
+  (OSQPWorkspace *)&leg_SPACE.work
+    },
 };

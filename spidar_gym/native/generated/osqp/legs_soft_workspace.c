@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for legs_soft. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "legs_soft_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings legs_soft_settings = {
+const legs_soft_space legs_soft_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings legs_soft_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat legs_soft_sol_x[46];
-OSQPFloat legs_soft_sol_y[54];
-OSQPFloat legs_soft_sol_prim_inf_cert[54];
-OSQPFloat legs_soft_sol_dual_inf_cert[46];
-OSQPSolution legs_soft_sol = {
-  legs_soft_sol_x,
-  legs_soft_sol_y,
-  legs_soft_sol_prim_inf_cert,
-  legs_soft_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo legs_soft_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&legs_soft_SPACE.sol_x,
+  (OSQPFloat *)&legs_soft_SPACE.sol_y,
+  (OSQPFloat *)&legs_soft_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&legs_soft_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo legs_soft_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt legs_soft_data_P_csc_p[47] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -124,9 +111,9 @@ OSQPInt legs_soft_data_P_csc_p[47] = {
   103,
   104,
   105,
-  106,
-};
-OSQPInt legs_soft_data_P_csc_i[106] = {
+  106
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -232,9 +219,9 @@ OSQPInt legs_soft_data_P_csc_i[106] = {
   42,
   43,
   44,
-  45,
-};
-OSQPFloat legs_soft_data_P_csc_x[106] = {
+  45
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -340,22 +327,22 @@ OSQPFloat legs_soft_data_P_csc_x[106] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix legs_soft_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   46,
   46,
-  legs_soft_data_P_csc_p,
-  legs_soft_data_P_csc_i,
-  legs_soft_data_P_csc_x,
+  (OSQPInt *)&legs_soft_SPACE.data_P_csc_p,
+  (OSQPInt *)&legs_soft_SPACE.data_P_csc_i,
+  (OSQPFloat *)&legs_soft_SPACE.data_P_csc_x,
   106,
-  -1,
-};
-OSQPMatrix legs_soft_data_P = {
-  &legs_soft_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&legs_soft_SPACE.data_P_csc,
   1
-};
-OSQPInt legs_soft_data_A_csc_p[47] = {
+    },
+    .data_A_csc_p = {
   0,
   9,
   19,
@@ -402,9 +389,9 @@ OSQPInt legs_soft_data_A_csc_p[47] = {
   275,
   276,
   277,
-  278,
-};
-OSQPInt legs_soft_data_A_csc_i[278] = {
+  278
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -682,9 +669,9 @@ OSQPInt legs_soft_data_A_csc_i[278] = {
   42,
   43,
   44,
-  45,
-};
-OSQPFloat legs_soft_data_A_csc_x[278] = {
+  45
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -962,22 +949,22 @@ OSQPFloat legs_soft_data_A_csc_x[278] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix legs_soft_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   54,
   46,
-  legs_soft_data_A_csc_p,
-  legs_soft_data_A_csc_i,
-  legs_soft_data_A_csc_x,
+  (OSQPInt *)&legs_soft_SPACE.data_A_csc_p,
+  (OSQPInt *)&legs_soft_SPACE.data_A_csc_i,
+  (OSQPFloat *)&legs_soft_SPACE.data_A_csc_x,
   278,
-  -1,
-};
-OSQPMatrix legs_soft_data_A = {
-  &legs_soft_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&legs_soft_SPACE.data_A_csc,
   0
-};
-OSQPFloat legs_soft_data_q_val[46] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1023,13 +1010,13 @@ OSQPFloat legs_soft_data_q_val[46] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_soft_data_q = {
-  legs_soft_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&legs_soft_SPACE.data_q_val,
   46
-};
-OSQPFloat legs_soft_data_l_val[54] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -1083,13 +1070,13 @@ OSQPFloat legs_soft_data_l_val[54] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf legs_soft_data_l = {
-  legs_soft_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&legs_soft_SPACE.data_l_val,
   54
-};
-OSQPFloat legs_soft_data_u_val[54] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -1143,24 +1130,22 @@ OSQPFloat legs_soft_data_u_val[54] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf legs_soft_data_u = {
-  legs_soft_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&legs_soft_SPACE.data_u_val,
   54
-};
-OSQPData legs_soft_data = {
+    },
+    .data = {
   46,
   54,
-  &legs_soft_data_P,
-  &legs_soft_data_A,
-  &legs_soft_data_q,
-  &legs_soft_data_l,
-  &legs_soft_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt legs_soft_linsys_L_p[101] = {
+  (OSQPMatrix *)&legs_soft_SPACE.data_P,
+  (OSQPMatrix *)&legs_soft_SPACE.data_A,
+  (OSQPVectorf *)&legs_soft_SPACE.data_q,
+  (OSQPVectorf *)&legs_soft_SPACE.data_l,
+  (OSQPVectorf *)&legs_soft_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -1261,9 +1246,9 @@ OSQPInt legs_soft_linsys_L_p[101] = {
   351,
   353,
   354,
-  354,
-};
-OSQPInt legs_soft_linsys_L_i[354] = {
+  354
+    },
+    .linsys_L_i = {
   97,
   98,
   99,
@@ -1617,9 +1602,9 @@ OSQPInt legs_soft_linsys_L_i[354] = {
   99,
   98,
   99,
-  99,
-};
-OSQPFloat legs_soft_linsys_L_x[354] = {
+  99
+    },
+    .linsys_L_x = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -1973,18 +1958,18 @@ OSQPFloat legs_soft_linsys_L_x[354] = {
   (OSQPFloat)0.00000599910613803860,
   (OSQPFloat)0.00000499978402555113,
   (OSQPFloat)-0.00000099996400478826,
-  (OSQPFloat)-0.00000099995900520920,
-};
-OSQPCscMatrix legs_soft_linsys_L = {
+  (OSQPFloat)-0.00000099995900520920
+    },
+    .linsys_L = {
   100,
   100,
-  legs_soft_linsys_L_p,
-  legs_soft_linsys_L_i,
-  legs_soft_linsys_L_x,
+  (OSQPInt *)&legs_soft_SPACE.linsys_L_p,
+  (OSQPInt *)&legs_soft_SPACE.linsys_L_i,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_L_x,
   354,
-  -1,
-};
-OSQPFloat legs_soft_linsys_Dinv[100] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -2084,9 +2069,9 @@ OSQPFloat legs_soft_linsys_Dinv[100] = {
   (OSQPFloat)0.99998900099385212847,
   (OSQPFloat)-0.00000099999400022297,
   (OSQPFloat)-0.00000099999400024797,
-  (OSQPFloat)0.99999000107582902697,
-};
-OSQPInt legs_soft_linsys_P[100] = {
+  (OSQPFloat)0.99999000107582902697
+    },
+    .linsys_P = {
   42,
   43,
   70,
@@ -2186,11 +2171,9 @@ OSQPInt legs_soft_linsys_P[100] = {
   23,
   88,
   89,
-  18,
-};
-OSQPFloat legs_soft_linsys_bp[100];
-OSQPFloat legs_soft_linsys_sol[100];
-OSQPFloat legs_soft_linsys_rho_inv_vec[54] = {
+  18
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -2244,9 +2227,9 @@ OSQPFloat legs_soft_linsys_rho_inv_vec[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt legs_soft_linsys_KKT_p[101] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -2347,9 +2330,9 @@ OSQPInt legs_soft_linsys_KKT_p[101] = {
   409,
   416,
   423,
-  438,
-};
-OSQPInt legs_soft_linsys_KKT_i[438] = {
+  438
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -2787,9 +2770,9 @@ OSQPInt legs_soft_linsys_KKT_i[438] = {
   90,
   2,
   97,
-  98,
-};
-OSQPFloat legs_soft_linsys_KKT_x[438] = {
+  98
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3227,18 +3210,18 @@ OSQPFloat legs_soft_linsys_KKT_x[438] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix legs_soft_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   100,
   100,
-  legs_soft_linsys_KKT_p,
-  legs_soft_linsys_KKT_i,
-  legs_soft_linsys_KKT_x,
+  (OSQPInt *)&legs_soft_SPACE.linsys_KKT_p,
+  (OSQPInt *)&legs_soft_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_KKT_x,
   438,
-  -1,
-};
-OSQPInt legs_soft_linsys_PtoKKT[106] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   122,
   123,
   82,
@@ -3344,9 +3327,9 @@ OSQPInt legs_soft_linsys_PtoKKT[106] = {
   0,
   1,
   4,
-  3,
-};
-OSQPInt legs_soft_linsys_AtoKKT[278] = {
+  3
+    },
+    .linsys_AtoKKT = {
   229,
   329,
   249,
@@ -3624,9 +3607,9 @@ OSQPInt legs_soft_linsys_AtoKKT[278] = {
   414,
   421,
   9,
-  11,
-};
-OSQPInt legs_soft_linsys_rhotoKKT[54] = {
+  11
+    },
+    .linsys_rhotoKKT = {
   248,
   348,
   268,
@@ -3680,9 +3663,9 @@ OSQPInt legs_soft_linsys_rhotoKKT[54] = {
   21,
   27,
   15,
-  8,
-};
-OSQPFloat legs_soft_linsys_D[100] = {
+  8
+    },
+    .linsys_D = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3782,9 +3765,9 @@ OSQPFloat legs_soft_linsys_D[100] = {
   (OSQPFloat)1.00001099912712732021,
   (OSQPFloat)-1000005.99981302325613796711,
   (OSQPFloat)-1000005.99978802527766674757,
-  (OSQPFloat)1.00000999902415044218,
-};
-OSQPInt legs_soft_linsys_etree[100] = {
+  (OSQPFloat)1.00000999902415044218
+    },
+    .linsys_etree = {
   97,
   98,
   99,
@@ -3884,9 +3867,9 @@ OSQPInt legs_soft_linsys_etree[100] = {
   97,
   98,
   99,
-  -1,
-};
-OSQPInt legs_soft_linsys_Lnz[100] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -3986,12 +3969,9 @@ OSQPInt legs_soft_linsys_Lnz[100] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   legs_soft_linsys_iwork[300];
-QDLDL_bool  legs_soft_linsys_bwork[100];
-QDLDL_float legs_soft_linsys_fwork[100];
-qdldl_solver legs_soft_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -4000,29 +3980,28 @@ qdldl_solver legs_soft_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &legs_soft_linsys_L,
-  legs_soft_linsys_Dinv,
-  legs_soft_linsys_P,
-  legs_soft_linsys_bp,
-  legs_soft_linsys_sol,
-  legs_soft_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&legs_soft_SPACE.linsys_L,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_Dinv,
+  (OSQPInt *)&legs_soft_SPACE.linsys_P,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_bp,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_sol,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   46,
   54,
-  &legs_soft_linsys_KKT,
-  legs_soft_linsys_PtoKKT,
-  legs_soft_linsys_AtoKKT,
-  legs_soft_linsys_rhotoKKT,
-  legs_soft_linsys_D,
-  legs_soft_linsys_etree,
-  legs_soft_linsys_Lnz,
-  legs_soft_linsys_iwork,
-  legs_soft_linsys_bwork,
-  legs_soft_linsys_fwork,
-};
-
-OSQPFloat legs_soft_work_rho_vec_val[54] = {
+  (OSQPCscMatrix *)&legs_soft_SPACE.linsys_KKT,
+  (OSQPInt *)&legs_soft_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&legs_soft_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&legs_soft_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&legs_soft_SPACE.linsys_D,
+  (OSQPInt *)&legs_soft_SPACE.linsys_etree,
+  (OSQPInt *)&legs_soft_SPACE.linsys_Lnz,
+  (QDLDL_int *)&legs_soft_SPACE.linsys_iwork,
+  (QDLDL_bool *)&legs_soft_SPACE.linsys_bwork,
+  (QDLDL_float *)&legs_soft_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -4076,13 +4055,13 @@ OSQPFloat legs_soft_work_rho_vec_val[54] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf legs_soft_work_rho_vec = {
-  legs_soft_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&legs_soft_SPACE.work_rho_vec_val,
   54
-};
-OSQPFloat legs_soft_work_rho_inv_vec_val[54] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -4136,13 +4115,13 @@ OSQPFloat legs_soft_work_rho_inv_vec_val[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf legs_soft_work_rho_inv_vec = {
-  legs_soft_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&legs_soft_SPACE.work_rho_inv_vec_val,
   54
-};
-OSQPInt legs_soft_work_constr_type_val[54] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -4196,13 +4175,13 @@ OSQPInt legs_soft_work_constr_type_val[54] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori legs_soft_work_constr_type = {
-  legs_soft_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&legs_soft_SPACE.work_constr_type_val,
   54
-};
-OSQPFloat legs_soft_work_x_val[46] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4248,13 +4227,13 @@ OSQPFloat legs_soft_work_x_val[46] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_soft_work_x = {
-  legs_soft_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&legs_soft_SPACE.work_x_val,
   46
-};
-OSQPFloat legs_soft_work_y_val[54] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4308,13 +4287,13 @@ OSQPFloat legs_soft_work_y_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_soft_work_y = {
-  legs_soft_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&legs_soft_SPACE.work_y_val,
   54
-};
-OSQPFloat legs_soft_work_z_val[54] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4368,117 +4347,102 @@ OSQPFloat legs_soft_work_z_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_soft_work_z = {
-  legs_soft_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&legs_soft_SPACE.work_z_val,
   54
-};
-OSQPFloat   legs_soft_work_xz_tilde_val[100];
-OSQPVectorf legs_soft_work_xz_tilde = {
-  legs_soft_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&legs_soft_SPACE.work_xz_tilde_val,
   100
-};
-OSQPVectorf legs_soft_work_xtilde_view = {
-  legs_soft_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&legs_soft_SPACE.work_xz_tilde_val,
   46
-};
-OSQPVectorf legs_soft_work_ztilde_view = {
-  legs_soft_work_xz_tilde_val+46,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&legs_soft_SPACE.work_xz_tilde_val+46,
   54
-};
-OSQPFloat   legs_soft_work_x_prev_val[46];
-OSQPVectorf legs_soft_work_x_prev = {
-  legs_soft_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&legs_soft_SPACE.work_x_prev_val,
   46
-};
-OSQPFloat   legs_soft_work_z_prev_val[54];
-OSQPVectorf legs_soft_work_z_prev = {
-  legs_soft_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&legs_soft_SPACE.work_z_prev_val,
   54
-};
-OSQPFloat   legs_soft_work_Ax_val[54];
-OSQPVectorf legs_soft_work_Ax = {
-  legs_soft_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&legs_soft_SPACE.work_Ax_val,
   54
-};
-OSQPFloat   legs_soft_work_Px_val[46];
-OSQPVectorf legs_soft_work_Px = {
-  legs_soft_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&legs_soft_SPACE.work_Px_val,
   46
-};
-OSQPFloat   legs_soft_work_Aty_val[46];
-OSQPVectorf legs_soft_work_Aty = {
-  legs_soft_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&legs_soft_SPACE.work_Aty_val,
   46
-};
-OSQPFloat   legs_soft_work_delta_y_val[54];
-OSQPVectorf legs_soft_work_delta_y = {
-  legs_soft_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&legs_soft_SPACE.work_delta_y_val,
   54
-};
-OSQPFloat   legs_soft_work_Atdelta_y_val[46];
-OSQPVectorf legs_soft_work_Atdelta_y = {
-  legs_soft_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&legs_soft_SPACE.work_Atdelta_y_val,
   46
-};
-OSQPFloat   legs_soft_work_delta_x_val[46];
-OSQPVectorf legs_soft_work_delta_x = {
-  legs_soft_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&legs_soft_SPACE.work_delta_x_val,
   46
-};
-OSQPFloat   legs_soft_work_Pdelta_x_val[46];
-OSQPVectorf legs_soft_work_Pdelta_x = {
-  legs_soft_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&legs_soft_SPACE.work_Pdelta_x_val,
   46
-};
-OSQPFloat   legs_soft_work_Adelta_x_val[54];
-OSQPVectorf legs_soft_work_Adelta_x = {
-  legs_soft_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&legs_soft_SPACE.work_Adelta_x_val,
   54
-};
-OSQPFloat   legs_soft_work_D_temp_val[46];
-OSQPVectorf legs_soft_work_D_temp = {
-  legs_soft_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&legs_soft_SPACE.work_D_temp_val,
   46
-};
-OSQPFloat   legs_soft_work_D_temp_A_val[46];
-OSQPVectorf legs_soft_work_D_temp_A = {
-  legs_soft_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&legs_soft_SPACE.work_D_temp_A_val,
   46
-};
-OSQPFloat   legs_soft_work_E_temp_val[54];
-OSQPVectorf legs_soft_work_E_temp = {
-  legs_soft_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&legs_soft_SPACE.work_E_temp_val,
   54
-};
-/* Define the workspace structure */
-OSQPWorkspace legs_soft_work = {
-  &legs_soft_data,
-  (LinSysSolver *)&legs_soft_linsys,
-  &legs_soft_work_rho_vec,
-  &legs_soft_work_rho_inv_vec,
-  &legs_soft_work_constr_type,
-  &legs_soft_work_x,
-  &legs_soft_work_y,
-  &legs_soft_work_z,
-  &legs_soft_work_xz_tilde,
-  &legs_soft_work_xtilde_view,
-  &legs_soft_work_ztilde_view,
-  &legs_soft_work_x_prev,
-  &legs_soft_work_z_prev,
-  &legs_soft_work_Ax,
-  &legs_soft_work_Px,
-  &legs_soft_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&legs_soft_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&legs_soft_SPACE.linsys,
+  (OSQPVectorf *)&legs_soft_SPACE.work_rho_vec,
+  (OSQPVectorf *)&legs_soft_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&legs_soft_SPACE.work_constr_type,
+  (OSQPVectorf *)&legs_soft_SPACE.work_x,
+  (OSQPVectorf *)&legs_soft_SPACE.work_y,
+  (OSQPVectorf *)&legs_soft_SPACE.work_z,
+  (OSQPVectorf *)&legs_soft_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&legs_soft_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&legs_soft_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&legs_soft_SPACE.work_x_prev,
+  (OSQPVectorf *)&legs_soft_SPACE.work_z_prev,
+  (OSQPVectorf *)&legs_soft_SPACE.work_Ax,
+  (OSQPVectorf *)&legs_soft_SPACE.work_Px,
+  (OSQPVectorf *)&legs_soft_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &legs_soft_work_delta_y,
-  &legs_soft_work_Atdelta_y,
-  &legs_soft_work_delta_x,
-  &legs_soft_work_Pdelta_x,
-  &legs_soft_work_Adelta_x,
+  (OSQPVectorf *)&legs_soft_SPACE.work_delta_y,
+  (OSQPVectorf *)&legs_soft_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&legs_soft_SPACE.work_delta_x,
+  (OSQPVectorf *)&legs_soft_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&legs_soft_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -4487,13 +4451,12 @@ OSQPWorkspace legs_soft_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver legs_soft_solver = {
-  &legs_soft_settings,
-  &legs_soft_sol,
-  &legs_soft_info,
-  &legs_soft_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&legs_soft_SPACE.settings,
+  (OSQPSolution *)&legs_soft_SPACE.sol,
+  (OSQPInfo *)&legs_soft_SPACE.info,
+  (OSQPWorkspace *)&legs_soft_SPACE.work
+    },
 };

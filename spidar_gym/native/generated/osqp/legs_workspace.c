@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for legs. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "legs_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings legs_settings = {
+const legs_space legs_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings legs_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat legs_sol_x[24];
-OSQPFloat legs_sol_y[54];
-OSQPFloat legs_sol_prim_inf_cert[54];
-OSQPFloat legs_sol_dual_inf_cert[24];
-OSQPSolution legs_sol = {
-  legs_sol_x,
-  legs_sol_y,
-  legs_sol_prim_inf_cert,
-  legs_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo legs_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&legs_SPACE.sol_x,
+  (OSQPFloat *)&legs_SPACE.sol_y,
+  (OSQPFloat *)&legs_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&legs_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo legs_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt legs_data_P_csc_p[25] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -102,9 +89,9 @@ OSQPInt legs_data_P_csc_p[25] = {
   69,
   73,
   78,
-  84,
-};
-OSQPInt legs_data_P_csc_i[84] = {
+  84
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -188,9 +175,9 @@ OSQPInt legs_data_P_csc_i[84] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat legs_data_P_csc_x[84] = {
+  23
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -274,22 +261,22 @@ OSQPFloat legs_data_P_csc_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix legs_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   24,
   24,
-  legs_data_P_csc_p,
-  legs_data_P_csc_i,
-  legs_data_P_csc_x,
+  (OSQPInt *)&legs_SPACE.data_P_csc_p,
+  (OSQPInt *)&legs_SPACE.data_P_csc_i,
+  (OSQPFloat *)&legs_SPACE.data_P_csc_x,
   84,
-  -1,
-};
-OSQPMatrix legs_data_P = {
-  &legs_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&legs_SPACE.data_P_csc,
   1
-};
-OSQPInt legs_data_A_csc_p[25] = {
+    },
+    .data_A_csc_p = {
   0,
   9,
   19,
@@ -314,9 +301,9 @@ OSQPInt legs_data_A_csc_p[25] = {
   221,
   232,
   244,
-  256,
-};
-OSQPInt legs_data_A_csc_i[256] = {
+  256
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -572,9 +559,9 @@ OSQPInt legs_data_A_csc_i[256] = {
   43,
   44,
   45,
-  53,
-};
-OSQPFloat legs_data_A_csc_x[256] = {
+  53
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -830,22 +817,22 @@ OSQPFloat legs_data_A_csc_x[256] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix legs_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   54,
   24,
-  legs_data_A_csc_p,
-  legs_data_A_csc_i,
-  legs_data_A_csc_x,
+  (OSQPInt *)&legs_SPACE.data_A_csc_p,
+  (OSQPInt *)&legs_SPACE.data_A_csc_i,
+  (OSQPFloat *)&legs_SPACE.data_A_csc_x,
   256,
-  -1,
-};
-OSQPMatrix legs_data_A = {
-  &legs_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&legs_SPACE.data_A_csc,
   0
-};
-OSQPFloat legs_data_q_val[24] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -869,13 +856,13 @@ OSQPFloat legs_data_q_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_data_q = {
-  legs_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&legs_SPACE.data_q_val,
   24
-};
-OSQPFloat legs_data_l_val[54] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -929,13 +916,13 @@ OSQPFloat legs_data_l_val[54] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf legs_data_l = {
-  legs_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&legs_SPACE.data_l_val,
   54
-};
-OSQPFloat legs_data_u_val[54] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -989,24 +976,22 @@ OSQPFloat legs_data_u_val[54] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf legs_data_u = {
-  legs_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&legs_SPACE.data_u_val,
   54
-};
-OSQPData legs_data = {
+    },
+    .data = {
   24,
   54,
-  &legs_data_P,
-  &legs_data_A,
-  &legs_data_q,
-  &legs_data_l,
-  &legs_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt legs_linsys_L_p[79] = {
+  (OSQPMatrix *)&legs_SPACE.data_P,
+  (OSQPMatrix *)&legs_SPACE.data_A,
+  (OSQPVectorf *)&legs_SPACE.data_q,
+  (OSQPVectorf *)&legs_SPACE.data_l,
+  (OSQPVectorf *)&legs_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -1085,9 +1070,9 @@ OSQPInt legs_linsys_L_p[79] = {
   329,
   331,
   332,
-  332,
-};
-OSQPInt legs_linsys_L_i[332] = {
+  332
+    },
+    .linsys_L_i = {
   70,
   73,
   74,
@@ -1419,9 +1404,9 @@ OSQPInt legs_linsys_L_i[332] = {
   77,
   76,
   77,
-  77,
-};
-OSQPFloat legs_linsys_L_x[332] = {
+  77
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1753,18 +1738,18 @@ OSQPFloat legs_linsys_L_x[332] = {
   (OSQPFloat)0.00000899908113769987,
   (OSQPFloat)0.00000499980202405236,
   (OSQPFloat)-0.00000099996000483327,
-  (OSQPFloat)-0.00000099995500525621,
-};
-OSQPCscMatrix legs_linsys_L = {
+  (OSQPFloat)-0.00000099995500525621
+    },
+    .linsys_L = {
   78,
   78,
-  legs_linsys_L_p,
-  legs_linsys_L_i,
-  legs_linsys_L_x,
+  (OSQPInt *)&legs_SPACE.linsys_L_p,
+  (OSQPInt *)&legs_SPACE.linsys_L_i,
+  (OSQPFloat *)&legs_SPACE.linsys_L_x,
   332,
-  -1,
-};
-OSQPFloat legs_linsys_Dinv[78] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1842,9 +1827,9 @@ OSQPFloat legs_linsys_Dinv[78] = {
   (OSQPFloat)0.99998900094086040635,
   (OSQPFloat)-0.00000099999500019798,
   (OSQPFloat)-0.00000099999500022297,
-  (OSQPFloat)0.99998700122981154514,
-};
-OSQPInt legs_linsys_P[78] = {
+  (OSQPFloat)0.99998700122981154514
+    },
+    .linsys_P = {
   30,
   33,
   34,
@@ -1922,11 +1907,9 @@ OSQPInt legs_linsys_P[78] = {
   4,
   54,
   55,
-  5,
-};
-OSQPFloat legs_linsys_bp[78];
-OSQPFloat legs_linsys_sol[78];
-OSQPFloat legs_linsys_rho_inv_vec[54] = {
+  5
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1980,9 +1963,9 @@ OSQPFloat legs_linsys_rho_inv_vec[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt legs_linsys_KKT_p[79] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -2061,9 +2044,9 @@ OSQPInt legs_linsys_KKT_p[79] = {
   364,
   370,
   376,
-  394,
-};
-OSQPInt legs_linsys_KKT_i[394] = {
+  394
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -2457,9 +2440,9 @@ OSQPInt legs_linsys_KKT_i[394] = {
   76,
   6,
   5,
-  4,
-};
-OSQPFloat legs_linsys_KKT_x[394] = {
+  4
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2853,18 +2836,18 @@ OSQPFloat legs_linsys_KKT_x[394] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix legs_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   78,
   78,
-  legs_linsys_KKT_p,
-  legs_linsys_KKT_i,
-  legs_linsys_KKT_x,
+  (OSQPInt *)&legs_SPACE.linsys_KKT_p,
+  (OSQPInt *)&legs_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&legs_SPACE.linsys_KKT_x,
   394,
-  -1,
-};
-OSQPInt legs_linsys_PtoKKT[84] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   307,
   315,
   316,
@@ -2948,9 +2931,9 @@ OSQPInt legs_linsys_PtoKKT[84] = {
   85,
   86,
   87,
-  88,
-};
-OSQPInt legs_linsys_AtoKKT[256] = {
+  88
+    },
+    .linsys_AtoKKT = {
   308,
   309,
   310,
@@ -3206,9 +3189,9 @@ OSQPInt legs_linsys_AtoKKT[256] = {
   91,
   92,
   93,
-  94,
-};
-OSQPInt legs_linsys_rhotoKKT[54] = {
+  94
+    },
+    .linsys_rhotoKKT = {
   211,
   230,
   306,
@@ -3262,9 +3245,9 @@ OSQPInt legs_linsys_rhotoKKT[54] = {
   25,
   29,
   37,
-  41,
-};
-OSQPFloat legs_linsys_D[78] = {
+  41
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3342,9 +3325,9 @@ OSQPFloat legs_linsys_D[78] = {
   (OSQPFloat)1.00001099918012026357,
   (OSQPFloat)-1000004.99982702219858765602,
   (OSQPFloat)-1000004.99980202410370111465,
-  (OSQPFloat)1.00001299893915862604,
-};
-OSQPInt legs_linsys_etree[78] = {
+  (OSQPFloat)1.00001299893915862604
+    },
+    .linsys_etree = {
   70,
   73,
   74,
@@ -3422,9 +3405,9 @@ OSQPInt legs_linsys_etree[78] = {
   75,
   76,
   77,
-  -1,
-};
-OSQPInt legs_linsys_Lnz[78] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -3502,12 +3485,9 @@ OSQPInt legs_linsys_Lnz[78] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   legs_linsys_iwork[234];
-QDLDL_bool  legs_linsys_bwork[78];
-QDLDL_float legs_linsys_fwork[78];
-qdldl_solver legs_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -3516,29 +3496,28 @@ qdldl_solver legs_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &legs_linsys_L,
-  legs_linsys_Dinv,
-  legs_linsys_P,
-  legs_linsys_bp,
-  legs_linsys_sol,
-  legs_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&legs_SPACE.linsys_L,
+  (OSQPFloat *)&legs_SPACE.linsys_Dinv,
+  (OSQPInt *)&legs_SPACE.linsys_P,
+  (OSQPFloat *)&legs_SPACE.linsys_bp,
+  (OSQPFloat *)&legs_SPACE.linsys_sol,
+  (OSQPFloat *)&legs_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   24,
   54,
-  &legs_linsys_KKT,
-  legs_linsys_PtoKKT,
-  legs_linsys_AtoKKT,
-  legs_linsys_rhotoKKT,
-  legs_linsys_D,
-  legs_linsys_etree,
-  legs_linsys_Lnz,
-  legs_linsys_iwork,
-  legs_linsys_bwork,
-  legs_linsys_fwork,
-};
-
-OSQPFloat legs_work_rho_vec_val[54] = {
+  (OSQPCscMatrix *)&legs_SPACE.linsys_KKT,
+  (OSQPInt *)&legs_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&legs_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&legs_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&legs_SPACE.linsys_D,
+  (OSQPInt *)&legs_SPACE.linsys_etree,
+  (OSQPInt *)&legs_SPACE.linsys_Lnz,
+  (QDLDL_int *)&legs_SPACE.linsys_iwork,
+  (QDLDL_bool *)&legs_SPACE.linsys_bwork,
+  (QDLDL_float *)&legs_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -3592,13 +3571,13 @@ OSQPFloat legs_work_rho_vec_val[54] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf legs_work_rho_vec = {
-  legs_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&legs_SPACE.work_rho_vec_val,
   54
-};
-OSQPFloat legs_work_rho_inv_vec_val[54] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -3652,13 +3631,13 @@ OSQPFloat legs_work_rho_inv_vec_val[54] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf legs_work_rho_inv_vec = {
-  legs_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&legs_SPACE.work_rho_inv_vec_val,
   54
-};
-OSQPInt legs_work_constr_type_val[54] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -3712,13 +3691,13 @@ OSQPInt legs_work_constr_type_val[54] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori legs_work_constr_type = {
-  legs_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&legs_SPACE.work_constr_type_val,
   54
-};
-OSQPFloat legs_work_x_val[24] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3742,13 +3721,13 @@ OSQPFloat legs_work_x_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_work_x = {
-  legs_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&legs_SPACE.work_x_val,
   24
-};
-OSQPFloat legs_work_y_val[54] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3802,13 +3781,13 @@ OSQPFloat legs_work_y_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_work_y = {
-  legs_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&legs_SPACE.work_y_val,
   54
-};
-OSQPFloat legs_work_z_val[54] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3862,117 +3841,102 @@ OSQPFloat legs_work_z_val[54] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf legs_work_z = {
-  legs_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&legs_SPACE.work_z_val,
   54
-};
-OSQPFloat   legs_work_xz_tilde_val[78];
-OSQPVectorf legs_work_xz_tilde = {
-  legs_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&legs_SPACE.work_xz_tilde_val,
   78
-};
-OSQPVectorf legs_work_xtilde_view = {
-  legs_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&legs_SPACE.work_xz_tilde_val,
   24
-};
-OSQPVectorf legs_work_ztilde_view = {
-  legs_work_xz_tilde_val+24,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&legs_SPACE.work_xz_tilde_val+24,
   54
-};
-OSQPFloat   legs_work_x_prev_val[24];
-OSQPVectorf legs_work_x_prev = {
-  legs_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&legs_SPACE.work_x_prev_val,
   24
-};
-OSQPFloat   legs_work_z_prev_val[54];
-OSQPVectorf legs_work_z_prev = {
-  legs_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&legs_SPACE.work_z_prev_val,
   54
-};
-OSQPFloat   legs_work_Ax_val[54];
-OSQPVectorf legs_work_Ax = {
-  legs_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&legs_SPACE.work_Ax_val,
   54
-};
-OSQPFloat   legs_work_Px_val[24];
-OSQPVectorf legs_work_Px = {
-  legs_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&legs_SPACE.work_Px_val,
   24
-};
-OSQPFloat   legs_work_Aty_val[24];
-OSQPVectorf legs_work_Aty = {
-  legs_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&legs_SPACE.work_Aty_val,
   24
-};
-OSQPFloat   legs_work_delta_y_val[54];
-OSQPVectorf legs_work_delta_y = {
-  legs_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&legs_SPACE.work_delta_y_val,
   54
-};
-OSQPFloat   legs_work_Atdelta_y_val[24];
-OSQPVectorf legs_work_Atdelta_y = {
-  legs_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&legs_SPACE.work_Atdelta_y_val,
   24
-};
-OSQPFloat   legs_work_delta_x_val[24];
-OSQPVectorf legs_work_delta_x = {
-  legs_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&legs_SPACE.work_delta_x_val,
   24
-};
-OSQPFloat   legs_work_Pdelta_x_val[24];
-OSQPVectorf legs_work_Pdelta_x = {
-  legs_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&legs_SPACE.work_Pdelta_x_val,
   24
-};
-OSQPFloat   legs_work_Adelta_x_val[54];
-OSQPVectorf legs_work_Adelta_x = {
-  legs_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&legs_SPACE.work_Adelta_x_val,
   54
-};
-OSQPFloat   legs_work_D_temp_val[24];
-OSQPVectorf legs_work_D_temp = {
-  legs_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&legs_SPACE.work_D_temp_val,
   24
-};
-OSQPFloat   legs_work_D_temp_A_val[24];
-OSQPVectorf legs_work_D_temp_A = {
-  legs_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&legs_SPACE.work_D_temp_A_val,
   24
-};
-OSQPFloat   legs_work_E_temp_val[54];
-OSQPVectorf legs_work_E_temp = {
-  legs_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&legs_SPACE.work_E_temp_val,
   54
-};
-/* Define the workspace structure */
-OSQPWorkspace legs_work = {
-  &legs_data,
-  (LinSysSolver *)&legs_linsys,
-  &legs_work_rho_vec,
-  &legs_work_rho_inv_vec,
-  &legs_work_constr_type,
-  &legs_work_x,
-  &legs_work_y,
-  &legs_work_z,
-  &legs_work_xz_tilde,
-  &legs_work_xtilde_view,
-  &legs_work_ztilde_view,
-  &legs_work_x_prev,
-  &legs_work_z_prev,
-  &legs_work_Ax,
-  &legs_work_Px,
-  &legs_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&legs_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&legs_SPACE.linsys,
+  (OSQPVectorf *)&legs_SPACE.work_rho_vec,
+  (OSQPVectorf *)&legs_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&legs_SPACE.work_constr_type,
+  (OSQPVectorf *)&legs_SPACE.work_x,
+  (OSQPVectorf *)&legs_SPACE.work_y,
+  (OSQPVectorf *)&legs_SPACE.work_z,
+  (OSQPVectorf *)&legs_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&legs_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&legs_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&legs_SPACE.work_x_prev,
+  (OSQPVectorf *)&legs_SPACE.work_z_prev,
+  (OSQPVectorf *)&legs_SPACE.work_Ax,
+  (OSQPVectorf *)&legs_SPACE.work_Px,
+  (OSQPVectorf *)&legs_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &legs_work_delta_y,
-  &legs_work_Atdelta_y,
-  &legs_work_delta_x,
-  &legs_work_Pdelta_x,
-  &legs_work_Adelta_x,
+  (OSQPVectorf *)&legs_SPACE.work_delta_y,
+  (OSQPVectorf *)&legs_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&legs_SPACE.work_delta_x,
+  (OSQPVectorf *)&legs_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&legs_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -3981,13 +3945,12 @@ OSQPWorkspace legs_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver legs_solver = {
-  &legs_settings,
-  &legs_sol,
-  &legs_info,
-  &legs_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&legs_SPACE.settings,
+  (OSQPSolution *)&legs_SPACE.sol,
+  (OSQPInfo *)&legs_SPACE.info,
+  (OSQPWorkspace *)&legs_SPACE.work
+    },
 };

@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for paper_soft. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "paper_soft_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings paper_soft_settings = {
+const paper_soft_space paper_soft_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings paper_soft_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat paper_soft_sol_x[46];
-OSQPFloat paper_soft_sol_y[70];
-OSQPFloat paper_soft_sol_prim_inf_cert[70];
-OSQPFloat paper_soft_sol_dual_inf_cert[46];
-OSQPSolution paper_soft_sol = {
-  paper_soft_sol_x,
-  paper_soft_sol_y,
-  paper_soft_sol_prim_inf_cert,
-  paper_soft_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo paper_soft_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&paper_soft_SPACE.sol_x,
+  (OSQPFloat *)&paper_soft_SPACE.sol_y,
+  (OSQPFloat *)&paper_soft_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&paper_soft_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo paper_soft_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt paper_soft_data_P_csc_p[47] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -124,9 +111,9 @@ OSQPInt paper_soft_data_P_csc_p[47] = {
   103,
   104,
   105,
-  106,
-};
-OSQPInt paper_soft_data_P_csc_i[106] = {
+  106
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -232,9 +219,9 @@ OSQPInt paper_soft_data_P_csc_i[106] = {
   42,
   43,
   44,
-  45,
-};
-OSQPFloat paper_soft_data_P_csc_x[106] = {
+  45
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -340,22 +327,22 @@ OSQPFloat paper_soft_data_P_csc_x[106] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix paper_soft_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   46,
   46,
-  paper_soft_data_P_csc_p,
-  paper_soft_data_P_csc_i,
-  paper_soft_data_P_csc_x,
+  (OSQPInt *)&paper_soft_SPACE.data_P_csc_p,
+  (OSQPInt *)&paper_soft_SPACE.data_P_csc_i,
+  (OSQPFloat *)&paper_soft_SPACE.data_P_csc_x,
   106,
-  -1,
-};
-OSQPMatrix paper_soft_data_P = {
-  &paper_soft_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&paper_soft_SPACE.data_P_csc,
   1
-};
-OSQPInt paper_soft_data_A_csc_p[47] = {
+    },
+    .data_A_csc_p = {
   0,
   11,
   23,
@@ -402,9 +389,9 @@ OSQPInt paper_soft_data_A_csc_p[47] = {
   323,
   324,
   325,
-  326,
-};
-OSQPInt paper_soft_data_A_csc_i[326] = {
+  326
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -730,9 +717,9 @@ OSQPInt paper_soft_data_A_csc_i[326] = {
   42,
   43,
   44,
-  45,
-};
-OSQPFloat paper_soft_data_A_csc_x[326] = {
+  45
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -1058,22 +1045,22 @@ OSQPFloat paper_soft_data_A_csc_x[326] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix paper_soft_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   70,
   46,
-  paper_soft_data_A_csc_p,
-  paper_soft_data_A_csc_i,
-  paper_soft_data_A_csc_x,
+  (OSQPInt *)&paper_soft_SPACE.data_A_csc_p,
+  (OSQPInt *)&paper_soft_SPACE.data_A_csc_i,
+  (OSQPFloat *)&paper_soft_SPACE.data_A_csc_x,
   326,
-  -1,
-};
-OSQPMatrix paper_soft_data_A = {
-  &paper_soft_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&paper_soft_SPACE.data_A_csc,
   0
-};
-OSQPFloat paper_soft_data_q_val[46] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1119,13 +1106,13 @@ OSQPFloat paper_soft_data_q_val[46] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_soft_data_q = {
-  paper_soft_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&paper_soft_SPACE.data_q_val,
   46
-};
-OSQPFloat paper_soft_data_l_val[70] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -1195,13 +1182,13 @@ OSQPFloat paper_soft_data_l_val[70] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf paper_soft_data_l = {
-  paper_soft_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&paper_soft_SPACE.data_l_val,
   70
-};
-OSQPFloat paper_soft_data_u_val[70] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -1271,24 +1258,22 @@ OSQPFloat paper_soft_data_u_val[70] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf paper_soft_data_u = {
-  paper_soft_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&paper_soft_SPACE.data_u_val,
   70
-};
-OSQPData paper_soft_data = {
+    },
+    .data = {
   46,
   70,
-  &paper_soft_data_P,
-  &paper_soft_data_A,
-  &paper_soft_data_q,
-  &paper_soft_data_l,
-  &paper_soft_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt paper_soft_linsys_L_p[117] = {
+  (OSQPMatrix *)&paper_soft_SPACE.data_P,
+  (OSQPMatrix *)&paper_soft_SPACE.data_A,
+  (OSQPVectorf *)&paper_soft_SPACE.data_q,
+  (OSQPVectorf *)&paper_soft_SPACE.data_l,
+  (OSQPVectorf *)&paper_soft_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -1405,9 +1390,9 @@ OSQPInt paper_soft_linsys_L_p[117] = {
   399,
   401,
   402,
-  402,
-};
-OSQPInt paper_soft_linsys_L_i[402] = {
+  402
+    },
+    .linsys_L_i = {
   113,
   114,
   108,
@@ -1809,9 +1794,9 @@ OSQPInt paper_soft_linsys_L_i[402] = {
   115,
   114,
   115,
-  115,
-};
-OSQPFloat paper_soft_linsys_L_x[402] = {
+  115
+    },
+    .linsys_L_x = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -2213,18 +2198,18 @@ OSQPFloat paper_soft_linsys_L_x[402] = {
   (OSQPFloat)0.00000599904015351533,
   (OSQPFloat)0.00000499976102768074,
   (OSQPFloat)-0.00000099995900516219,
-  (OSQPFloat)-0.00000099995400563112,
-};
-OSQPCscMatrix paper_soft_linsys_L = {
+  (OSQPFloat)-0.00000099995400563112
+    },
+    .linsys_L = {
   116,
   116,
-  paper_soft_linsys_L_p,
-  paper_soft_linsys_L_i,
-  paper_soft_linsys_L_x,
+  (OSQPInt *)&paper_soft_SPACE.linsys_L_p,
+  (OSQPInt *)&paper_soft_SPACE.linsys_L_i,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_L_x,
   402,
-  -1,
-};
-OSQPFloat paper_soft_linsys_Dinv[116] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -2340,9 +2325,9 @@ OSQPFloat paper_soft_linsys_Dinv[116] = {
   (OSQPFloat)0.99998700111783389577,
   (OSQPFloat)-0.00000099999400024597,
   (OSQPFloat)-0.00000099999400027097,
-  (OSQPFloat)0.99998700123780348559,
-};
-OSQPInt paper_soft_linsys_P[116] = {
+  (OSQPFloat)0.99998700123780348559
+    },
+    .linsys_P = {
   42,
   43,
   70,
@@ -2458,11 +2443,9 @@ OSQPInt paper_soft_linsys_P[116] = {
   23,
   88,
   89,
-  20,
-};
-OSQPFloat paper_soft_linsys_bp[116];
-OSQPFloat paper_soft_linsys_sol[116];
-OSQPFloat paper_soft_linsys_rho_inv_vec[70] = {
+  20
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -2532,9 +2515,9 @@ OSQPFloat paper_soft_linsys_rho_inv_vec[70] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt paper_soft_linsys_KKT_p[117] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -2651,9 +2634,9 @@ OSQPInt paper_soft_linsys_KKT_p[117] = {
   470,
   477,
   484,
-  502,
-};
-OSQPInt paper_soft_linsys_KKT_i[502] = {
+  502
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -3155,9 +3138,9 @@ OSQPInt paper_soft_linsys_KKT_i[502] = {
   114,
   5,
   7,
-  6,
-};
-OSQPFloat paper_soft_linsys_KKT_x[502] = {
+  6
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3659,18 +3642,18 @@ OSQPFloat paper_soft_linsys_KKT_x[502] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix paper_soft_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   116,
   116,
-  paper_soft_linsys_KKT_p,
-  paper_soft_linsys_KKT_i,
-  paper_soft_linsys_KKT_x,
+  (OSQPInt *)&paper_soft_SPACE.linsys_KKT_p,
+  (OSQPInt *)&paper_soft_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_KKT_x,
   502,
-  -1,
-};
-OSQPInt paper_soft_linsys_PtoKKT[106] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   98,
   104,
   105,
@@ -3776,9 +3759,9 @@ OSQPInt paper_soft_linsys_PtoKKT[106] = {
   0,
   1,
   9,
-  8,
-};
-OSQPInt paper_soft_linsys_AtoKKT[326] = {
+  8
+    },
+    .linsys_AtoKKT = {
   281,
   301,
   321,
@@ -4104,9 +4087,9 @@ OSQPInt paper_soft_linsys_AtoKKT[326] = {
   475,
   482,
   14,
-  16,
-};
-OSQPInt paper_soft_linsys_rhotoKKT[70] = {
+  16
+    },
+    .linsys_rhotoKKT = {
   300,
   320,
   340,
@@ -4176,9 +4159,9 @@ OSQPInt paper_soft_linsys_rhotoKKT[70] = {
   26,
   38,
   6,
-  18,
-};
-OSQPFloat paper_soft_linsys_D[116] = {
+  18
+    },
+    .linsys_D = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -4294,9 +4277,9 @@ OSQPFloat paper_soft_linsys_D[116] = {
   (OSQPFloat)1.00001299905113927302,
   (OSQPFloat)-1000005.99979002517648041248,
   (OSQPFloat)-1000005.99976502743083983660,
-  (OSQPFloat)1.00001299893116657458,
-};
-OSQPInt paper_soft_linsys_etree[116] = {
+  (OSQPFloat)1.00001299893116657458
+    },
+    .linsys_etree = {
   113,
   114,
   108,
@@ -4412,9 +4395,9 @@ OSQPInt paper_soft_linsys_etree[116] = {
   113,
   114,
   115,
-  -1,
-};
-OSQPInt paper_soft_linsys_Lnz[116] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -4530,12 +4513,9 @@ OSQPInt paper_soft_linsys_Lnz[116] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   paper_soft_linsys_iwork[348];
-QDLDL_bool  paper_soft_linsys_bwork[116];
-QDLDL_float paper_soft_linsys_fwork[116];
-qdldl_solver paper_soft_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -4544,29 +4524,28 @@ qdldl_solver paper_soft_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &paper_soft_linsys_L,
-  paper_soft_linsys_Dinv,
-  paper_soft_linsys_P,
-  paper_soft_linsys_bp,
-  paper_soft_linsys_sol,
-  paper_soft_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&paper_soft_SPACE.linsys_L,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_Dinv,
+  (OSQPInt *)&paper_soft_SPACE.linsys_P,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_bp,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_sol,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   46,
   70,
-  &paper_soft_linsys_KKT,
-  paper_soft_linsys_PtoKKT,
-  paper_soft_linsys_AtoKKT,
-  paper_soft_linsys_rhotoKKT,
-  paper_soft_linsys_D,
-  paper_soft_linsys_etree,
-  paper_soft_linsys_Lnz,
-  paper_soft_linsys_iwork,
-  paper_soft_linsys_bwork,
-  paper_soft_linsys_fwork,
-};
-
-OSQPFloat paper_soft_work_rho_vec_val[70] = {
+  (OSQPCscMatrix *)&paper_soft_SPACE.linsys_KKT,
+  (OSQPInt *)&paper_soft_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&paper_soft_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&paper_soft_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&paper_soft_SPACE.linsys_D,
+  (OSQPInt *)&paper_soft_SPACE.linsys_etree,
+  (OSQPInt *)&paper_soft_SPACE.linsys_Lnz,
+  (QDLDL_int *)&paper_soft_SPACE.linsys_iwork,
+  (QDLDL_bool *)&paper_soft_SPACE.linsys_bwork,
+  (QDLDL_float *)&paper_soft_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -4636,13 +4615,13 @@ OSQPFloat paper_soft_work_rho_vec_val[70] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf paper_soft_work_rho_vec = {
-  paper_soft_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&paper_soft_SPACE.work_rho_vec_val,
   70
-};
-OSQPFloat paper_soft_work_rho_inv_vec_val[70] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -4712,13 +4691,13 @@ OSQPFloat paper_soft_work_rho_inv_vec_val[70] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf paper_soft_work_rho_inv_vec = {
-  paper_soft_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&paper_soft_SPACE.work_rho_inv_vec_val,
   70
-};
-OSQPInt paper_soft_work_constr_type_val[70] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -4788,13 +4767,13 @@ OSQPInt paper_soft_work_constr_type_val[70] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori paper_soft_work_constr_type = {
-  paper_soft_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&paper_soft_SPACE.work_constr_type_val,
   70
-};
-OSQPFloat paper_soft_work_x_val[46] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4840,13 +4819,13 @@ OSQPFloat paper_soft_work_x_val[46] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_soft_work_x = {
-  paper_soft_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&paper_soft_SPACE.work_x_val,
   46
-};
-OSQPFloat paper_soft_work_y_val[70] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4916,13 +4895,13 @@ OSQPFloat paper_soft_work_y_val[70] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_soft_work_y = {
-  paper_soft_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&paper_soft_SPACE.work_y_val,
   70
-};
-OSQPFloat paper_soft_work_z_val[70] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4992,117 +4971,102 @@ OSQPFloat paper_soft_work_z_val[70] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_soft_work_z = {
-  paper_soft_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&paper_soft_SPACE.work_z_val,
   70
-};
-OSQPFloat   paper_soft_work_xz_tilde_val[116];
-OSQPVectorf paper_soft_work_xz_tilde = {
-  paper_soft_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&paper_soft_SPACE.work_xz_tilde_val,
   116
-};
-OSQPVectorf paper_soft_work_xtilde_view = {
-  paper_soft_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&paper_soft_SPACE.work_xz_tilde_val,
   46
-};
-OSQPVectorf paper_soft_work_ztilde_view = {
-  paper_soft_work_xz_tilde_val+46,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&paper_soft_SPACE.work_xz_tilde_val+46,
   70
-};
-OSQPFloat   paper_soft_work_x_prev_val[46];
-OSQPVectorf paper_soft_work_x_prev = {
-  paper_soft_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&paper_soft_SPACE.work_x_prev_val,
   46
-};
-OSQPFloat   paper_soft_work_z_prev_val[70];
-OSQPVectorf paper_soft_work_z_prev = {
-  paper_soft_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&paper_soft_SPACE.work_z_prev_val,
   70
-};
-OSQPFloat   paper_soft_work_Ax_val[70];
-OSQPVectorf paper_soft_work_Ax = {
-  paper_soft_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&paper_soft_SPACE.work_Ax_val,
   70
-};
-OSQPFloat   paper_soft_work_Px_val[46];
-OSQPVectorf paper_soft_work_Px = {
-  paper_soft_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&paper_soft_SPACE.work_Px_val,
   46
-};
-OSQPFloat   paper_soft_work_Aty_val[46];
-OSQPVectorf paper_soft_work_Aty = {
-  paper_soft_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&paper_soft_SPACE.work_Aty_val,
   46
-};
-OSQPFloat   paper_soft_work_delta_y_val[70];
-OSQPVectorf paper_soft_work_delta_y = {
-  paper_soft_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&paper_soft_SPACE.work_delta_y_val,
   70
-};
-OSQPFloat   paper_soft_work_Atdelta_y_val[46];
-OSQPVectorf paper_soft_work_Atdelta_y = {
-  paper_soft_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&paper_soft_SPACE.work_Atdelta_y_val,
   46
-};
-OSQPFloat   paper_soft_work_delta_x_val[46];
-OSQPVectorf paper_soft_work_delta_x = {
-  paper_soft_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&paper_soft_SPACE.work_delta_x_val,
   46
-};
-OSQPFloat   paper_soft_work_Pdelta_x_val[46];
-OSQPVectorf paper_soft_work_Pdelta_x = {
-  paper_soft_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&paper_soft_SPACE.work_Pdelta_x_val,
   46
-};
-OSQPFloat   paper_soft_work_Adelta_x_val[70];
-OSQPVectorf paper_soft_work_Adelta_x = {
-  paper_soft_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&paper_soft_SPACE.work_Adelta_x_val,
   70
-};
-OSQPFloat   paper_soft_work_D_temp_val[46];
-OSQPVectorf paper_soft_work_D_temp = {
-  paper_soft_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&paper_soft_SPACE.work_D_temp_val,
   46
-};
-OSQPFloat   paper_soft_work_D_temp_A_val[46];
-OSQPVectorf paper_soft_work_D_temp_A = {
-  paper_soft_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&paper_soft_SPACE.work_D_temp_A_val,
   46
-};
-OSQPFloat   paper_soft_work_E_temp_val[70];
-OSQPVectorf paper_soft_work_E_temp = {
-  paper_soft_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&paper_soft_SPACE.work_E_temp_val,
   70
-};
-/* Define the workspace structure */
-OSQPWorkspace paper_soft_work = {
-  &paper_soft_data,
-  (LinSysSolver *)&paper_soft_linsys,
-  &paper_soft_work_rho_vec,
-  &paper_soft_work_rho_inv_vec,
-  &paper_soft_work_constr_type,
-  &paper_soft_work_x,
-  &paper_soft_work_y,
-  &paper_soft_work_z,
-  &paper_soft_work_xz_tilde,
-  &paper_soft_work_xtilde_view,
-  &paper_soft_work_ztilde_view,
-  &paper_soft_work_x_prev,
-  &paper_soft_work_z_prev,
-  &paper_soft_work_Ax,
-  &paper_soft_work_Px,
-  &paper_soft_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&paper_soft_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&paper_soft_SPACE.linsys,
+  (OSQPVectorf *)&paper_soft_SPACE.work_rho_vec,
+  (OSQPVectorf *)&paper_soft_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&paper_soft_SPACE.work_constr_type,
+  (OSQPVectorf *)&paper_soft_SPACE.work_x,
+  (OSQPVectorf *)&paper_soft_SPACE.work_y,
+  (OSQPVectorf *)&paper_soft_SPACE.work_z,
+  (OSQPVectorf *)&paper_soft_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&paper_soft_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&paper_soft_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&paper_soft_SPACE.work_x_prev,
+  (OSQPVectorf *)&paper_soft_SPACE.work_z_prev,
+  (OSQPVectorf *)&paper_soft_SPACE.work_Ax,
+  (OSQPVectorf *)&paper_soft_SPACE.work_Px,
+  (OSQPVectorf *)&paper_soft_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &paper_soft_work_delta_y,
-  &paper_soft_work_Atdelta_y,
-  &paper_soft_work_delta_x,
-  &paper_soft_work_Pdelta_x,
-  &paper_soft_work_Adelta_x,
+  (OSQPVectorf *)&paper_soft_SPACE.work_delta_y,
+  (OSQPVectorf *)&paper_soft_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&paper_soft_SPACE.work_delta_x,
+  (OSQPVectorf *)&paper_soft_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&paper_soft_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -5111,13 +5075,12 @@ OSQPWorkspace paper_soft_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver paper_soft_solver = {
-  &paper_soft_settings,
-  &paper_soft_sol,
-  &paper_soft_info,
-  &paper_soft_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&paper_soft_SPACE.settings,
+  (OSQPSolution *)&paper_soft_SPACE.sol,
+  (OSQPInfo *)&paper_soft_SPACE.info,
+  (OSQPWorkspace *)&paper_soft_SPACE.work
+    },
 };

@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for paper. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "paper_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings paper_settings = {
+const paper_space paper_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings paper_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat paper_sol_x[24];
-OSQPFloat paper_sol_y[70];
-OSQPFloat paper_sol_prim_inf_cert[70];
-OSQPFloat paper_sol_dual_inf_cert[24];
-OSQPSolution paper_sol = {
-  paper_sol_x,
-  paper_sol_y,
-  paper_sol_prim_inf_cert,
-  paper_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo paper_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&paper_SPACE.sol_x,
+  (OSQPFloat *)&paper_SPACE.sol_y,
+  (OSQPFloat *)&paper_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&paper_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo paper_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt paper_data_P_csc_p[25] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -102,9 +89,9 @@ OSQPInt paper_data_P_csc_p[25] = {
   69,
   73,
   78,
-  84,
-};
-OSQPInt paper_data_P_csc_i[84] = {
+  84
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -188,9 +175,9 @@ OSQPInt paper_data_P_csc_i[84] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat paper_data_P_csc_x[84] = {
+  23
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -274,22 +261,22 @@ OSQPFloat paper_data_P_csc_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix paper_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   24,
   24,
-  paper_data_P_csc_p,
-  paper_data_P_csc_i,
-  paper_data_P_csc_x,
+  (OSQPInt *)&paper_SPACE.data_P_csc_p,
+  (OSQPInt *)&paper_SPACE.data_P_csc_i,
+  (OSQPFloat *)&paper_SPACE.data_P_csc_x,
   84,
-  -1,
-};
-OSQPMatrix paper_data_P = {
-  &paper_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&paper_SPACE.data_P_csc,
   1
-};
-OSQPInt paper_data_A_csc_p[25] = {
+    },
+    .data_A_csc_p = {
   0,
   11,
   23,
@@ -314,9 +301,9 @@ OSQPInt paper_data_A_csc_p[25] = {
   263,
   276,
   290,
-  304,
-};
-OSQPInt paper_data_A_csc_i[304] = {
+  304
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -620,9 +607,9 @@ OSQPInt paper_data_A_csc_i[304] = {
   45,
   53,
   61,
-  69,
-};
-OSQPFloat paper_data_A_csc_x[304] = {
+  69
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -926,22 +913,22 @@ OSQPFloat paper_data_A_csc_x[304] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix paper_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   70,
   24,
-  paper_data_A_csc_p,
-  paper_data_A_csc_i,
-  paper_data_A_csc_x,
+  (OSQPInt *)&paper_SPACE.data_A_csc_p,
+  (OSQPInt *)&paper_SPACE.data_A_csc_i,
+  (OSQPFloat *)&paper_SPACE.data_A_csc_x,
   304,
-  -1,
-};
-OSQPMatrix paper_data_A = {
-  &paper_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&paper_SPACE.data_A_csc,
   0
-};
-OSQPFloat paper_data_q_val[24] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -965,13 +952,13 @@ OSQPFloat paper_data_q_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_data_q = {
-  paper_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&paper_SPACE.data_q_val,
   24
-};
-OSQPFloat paper_data_l_val[70] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -1041,13 +1028,13 @@ OSQPFloat paper_data_l_val[70] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf paper_data_l = {
-  paper_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&paper_SPACE.data_l_val,
   70
-};
-OSQPFloat paper_data_u_val[70] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -1117,24 +1104,22 @@ OSQPFloat paper_data_u_val[70] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf paper_data_u = {
-  paper_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&paper_SPACE.data_u_val,
   70
-};
-OSQPData paper_data = {
+    },
+    .data = {
   24,
   70,
-  &paper_data_P,
-  &paper_data_A,
-  &paper_data_q,
-  &paper_data_l,
-  &paper_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt paper_linsys_L_p[95] = {
+  (OSQPMatrix *)&paper_SPACE.data_P,
+  (OSQPMatrix *)&paper_SPACE.data_A,
+  (OSQPVectorf *)&paper_SPACE.data_q,
+  (OSQPVectorf *)&paper_SPACE.data_l,
+  (OSQPVectorf *)&paper_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -1229,9 +1214,9 @@ OSQPInt paper_linsys_L_p[95] = {
   377,
   379,
   380,
-  380,
-};
-OSQPInt paper_linsys_L_i[380] = {
+  380
+    },
+    .linsys_L_i = {
   88,
   89,
   90,
@@ -1611,9 +1596,9 @@ OSQPInt paper_linsys_L_i[380] = {
   93,
   92,
   93,
-  93,
-};
-OSQPFloat paper_linsys_L_x[380] = {
+  93
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1993,18 +1978,18 @@ OSQPFloat paper_linsys_L_x[380] = {
   (OSQPFloat)0.00000599904615168577,
   (OSQPFloat)0.00000499976602724382,
   (OSQPFloat)-0.00000099996000508520,
-  (OSQPFloat)-0.00000099995500554414,
-};
-OSQPCscMatrix paper_linsys_L = {
+  (OSQPFloat)-0.00000099995500554414
+    },
+    .linsys_L = {
   94,
   94,
-  paper_linsys_L_p,
-  paper_linsys_L_i,
-  paper_linsys_L_x,
+  (OSQPInt *)&paper_SPACE.linsys_L_p,
+  (OSQPInt *)&paper_SPACE.linsys_L_i,
+  (OSQPFloat *)&paper_SPACE.linsys_L_x,
   380,
-  -1,
-};
-OSQPFloat paper_linsys_Dinv[94] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -2098,9 +2083,9 @@ OSQPFloat paper_linsys_Dinv[94] = {
   (OSQPFloat)0.99998700110983607114,
   (OSQPFloat)-0.00000099999500023397,
   (OSQPFloat)-0.00000099999500025897,
-  (OSQPFloat)0.99998700122980599403,
-};
-OSQPInt paper_linsys_P[94] = {
+  (OSQPFloat)0.99998700122980599403
+    },
+    .linsys_P = {
   33,
   34,
   35,
@@ -2194,11 +2179,9 @@ OSQPInt paper_linsys_P[94] = {
   5,
   54,
   55,
-  2,
-};
-OSQPFloat paper_linsys_bp[94];
-OSQPFloat paper_linsys_sol[94];
-OSQPFloat paper_linsys_rho_inv_vec[70] = {
+  2
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -2268,9 +2251,9 @@ OSQPFloat paper_linsys_rho_inv_vec[70] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt paper_linsys_KKT_p[95] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -2365,9 +2348,9 @@ OSQPInt paper_linsys_KKT_p[95] = {
   428,
   434,
   440,
-  458,
-};
-OSQPInt paper_linsys_KKT_i[458] = {
+  458
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -2825,9 +2808,9 @@ OSQPInt paper_linsys_KKT_i[458] = {
   92,
   11,
   13,
-  12,
-};
-OSQPFloat paper_linsys_KKT_x[458] = {
+  12
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3285,18 +3268,18 @@ OSQPFloat paper_linsys_KKT_x[458] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix paper_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   94,
   94,
-  paper_linsys_KKT_p,
-  paper_linsys_KKT_i,
-  paper_linsys_KKT_x,
+  (OSQPInt *)&paper_SPACE.linsys_KKT_p,
+  (OSQPInt *)&paper_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&paper_SPACE.linsys_KKT_x,
   458,
-  -1,
-};
-OSQPInt paper_linsys_PtoKKT[84] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   359,
   369,
   370,
@@ -3380,9 +3363,9 @@ OSQPInt paper_linsys_PtoKKT[84] = {
   111,
   112,
   113,
-  114,
-};
-OSQPInt paper_linsys_AtoKKT[304] = {
+  114
+    },
+    .linsys_AtoKKT = {
   360,
   361,
   362,
@@ -3686,9 +3669,9 @@ OSQPInt paper_linsys_AtoKKT[304] = {
   119,
   120,
   121,
-  122,
-};
-OSQPInt paper_linsys_rhotoKKT[70] = {
+  122
+    },
+    .linsys_rhotoKKT = {
   263,
   282,
   301,
@@ -3758,9 +3741,9 @@ OSQPInt paper_linsys_rhotoKKT[70] = {
   42,
   34,
   58,
-  50,
-};
-OSQPFloat paper_linsys_D[94] = {
+  50
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -3854,9 +3837,9 @@ OSQPFloat paper_linsys_D[94] = {
   (OSQPFloat)1.00001299905913731969,
   (OSQPFloat)-1000004.99979102506767958403,
   (OSQPFloat)-1000004.99976602732203900814,
-  (OSQPFloat)1.00001299893916417716,
-};
-OSQPInt paper_linsys_etree[94] = {
+  (OSQPFloat)1.00001299893916417716
+    },
+    .linsys_etree = {
   88,
   89,
   90,
@@ -3950,9 +3933,9 @@ OSQPInt paper_linsys_etree[94] = {
   91,
   92,
   93,
-  -1,
-};
-OSQPInt paper_linsys_Lnz[94] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -4046,12 +4029,9 @@ OSQPInt paper_linsys_Lnz[94] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   paper_linsys_iwork[282];
-QDLDL_bool  paper_linsys_bwork[94];
-QDLDL_float paper_linsys_fwork[94];
-qdldl_solver paper_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -4060,29 +4040,28 @@ qdldl_solver paper_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &paper_linsys_L,
-  paper_linsys_Dinv,
-  paper_linsys_P,
-  paper_linsys_bp,
-  paper_linsys_sol,
-  paper_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&paper_SPACE.linsys_L,
+  (OSQPFloat *)&paper_SPACE.linsys_Dinv,
+  (OSQPInt *)&paper_SPACE.linsys_P,
+  (OSQPFloat *)&paper_SPACE.linsys_bp,
+  (OSQPFloat *)&paper_SPACE.linsys_sol,
+  (OSQPFloat *)&paper_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   24,
   70,
-  &paper_linsys_KKT,
-  paper_linsys_PtoKKT,
-  paper_linsys_AtoKKT,
-  paper_linsys_rhotoKKT,
-  paper_linsys_D,
-  paper_linsys_etree,
-  paper_linsys_Lnz,
-  paper_linsys_iwork,
-  paper_linsys_bwork,
-  paper_linsys_fwork,
-};
-
-OSQPFloat paper_work_rho_vec_val[70] = {
+  (OSQPCscMatrix *)&paper_SPACE.linsys_KKT,
+  (OSQPInt *)&paper_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&paper_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&paper_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&paper_SPACE.linsys_D,
+  (OSQPInt *)&paper_SPACE.linsys_etree,
+  (OSQPInt *)&paper_SPACE.linsys_Lnz,
+  (QDLDL_int *)&paper_SPACE.linsys_iwork,
+  (QDLDL_bool *)&paper_SPACE.linsys_bwork,
+  (QDLDL_float *)&paper_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -4152,13 +4131,13 @@ OSQPFloat paper_work_rho_vec_val[70] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf paper_work_rho_vec = {
-  paper_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&paper_SPACE.work_rho_vec_val,
   70
-};
-OSQPFloat paper_work_rho_inv_vec_val[70] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -4228,13 +4207,13 @@ OSQPFloat paper_work_rho_inv_vec_val[70] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf paper_work_rho_inv_vec = {
-  paper_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&paper_SPACE.work_rho_inv_vec_val,
   70
-};
-OSQPInt paper_work_constr_type_val[70] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -4304,13 +4283,13 @@ OSQPInt paper_work_constr_type_val[70] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori paper_work_constr_type = {
-  paper_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&paper_SPACE.work_constr_type_val,
   70
-};
-OSQPFloat paper_work_x_val[24] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4334,13 +4313,13 @@ OSQPFloat paper_work_x_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_work_x = {
-  paper_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&paper_SPACE.work_x_val,
   24
-};
-OSQPFloat paper_work_y_val[70] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4410,13 +4389,13 @@ OSQPFloat paper_work_y_val[70] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_work_y = {
-  paper_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&paper_SPACE.work_y_val,
   70
-};
-OSQPFloat paper_work_z_val[70] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -4486,117 +4465,102 @@ OSQPFloat paper_work_z_val[70] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf paper_work_z = {
-  paper_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&paper_SPACE.work_z_val,
   70
-};
-OSQPFloat   paper_work_xz_tilde_val[94];
-OSQPVectorf paper_work_xz_tilde = {
-  paper_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&paper_SPACE.work_xz_tilde_val,
   94
-};
-OSQPVectorf paper_work_xtilde_view = {
-  paper_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&paper_SPACE.work_xz_tilde_val,
   24
-};
-OSQPVectorf paper_work_ztilde_view = {
-  paper_work_xz_tilde_val+24,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&paper_SPACE.work_xz_tilde_val+24,
   70
-};
-OSQPFloat   paper_work_x_prev_val[24];
-OSQPVectorf paper_work_x_prev = {
-  paper_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&paper_SPACE.work_x_prev_val,
   24
-};
-OSQPFloat   paper_work_z_prev_val[70];
-OSQPVectorf paper_work_z_prev = {
-  paper_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&paper_SPACE.work_z_prev_val,
   70
-};
-OSQPFloat   paper_work_Ax_val[70];
-OSQPVectorf paper_work_Ax = {
-  paper_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&paper_SPACE.work_Ax_val,
   70
-};
-OSQPFloat   paper_work_Px_val[24];
-OSQPVectorf paper_work_Px = {
-  paper_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&paper_SPACE.work_Px_val,
   24
-};
-OSQPFloat   paper_work_Aty_val[24];
-OSQPVectorf paper_work_Aty = {
-  paper_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&paper_SPACE.work_Aty_val,
   24
-};
-OSQPFloat   paper_work_delta_y_val[70];
-OSQPVectorf paper_work_delta_y = {
-  paper_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&paper_SPACE.work_delta_y_val,
   70
-};
-OSQPFloat   paper_work_Atdelta_y_val[24];
-OSQPVectorf paper_work_Atdelta_y = {
-  paper_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&paper_SPACE.work_Atdelta_y_val,
   24
-};
-OSQPFloat   paper_work_delta_x_val[24];
-OSQPVectorf paper_work_delta_x = {
-  paper_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&paper_SPACE.work_delta_x_val,
   24
-};
-OSQPFloat   paper_work_Pdelta_x_val[24];
-OSQPVectorf paper_work_Pdelta_x = {
-  paper_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&paper_SPACE.work_Pdelta_x_val,
   24
-};
-OSQPFloat   paper_work_Adelta_x_val[70];
-OSQPVectorf paper_work_Adelta_x = {
-  paper_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&paper_SPACE.work_Adelta_x_val,
   70
-};
-OSQPFloat   paper_work_D_temp_val[24];
-OSQPVectorf paper_work_D_temp = {
-  paper_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&paper_SPACE.work_D_temp_val,
   24
-};
-OSQPFloat   paper_work_D_temp_A_val[24];
-OSQPVectorf paper_work_D_temp_A = {
-  paper_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&paper_SPACE.work_D_temp_A_val,
   24
-};
-OSQPFloat   paper_work_E_temp_val[70];
-OSQPVectorf paper_work_E_temp = {
-  paper_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&paper_SPACE.work_E_temp_val,
   70
-};
-/* Define the workspace structure */
-OSQPWorkspace paper_work = {
-  &paper_data,
-  (LinSysSolver *)&paper_linsys,
-  &paper_work_rho_vec,
-  &paper_work_rho_inv_vec,
-  &paper_work_constr_type,
-  &paper_work_x,
-  &paper_work_y,
-  &paper_work_z,
-  &paper_work_xz_tilde,
-  &paper_work_xtilde_view,
-  &paper_work_ztilde_view,
-  &paper_work_x_prev,
-  &paper_work_z_prev,
-  &paper_work_Ax,
-  &paper_work_Px,
-  &paper_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&paper_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&paper_SPACE.linsys,
+  (OSQPVectorf *)&paper_SPACE.work_rho_vec,
+  (OSQPVectorf *)&paper_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&paper_SPACE.work_constr_type,
+  (OSQPVectorf *)&paper_SPACE.work_x,
+  (OSQPVectorf *)&paper_SPACE.work_y,
+  (OSQPVectorf *)&paper_SPACE.work_z,
+  (OSQPVectorf *)&paper_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&paper_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&paper_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&paper_SPACE.work_x_prev,
+  (OSQPVectorf *)&paper_SPACE.work_z_prev,
+  (OSQPVectorf *)&paper_SPACE.work_Ax,
+  (OSQPVectorf *)&paper_SPACE.work_Px,
+  (OSQPVectorf *)&paper_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &paper_work_delta_y,
-  &paper_work_Atdelta_y,
-  &paper_work_delta_x,
-  &paper_work_Pdelta_x,
-  &paper_work_Adelta_x,
+  (OSQPVectorf *)&paper_SPACE.work_delta_y,
+  (OSQPVectorf *)&paper_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&paper_SPACE.work_delta_x,
+  (OSQPVectorf *)&paper_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&paper_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -4605,13 +4569,12 @@ OSQPWorkspace paper_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver paper_solver = {
-  &paper_settings,
-  &paper_sol,
-  &paper_info,
-  &paper_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&paper_SPACE.settings,
+  (OSQPSolution *)&paper_SPACE.sol,
+  (OSQPInfo *)&paper_SPACE.info,
+  (OSQPWorkspace *)&paper_SPACE.work
+    },
 };

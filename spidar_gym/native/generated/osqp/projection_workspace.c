@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for projection. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "projection_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings projection_settings = {
+const projection_space projection_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings projection_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat projection_sol_x[24];
-OSQPFloat projection_sol_y[64];
-OSQPFloat projection_sol_prim_inf_cert[64];
-OSQPFloat projection_sol_dual_inf_cert[24];
-OSQPSolution projection_sol = {
-  projection_sol_x,
-  projection_sol_y,
-  projection_sol_prim_inf_cert,
-  projection_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo projection_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&projection_SPACE.sol_x,
+  (OSQPFloat *)&projection_SPACE.sol_y,
+  (OSQPFloat *)&projection_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&projection_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo projection_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt projection_data_P_csc_p[25] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -102,9 +89,9 @@ OSQPInt projection_data_P_csc_p[25] = {
   69,
   73,
   78,
-  84,
-};
-OSQPInt projection_data_P_csc_i[84] = {
+  84
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -188,9 +175,9 @@ OSQPInt projection_data_P_csc_i[84] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat projection_data_P_csc_x[84] = {
+  23
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -274,22 +261,22 @@ OSQPFloat projection_data_P_csc_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix projection_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   24,
   24,
-  projection_data_P_csc_p,
-  projection_data_P_csc_i,
-  projection_data_P_csc_x,
+  (OSQPInt *)&projection_SPACE.data_P_csc_p,
+  (OSQPInt *)&projection_SPACE.data_P_csc_i,
+  (OSQPFloat *)&projection_SPACE.data_P_csc_x,
   84,
-  -1,
-};
-OSQPMatrix projection_data_P = {
-  &projection_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&projection_SPACE.data_P_csc,
   1
-};
-OSQPInt projection_data_A_csc_p[25] = {
+    },
+    .data_A_csc_p = {
   0,
   5,
   11,
@@ -314,9 +301,9 @@ OSQPInt projection_data_A_csc_p[25] = {
   137,
   144,
   152,
-  160,
-};
-OSQPInt projection_data_A_csc_i[160] = {
+  160
+    },
+    .data_A_csc_i = {
   0,
   24,
   25,
@@ -476,9 +463,9 @@ OSQPInt projection_data_A_csc_i[160] = {
   39,
   47,
   55,
-  63,
-};
-OSQPFloat projection_data_A_csc_x[160] = {
+  63
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -638,22 +625,22 @@ OSQPFloat projection_data_A_csc_x[160] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix projection_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   64,
   24,
-  projection_data_A_csc_p,
-  projection_data_A_csc_i,
-  projection_data_A_csc_x,
+  (OSQPInt *)&projection_SPACE.data_A_csc_p,
+  (OSQPInt *)&projection_SPACE.data_A_csc_i,
+  (OSQPFloat *)&projection_SPACE.data_A_csc_x,
   160,
-  -1,
-};
-OSQPMatrix projection_data_A = {
-  &projection_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&projection_SPACE.data_A_csc,
   0
-};
-OSQPFloat projection_data_q_val[24] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -677,13 +664,13 @@ OSQPFloat projection_data_q_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf projection_data_q = {
-  projection_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&projection_SPACE.data_q_val,
   24
-};
-OSQPFloat projection_data_l_val[64] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -747,13 +734,13 @@ OSQPFloat projection_data_l_val[64] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf projection_data_l = {
-  projection_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&projection_SPACE.data_l_val,
   64
-};
-OSQPFloat projection_data_u_val[64] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -817,24 +804,22 @@ OSQPFloat projection_data_u_val[64] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf projection_data_u = {
-  projection_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&projection_SPACE.data_u_val,
   64
-};
-OSQPData projection_data = {
+    },
+    .data = {
   24,
   64,
-  &projection_data_P,
-  &projection_data_A,
-  &projection_data_q,
-  &projection_data_l,
-  &projection_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt projection_linsys_L_p[89] = {
+  (OSQPMatrix *)&projection_SPACE.data_P,
+  (OSQPMatrix *)&projection_SPACE.data_A,
+  (OSQPVectorf *)&projection_SPACE.data_q,
+  (OSQPVectorf *)&projection_SPACE.data_l,
+  (OSQPVectorf *)&projection_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -923,9 +908,9 @@ OSQPInt projection_linsys_L_p[89] = {
   221,
   223,
   224,
-  224,
-};
-OSQPInt projection_linsys_L_i[224] = {
+  224
+    },
+    .linsys_L_i = {
   17,
   18,
   21,
@@ -1149,9 +1134,9 @@ OSQPInt projection_linsys_L_i[224] = {
   87,
   86,
   87,
-  87,
-};
-OSQPFloat projection_linsys_L_x[224] = {
+  87
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1375,18 +1360,18 @@ OSQPFloat projection_linsys_L_x[224] = {
   (OSQPFloat)0.00000499994900053300,
   (OSQPFloat)0.00000499992600109998,
   (OSQPFloat)-0.00000099998600021400,
-  (OSQPFloat)-0.00000099998100038299,
-};
-OSQPCscMatrix projection_linsys_L = {
+  (OSQPFloat)-0.00000099998100038299
+    },
+    .linsys_L = {
   88,
   88,
-  projection_linsys_L_p,
-  projection_linsys_L_i,
-  projection_linsys_L_x,
+  (OSQPInt *)&projection_SPACE.linsys_L_p,
+  (OSQPInt *)&projection_SPACE.linsys_L_i,
+  (OSQPFloat *)&projection_SPACE.linsys_L_x,
   224,
-  -1,
-};
-OSQPFloat projection_linsys_Dinv[88] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -1474,9 +1459,9 @@ OSQPFloat projection_linsys_Dinv[88] = {
   (OSQPFloat)0.99999300006499991511,
   (OSQPFloat)-0.00000099999500007400,
   (OSQPFloat)-0.00000099999500009900,
-  (OSQPFloat)0.99999100017799624762,
-};
-OSQPInt projection_linsys_P[88] = {
+  (OSQPFloat)0.99999100017799624762
+    },
+    .linsys_P = {
   27,
   28,
   29,
@@ -1564,11 +1549,9 @@ OSQPInt projection_linsys_P[88] = {
   22,
   60,
   61,
-  23,
-};
-OSQPFloat projection_linsys_bp[88];
-OSQPFloat projection_linsys_sol[88];
-OSQPFloat projection_linsys_rho_inv_vec[64] = {
+  23
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1632,9 +1615,9 @@ OSQPFloat projection_linsys_rho_inv_vec[64] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt projection_linsys_KKT_p[89] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -1723,9 +1706,9 @@ OSQPInt projection_linsys_KKT_p[89] = {
   282,
   288,
   294,
-  308,
-};
-OSQPInt projection_linsys_KKT_i[308] = {
+  308
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -2033,9 +2016,9 @@ OSQPInt projection_linsys_KKT_i[308] = {
   72,
   69,
   71,
-  70,
-};
-OSQPFloat projection_linsys_KKT_x[308] = {
+  70
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2343,18 +2326,18 @@ OSQPFloat projection_linsys_KKT_x[308] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix projection_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   88,
   88,
-  projection_linsys_KKT_p,
-  projection_linsys_KKT_i,
-  projection_linsys_KKT_x,
+  (OSQPInt *)&projection_SPACE.linsys_KKT_p,
+  (OSQPInt *)&projection_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&projection_SPACE.linsys_KKT_x,
   308,
-  -1,
-};
-OSQPInt projection_linsys_PtoKKT[84] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   14,
   18,
   19,
@@ -2438,9 +2421,9 @@ OSQPInt projection_linsys_PtoKKT[84] = {
   296,
   297,
   298,
-  299,
-};
-OSQPInt projection_linsys_AtoKKT[160] = {
+  299
+    },
+    .linsys_AtoKKT = {
   15,
   51,
   57,
@@ -2600,9 +2583,9 @@ OSQPInt projection_linsys_AtoKKT[160] = {
   304,
   305,
   306,
-  307,
-};
-OSQPInt projection_linsys_rhotoKKT[64] = {
+  307
+    },
+    .linsys_rhotoKKT = {
   8,
   9,
   10,
@@ -2666,9 +2649,9 @@ OSQPInt projection_linsys_rhotoKKT[64] = {
   166,
   158,
   243,
-  235,
-};
-OSQPFloat projection_linsys_D[88] = {
+  235
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -2756,9 +2739,9 @@ OSQPFloat projection_linsys_D[88] = {
   (OSQPFloat)1.00000699998399955604,
   (OSQPFloat)-1000004.99995100055821239948,
   (OSQPFloat)-1000004.99992600118275731802,
-  (OSQPFloat)1.00000899990300129438,
-};
-OSQPInt projection_linsys_etree[88] = {
+  (OSQPFloat)1.00000899990300129438
+    },
+    .linsys_etree = {
   17,
   18,
   21,
@@ -2846,9 +2829,9 @@ OSQPInt projection_linsys_etree[88] = {
   85,
   86,
   87,
-  -1,
-};
-OSQPInt projection_linsys_Lnz[88] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -2936,12 +2919,9 @@ OSQPInt projection_linsys_Lnz[88] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   projection_linsys_iwork[264];
-QDLDL_bool  projection_linsys_bwork[88];
-QDLDL_float projection_linsys_fwork[88];
-qdldl_solver projection_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -2950,29 +2930,28 @@ qdldl_solver projection_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &projection_linsys_L,
-  projection_linsys_Dinv,
-  projection_linsys_P,
-  projection_linsys_bp,
-  projection_linsys_sol,
-  projection_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&projection_SPACE.linsys_L,
+  (OSQPFloat *)&projection_SPACE.linsys_Dinv,
+  (OSQPInt *)&projection_SPACE.linsys_P,
+  (OSQPFloat *)&projection_SPACE.linsys_bp,
+  (OSQPFloat *)&projection_SPACE.linsys_sol,
+  (OSQPFloat *)&projection_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   24,
   64,
-  &projection_linsys_KKT,
-  projection_linsys_PtoKKT,
-  projection_linsys_AtoKKT,
-  projection_linsys_rhotoKKT,
-  projection_linsys_D,
-  projection_linsys_etree,
-  projection_linsys_Lnz,
-  projection_linsys_iwork,
-  projection_linsys_bwork,
-  projection_linsys_fwork,
-};
-
-OSQPFloat projection_work_rho_vec_val[64] = {
+  (OSQPCscMatrix *)&projection_SPACE.linsys_KKT,
+  (OSQPInt *)&projection_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&projection_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&projection_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&projection_SPACE.linsys_D,
+  (OSQPInt *)&projection_SPACE.linsys_etree,
+  (OSQPInt *)&projection_SPACE.linsys_Lnz,
+  (QDLDL_int *)&projection_SPACE.linsys_iwork,
+  (QDLDL_bool *)&projection_SPACE.linsys_bwork,
+  (QDLDL_float *)&projection_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -3036,13 +3015,13 @@ OSQPFloat projection_work_rho_vec_val[64] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf projection_work_rho_vec = {
-  projection_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&projection_SPACE.work_rho_vec_val,
   64
-};
-OSQPFloat projection_work_rho_inv_vec_val[64] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -3106,13 +3085,13 @@ OSQPFloat projection_work_rho_inv_vec_val[64] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf projection_work_rho_inv_vec = {
-  projection_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&projection_SPACE.work_rho_inv_vec_val,
   64
-};
-OSQPInt projection_work_constr_type_val[64] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -3176,13 +3155,13 @@ OSQPInt projection_work_constr_type_val[64] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori projection_work_constr_type = {
-  projection_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&projection_SPACE.work_constr_type_val,
   64
-};
-OSQPFloat projection_work_x_val[24] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3206,13 +3185,13 @@ OSQPFloat projection_work_x_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf projection_work_x = {
-  projection_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&projection_SPACE.work_x_val,
   24
-};
-OSQPFloat projection_work_y_val[64] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3276,13 +3255,13 @@ OSQPFloat projection_work_y_val[64] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf projection_work_y = {
-  projection_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&projection_SPACE.work_y_val,
   64
-};
-OSQPFloat projection_work_z_val[64] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -3346,117 +3325,102 @@ OSQPFloat projection_work_z_val[64] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf projection_work_z = {
-  projection_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&projection_SPACE.work_z_val,
   64
-};
-OSQPFloat   projection_work_xz_tilde_val[88];
-OSQPVectorf projection_work_xz_tilde = {
-  projection_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&projection_SPACE.work_xz_tilde_val,
   88
-};
-OSQPVectorf projection_work_xtilde_view = {
-  projection_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&projection_SPACE.work_xz_tilde_val,
   24
-};
-OSQPVectorf projection_work_ztilde_view = {
-  projection_work_xz_tilde_val+24,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&projection_SPACE.work_xz_tilde_val+24,
   64
-};
-OSQPFloat   projection_work_x_prev_val[24];
-OSQPVectorf projection_work_x_prev = {
-  projection_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&projection_SPACE.work_x_prev_val,
   24
-};
-OSQPFloat   projection_work_z_prev_val[64];
-OSQPVectorf projection_work_z_prev = {
-  projection_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&projection_SPACE.work_z_prev_val,
   64
-};
-OSQPFloat   projection_work_Ax_val[64];
-OSQPVectorf projection_work_Ax = {
-  projection_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&projection_SPACE.work_Ax_val,
   64
-};
-OSQPFloat   projection_work_Px_val[24];
-OSQPVectorf projection_work_Px = {
-  projection_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&projection_SPACE.work_Px_val,
   24
-};
-OSQPFloat   projection_work_Aty_val[24];
-OSQPVectorf projection_work_Aty = {
-  projection_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&projection_SPACE.work_Aty_val,
   24
-};
-OSQPFloat   projection_work_delta_y_val[64];
-OSQPVectorf projection_work_delta_y = {
-  projection_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&projection_SPACE.work_delta_y_val,
   64
-};
-OSQPFloat   projection_work_Atdelta_y_val[24];
-OSQPVectorf projection_work_Atdelta_y = {
-  projection_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&projection_SPACE.work_Atdelta_y_val,
   24
-};
-OSQPFloat   projection_work_delta_x_val[24];
-OSQPVectorf projection_work_delta_x = {
-  projection_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&projection_SPACE.work_delta_x_val,
   24
-};
-OSQPFloat   projection_work_Pdelta_x_val[24];
-OSQPVectorf projection_work_Pdelta_x = {
-  projection_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&projection_SPACE.work_Pdelta_x_val,
   24
-};
-OSQPFloat   projection_work_Adelta_x_val[64];
-OSQPVectorf projection_work_Adelta_x = {
-  projection_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&projection_SPACE.work_Adelta_x_val,
   64
-};
-OSQPFloat   projection_work_D_temp_val[24];
-OSQPVectorf projection_work_D_temp = {
-  projection_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&projection_SPACE.work_D_temp_val,
   24
-};
-OSQPFloat   projection_work_D_temp_A_val[24];
-OSQPVectorf projection_work_D_temp_A = {
-  projection_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&projection_SPACE.work_D_temp_A_val,
   24
-};
-OSQPFloat   projection_work_E_temp_val[64];
-OSQPVectorf projection_work_E_temp = {
-  projection_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&projection_SPACE.work_E_temp_val,
   64
-};
-/* Define the workspace structure */
-OSQPWorkspace projection_work = {
-  &projection_data,
-  (LinSysSolver *)&projection_linsys,
-  &projection_work_rho_vec,
-  &projection_work_rho_inv_vec,
-  &projection_work_constr_type,
-  &projection_work_x,
-  &projection_work_y,
-  &projection_work_z,
-  &projection_work_xz_tilde,
-  &projection_work_xtilde_view,
-  &projection_work_ztilde_view,
-  &projection_work_x_prev,
-  &projection_work_z_prev,
-  &projection_work_Ax,
-  &projection_work_Px,
-  &projection_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&projection_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&projection_SPACE.linsys,
+  (OSQPVectorf *)&projection_SPACE.work_rho_vec,
+  (OSQPVectorf *)&projection_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&projection_SPACE.work_constr_type,
+  (OSQPVectorf *)&projection_SPACE.work_x,
+  (OSQPVectorf *)&projection_SPACE.work_y,
+  (OSQPVectorf *)&projection_SPACE.work_z,
+  (OSQPVectorf *)&projection_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&projection_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&projection_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&projection_SPACE.work_x_prev,
+  (OSQPVectorf *)&projection_SPACE.work_z_prev,
+  (OSQPVectorf *)&projection_SPACE.work_Ax,
+  (OSQPVectorf *)&projection_SPACE.work_Px,
+  (OSQPVectorf *)&projection_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &projection_work_delta_y,
-  &projection_work_Atdelta_y,
-  &projection_work_delta_x,
-  &projection_work_Pdelta_x,
-  &projection_work_Adelta_x,
+  (OSQPVectorf *)&projection_SPACE.work_delta_y,
+  (OSQPVectorf *)&projection_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&projection_SPACE.work_delta_x,
+  (OSQPVectorf *)&projection_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&projection_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -3465,13 +3429,12 @@ OSQPWorkspace projection_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver projection_solver = {
-  &projection_settings,
-  &projection_sol,
-  &projection_info,
-  &projection_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&projection_SPACE.settings,
+  (OSQPSolution *)&projection_SPACE.sol,
+  (OSQPInfo *)&projection_SPACE.info,
+  (OSQPWorkspace *)&projection_SPACE.work
+    },
 };

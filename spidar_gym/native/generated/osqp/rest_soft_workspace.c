@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for rest_soft. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "rest_soft_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings rest_soft_settings = {
+const rest_soft_space rest_soft_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings rest_soft_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat rest_soft_sol_x[24];
-OSQPFloat rest_soft_sol_y[24];
-OSQPFloat rest_soft_sol_prim_inf_cert[24];
-OSQPFloat rest_soft_sol_dual_inf_cert[24];
-OSQPSolution rest_soft_sol = {
-  rest_soft_sol_x,
-  rest_soft_sol_y,
-  rest_soft_sol_prim_inf_cert,
-  rest_soft_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo rest_soft_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&rest_soft_SPACE.sol_x,
+  (OSQPFloat *)&rest_soft_SPACE.sol_y,
+  (OSQPFloat *)&rest_soft_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&rest_soft_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo rest_soft_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt rest_soft_data_P_csc_p[25] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -102,9 +89,9 @@ OSQPInt rest_soft_data_P_csc_p[25] = {
   69,
   73,
   78,
-  84,
-};
-OSQPInt rest_soft_data_P_csc_i[84] = {
+  84
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -188,9 +175,9 @@ OSQPInt rest_soft_data_P_csc_i[84] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat rest_soft_data_P_csc_x[84] = {
+  23
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -274,22 +261,22 @@ OSQPFloat rest_soft_data_P_csc_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix rest_soft_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   24,
   24,
-  rest_soft_data_P_csc_p,
-  rest_soft_data_P_csc_i,
-  rest_soft_data_P_csc_x,
+  (OSQPInt *)&rest_soft_SPACE.data_P_csc_p,
+  (OSQPInt *)&rest_soft_SPACE.data_P_csc_i,
+  (OSQPFloat *)&rest_soft_SPACE.data_P_csc_x,
   84,
-  -1,
-};
-OSQPMatrix rest_soft_data_P = {
-  &rest_soft_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&rest_soft_SPACE.data_P_csc,
   1
-};
-OSQPInt rest_soft_data_A_csc_p[25] = {
+    },
+    .data_A_csc_p = {
   0,
   1,
   2,
@@ -314,9 +301,9 @@ OSQPInt rest_soft_data_A_csc_p[25] = {
   21,
   22,
   23,
-  24,
-};
-OSQPInt rest_soft_data_A_csc_i[24] = {
+  24
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -340,9 +327,9 @@ OSQPInt rest_soft_data_A_csc_i[24] = {
   20,
   21,
   22,
-  23,
-};
-OSQPFloat rest_soft_data_A_csc_x[24] = {
+  23
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -366,22 +353,22 @@ OSQPFloat rest_soft_data_A_csc_x[24] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix rest_soft_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   24,
   24,
-  rest_soft_data_A_csc_p,
-  rest_soft_data_A_csc_i,
-  rest_soft_data_A_csc_x,
+  (OSQPInt *)&rest_soft_SPACE.data_A_csc_p,
+  (OSQPInt *)&rest_soft_SPACE.data_A_csc_i,
+  (OSQPFloat *)&rest_soft_SPACE.data_A_csc_x,
   24,
-  -1,
-};
-OSQPMatrix rest_soft_data_A = {
-  &rest_soft_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&rest_soft_SPACE.data_A_csc,
   0
-};
-OSQPFloat rest_soft_data_q_val[24] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -405,13 +392,13 @@ OSQPFloat rest_soft_data_q_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf rest_soft_data_q = {
-  rest_soft_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&rest_soft_SPACE.data_q_val,
   24
-};
-OSQPFloat rest_soft_data_l_val[24] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -435,13 +422,13 @@ OSQPFloat rest_soft_data_l_val[24] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf rest_soft_data_l = {
-  rest_soft_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&rest_soft_SPACE.data_l_val,
   24
-};
-OSQPFloat rest_soft_data_u_val[24] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -465,24 +452,22 @@ OSQPFloat rest_soft_data_u_val[24] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf rest_soft_data_u = {
-  rest_soft_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&rest_soft_SPACE.data_u_val,
   24
-};
-OSQPData rest_soft_data = {
+    },
+    .data = {
   24,
   24,
-  &rest_soft_data_P,
-  &rest_soft_data_A,
-  &rest_soft_data_q,
-  &rest_soft_data_l,
-  &rest_soft_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt rest_soft_linsys_L_p[49] = {
+  (OSQPMatrix *)&rest_soft_SPACE.data_P,
+  (OSQPMatrix *)&rest_soft_SPACE.data_A,
+  (OSQPVectorf *)&rest_soft_SPACE.data_q,
+  (OSQPVectorf *)&rest_soft_SPACE.data_l,
+  (OSQPVectorf *)&rest_soft_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -531,9 +516,9 @@ OSQPInt rest_soft_linsys_L_p[49] = {
   81,
   83,
   84,
-  84,
-};
-OSQPInt rest_soft_linsys_L_i[84] = {
+  84
+    },
+    .linsys_L_i = {
   11,
   6,
   7,
@@ -617,9 +602,9 @@ OSQPInt rest_soft_linsys_L_i[84] = {
   47,
   46,
   47,
-  47,
-};
-OSQPFloat rest_soft_linsys_L_x[84] = {
+  47
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -703,18 +688,18 @@ OSQPFloat rest_soft_linsys_L_x[84] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPCscMatrix rest_soft_linsys_L = {
+  (OSQPFloat)0.00000000000000000000
+    },
+    .linsys_L = {
   48,
   48,
-  rest_soft_linsys_L_p,
-  rest_soft_linsys_L_i,
-  rest_soft_linsys_L_x,
+  (OSQPInt *)&rest_soft_SPACE.linsys_L_p,
+  (OSQPInt *)&rest_soft_SPACE.linsys_L_i,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_L_x,
   84,
-  -1,
-};
-OSQPFloat rest_soft_linsys_Dinv[48] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -762,9 +747,9 @@ OSQPFloat rest_soft_linsys_Dinv[48] = {
   (OSQPFloat)0.99999800000400018707,
   (OSQPFloat)0.99999800000400018707,
   (OSQPFloat)0.99999800000400018707,
-  (OSQPFloat)0.99999800000400018707,
-};
-OSQPInt rest_soft_linsys_P[48] = {
+  (OSQPFloat)0.99999800000400018707
+    },
+    .linsys_P = {
   24,
   25,
   26,
@@ -812,11 +797,9 @@ OSQPInt rest_soft_linsys_P[48] = {
   21,
   22,
   23,
-  18,
-};
-OSQPFloat rest_soft_linsys_bp[48];
-OSQPFloat rest_soft_linsys_sol[48];
-OSQPFloat rest_soft_linsys_rho_inv_vec[24] = {
+  18
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -840,9 +823,9 @@ OSQPFloat rest_soft_linsys_rho_inv_vec[24] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt rest_soft_linsys_KKT_p[49] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -891,9 +874,9 @@ OSQPInt rest_soft_linsys_KKT_p[49] = {
   114,
   119,
   125,
-  132,
-};
-OSQPInt rest_soft_linsys_KKT_i[132] = {
+  132
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -1025,9 +1008,9 @@ OSQPInt rest_soft_linsys_KKT_i[132] = {
   44,
   45,
   46,
-  36,
-};
-OSQPFloat rest_soft_linsys_KKT_x[132] = {
+  36
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -1159,18 +1142,18 @@ OSQPFloat rest_soft_linsys_KKT_x[132] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix rest_soft_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   48,
   48,
-  rest_soft_linsys_KKT_p,
-  rest_soft_linsys_KKT_i,
-  rest_soft_linsys_KKT_x,
+  (OSQPInt *)&rest_soft_SPACE.linsys_KKT_p,
+  (OSQPInt *)&rest_soft_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_KKT_x,
   132,
-  -1,
-};
-OSQPInt rest_soft_linsys_PtoKKT[84] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   26,
   27,
   6,
@@ -1254,9 +1237,9 @@ OSQPInt rest_soft_linsys_PtoKKT[84] = {
   120,
   121,
   122,
-  123,
-};
-OSQPInt rest_soft_linsys_AtoKKT[24] = {
+  123
+    },
+    .linsys_AtoKKT = {
   32,
   7,
   10,
@@ -1280,9 +1263,9 @@ OSQPInt rest_soft_linsys_AtoKKT[24] = {
   109,
   113,
   118,
-  124,
-};
-OSQPInt rest_soft_linsys_rhotoKKT[24] = {
+  124
+    },
+    .linsys_rhotoKKT = {
   0,
   1,
   2,
@@ -1306,9 +1289,9 @@ OSQPInt rest_soft_linsys_rhotoKKT[24] = {
   101,
   102,
   103,
-  104,
-};
-OSQPFloat rest_soft_linsys_D[48] = {
+  104
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -1356,9 +1339,9 @@ OSQPFloat rest_soft_linsys_D[48] = {
   (OSQPFloat)1.00000199999999983547,
   (OSQPFloat)1.00000199999999983547,
   (OSQPFloat)1.00000199999999983547,
-  (OSQPFloat)1.00000199999999983547,
-};
-OSQPInt rest_soft_linsys_etree[48] = {
+  (OSQPFloat)1.00000199999999983547
+    },
+    .linsys_etree = {
   11,
   6,
   7,
@@ -1406,9 +1389,9 @@ OSQPInt rest_soft_linsys_etree[48] = {
   45,
   46,
   47,
-  -1,
-};
-OSQPInt rest_soft_linsys_Lnz[48] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -1456,12 +1439,9 @@ OSQPInt rest_soft_linsys_Lnz[48] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   rest_soft_linsys_iwork[144];
-QDLDL_bool  rest_soft_linsys_bwork[48];
-QDLDL_float rest_soft_linsys_fwork[48];
-qdldl_solver rest_soft_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -1470,29 +1450,28 @@ qdldl_solver rest_soft_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &rest_soft_linsys_L,
-  rest_soft_linsys_Dinv,
-  rest_soft_linsys_P,
-  rest_soft_linsys_bp,
-  rest_soft_linsys_sol,
-  rest_soft_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&rest_soft_SPACE.linsys_L,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_Dinv,
+  (OSQPInt *)&rest_soft_SPACE.linsys_P,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_bp,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_sol,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   24,
   24,
-  &rest_soft_linsys_KKT,
-  rest_soft_linsys_PtoKKT,
-  rest_soft_linsys_AtoKKT,
-  rest_soft_linsys_rhotoKKT,
-  rest_soft_linsys_D,
-  rest_soft_linsys_etree,
-  rest_soft_linsys_Lnz,
-  rest_soft_linsys_iwork,
-  rest_soft_linsys_bwork,
-  rest_soft_linsys_fwork,
-};
-
-OSQPFloat rest_soft_work_rho_vec_val[24] = {
+  (OSQPCscMatrix *)&rest_soft_SPACE.linsys_KKT,
+  (OSQPInt *)&rest_soft_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&rest_soft_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&rest_soft_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&rest_soft_SPACE.linsys_D,
+  (OSQPInt *)&rest_soft_SPACE.linsys_etree,
+  (OSQPInt *)&rest_soft_SPACE.linsys_Lnz,
+  (QDLDL_int *)&rest_soft_SPACE.linsys_iwork,
+  (QDLDL_bool *)&rest_soft_SPACE.linsys_bwork,
+  (QDLDL_float *)&rest_soft_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -1516,13 +1495,13 @@ OSQPFloat rest_soft_work_rho_vec_val[24] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf rest_soft_work_rho_vec = {
-  rest_soft_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&rest_soft_SPACE.work_rho_vec_val,
   24
-};
-OSQPFloat rest_soft_work_rho_inv_vec_val[24] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -1546,13 +1525,13 @@ OSQPFloat rest_soft_work_rho_inv_vec_val[24] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf rest_soft_work_rho_inv_vec = {
-  rest_soft_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&rest_soft_SPACE.work_rho_inv_vec_val,
   24
-};
-OSQPInt rest_soft_work_constr_type_val[24] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -1576,13 +1555,13 @@ OSQPInt rest_soft_work_constr_type_val[24] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori rest_soft_work_constr_type = {
-  rest_soft_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&rest_soft_SPACE.work_constr_type_val,
   24
-};
-OSQPFloat rest_soft_work_x_val[24] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1606,13 +1585,13 @@ OSQPFloat rest_soft_work_x_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf rest_soft_work_x = {
-  rest_soft_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&rest_soft_SPACE.work_x_val,
   24
-};
-OSQPFloat rest_soft_work_y_val[24] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1636,13 +1615,13 @@ OSQPFloat rest_soft_work_y_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf rest_soft_work_y = {
-  rest_soft_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&rest_soft_SPACE.work_y_val,
   24
-};
-OSQPFloat rest_soft_work_z_val[24] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1666,117 +1645,102 @@ OSQPFloat rest_soft_work_z_val[24] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf rest_soft_work_z = {
-  rest_soft_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&rest_soft_SPACE.work_z_val,
   24
-};
-OSQPFloat   rest_soft_work_xz_tilde_val[48];
-OSQPVectorf rest_soft_work_xz_tilde = {
-  rest_soft_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&rest_soft_SPACE.work_xz_tilde_val,
   48
-};
-OSQPVectorf rest_soft_work_xtilde_view = {
-  rest_soft_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&rest_soft_SPACE.work_xz_tilde_val,
   24
-};
-OSQPVectorf rest_soft_work_ztilde_view = {
-  rest_soft_work_xz_tilde_val+24,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&rest_soft_SPACE.work_xz_tilde_val+24,
   24
-};
-OSQPFloat   rest_soft_work_x_prev_val[24];
-OSQPVectorf rest_soft_work_x_prev = {
-  rest_soft_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&rest_soft_SPACE.work_x_prev_val,
   24
-};
-OSQPFloat   rest_soft_work_z_prev_val[24];
-OSQPVectorf rest_soft_work_z_prev = {
-  rest_soft_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&rest_soft_SPACE.work_z_prev_val,
   24
-};
-OSQPFloat   rest_soft_work_Ax_val[24];
-OSQPVectorf rest_soft_work_Ax = {
-  rest_soft_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&rest_soft_SPACE.work_Ax_val,
   24
-};
-OSQPFloat   rest_soft_work_Px_val[24];
-OSQPVectorf rest_soft_work_Px = {
-  rest_soft_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&rest_soft_SPACE.work_Px_val,
   24
-};
-OSQPFloat   rest_soft_work_Aty_val[24];
-OSQPVectorf rest_soft_work_Aty = {
-  rest_soft_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&rest_soft_SPACE.work_Aty_val,
   24
-};
-OSQPFloat   rest_soft_work_delta_y_val[24];
-OSQPVectorf rest_soft_work_delta_y = {
-  rest_soft_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&rest_soft_SPACE.work_delta_y_val,
   24
-};
-OSQPFloat   rest_soft_work_Atdelta_y_val[24];
-OSQPVectorf rest_soft_work_Atdelta_y = {
-  rest_soft_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&rest_soft_SPACE.work_Atdelta_y_val,
   24
-};
-OSQPFloat   rest_soft_work_delta_x_val[24];
-OSQPVectorf rest_soft_work_delta_x = {
-  rest_soft_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&rest_soft_SPACE.work_delta_x_val,
   24
-};
-OSQPFloat   rest_soft_work_Pdelta_x_val[24];
-OSQPVectorf rest_soft_work_Pdelta_x = {
-  rest_soft_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&rest_soft_SPACE.work_Pdelta_x_val,
   24
-};
-OSQPFloat   rest_soft_work_Adelta_x_val[24];
-OSQPVectorf rest_soft_work_Adelta_x = {
-  rest_soft_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&rest_soft_SPACE.work_Adelta_x_val,
   24
-};
-OSQPFloat   rest_soft_work_D_temp_val[24];
-OSQPVectorf rest_soft_work_D_temp = {
-  rest_soft_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&rest_soft_SPACE.work_D_temp_val,
   24
-};
-OSQPFloat   rest_soft_work_D_temp_A_val[24];
-OSQPVectorf rest_soft_work_D_temp_A = {
-  rest_soft_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&rest_soft_SPACE.work_D_temp_A_val,
   24
-};
-OSQPFloat   rest_soft_work_E_temp_val[24];
-OSQPVectorf rest_soft_work_E_temp = {
-  rest_soft_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&rest_soft_SPACE.work_E_temp_val,
   24
-};
-/* Define the workspace structure */
-OSQPWorkspace rest_soft_work = {
-  &rest_soft_data,
-  (LinSysSolver *)&rest_soft_linsys,
-  &rest_soft_work_rho_vec,
-  &rest_soft_work_rho_inv_vec,
-  &rest_soft_work_constr_type,
-  &rest_soft_work_x,
-  &rest_soft_work_y,
-  &rest_soft_work_z,
-  &rest_soft_work_xz_tilde,
-  &rest_soft_work_xtilde_view,
-  &rest_soft_work_ztilde_view,
-  &rest_soft_work_x_prev,
-  &rest_soft_work_z_prev,
-  &rest_soft_work_Ax,
-  &rest_soft_work_Px,
-  &rest_soft_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&rest_soft_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&rest_soft_SPACE.linsys,
+  (OSQPVectorf *)&rest_soft_SPACE.work_rho_vec,
+  (OSQPVectorf *)&rest_soft_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&rest_soft_SPACE.work_constr_type,
+  (OSQPVectorf *)&rest_soft_SPACE.work_x,
+  (OSQPVectorf *)&rest_soft_SPACE.work_y,
+  (OSQPVectorf *)&rest_soft_SPACE.work_z,
+  (OSQPVectorf *)&rest_soft_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&rest_soft_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&rest_soft_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&rest_soft_SPACE.work_x_prev,
+  (OSQPVectorf *)&rest_soft_SPACE.work_z_prev,
+  (OSQPVectorf *)&rest_soft_SPACE.work_Ax,
+  (OSQPVectorf *)&rest_soft_SPACE.work_Px,
+  (OSQPVectorf *)&rest_soft_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &rest_soft_work_delta_y,
-  &rest_soft_work_Atdelta_y,
-  &rest_soft_work_delta_x,
-  &rest_soft_work_Pdelta_x,
-  &rest_soft_work_Adelta_x,
+  (OSQPVectorf *)&rest_soft_SPACE.work_delta_y,
+  (OSQPVectorf *)&rest_soft_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&rest_soft_SPACE.work_delta_x,
+  (OSQPVectorf *)&rest_soft_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&rest_soft_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -1785,13 +1749,12 @@ OSQPWorkspace rest_soft_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver rest_soft_solver = {
-  &rest_soft_settings,
-  &rest_soft_sol,
-  &rest_soft_info,
-  &rest_soft_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&rest_soft_SPACE.settings,
+  (OSQPSolution *)&rest_soft_SPACE.sol,
+  (OSQPInfo *)&rest_soft_SPACE.info,
+  (OSQPWorkspace *)&rest_soft_SPACE.work
+    },
 };

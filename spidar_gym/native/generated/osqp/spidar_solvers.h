@@ -1,8 +1,9 @@
-/* Generated: a workspace of OSQP for each pattern, and where its numbers stand in the dense matrices. */
+/* Generated: a work space of OSQP for each pattern, and where its numbers stand in the dense matrices. */
 #ifndef SPIDAR_SOLVERS_H
 #define SPIDAR_SOLVERS_H
 
 #include <stddef.h>
+#include <stdint.h>
 #include "osqp.h"
 #include "paper_workspace.h"
 #include "paper_soft_workspace.h"
@@ -20,13 +21,35 @@
 
 #define SP_OSQP_VERSION "1.1.3"
 
+/* A work space of OSQP as it was generated, where its solver and its pointers into itself are, and where the
+ * entries of P's upper triangle and of A, column by column, stand in the dense matrices. */
 typedef struct {
-    OSQPSolver *solver;
-    const int32_t *P_at, *A_at; /* entries of P's upper triangle and of A, column by column */
+    const void *space;
+    size_t bytes, solver;
+    const uint32_t *pointers;
+    int32_t pointer_count;
+    const int32_t *P_at, *A_at;
     int32_t P_count, A_count;
-} sp_solver;
+} sp_pattern;
 
-static const int32_t paper_P[84] = {
+#define SP_ALIGNED(bytes) (((bytes) + 63) / 64 * 64)
+/* Memory that all of them take. */
+#define SP_SOLVERS_BYTES \
+    (SP_ALIGNED(sizeof(paper_space)) + \
+     SP_ALIGNED(sizeof(paper_soft_space)) + \
+     SP_ALIGNED(sizeof(as_flown_space)) + \
+     SP_ALIGNED(sizeof(as_flown_soft_space)) + \
+     SP_ALIGNED(sizeof(projection_space)) + \
+     SP_ALIGNED(sizeof(rest_space)) + \
+     SP_ALIGNED(sizeof(rest_soft_space)) + \
+     SP_ALIGNED(sizeof(leg_space)) + \
+     SP_ALIGNED(sizeof(leg_soft_space)) + \
+     SP_ALIGNED(sizeof(legs_space)) + \
+     SP_ALIGNED(sizeof(legs_soft_space)) + \
+     SP_ALIGNED(sizeof(stance_space)) + \
+     SP_ALIGNED(sizeof(stance_soft_space)))
+
+static const int32_t paper_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -49,7 +72,7 @@ static const int32_t paper_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t paper_A[304] = {
+static const int32_t paper_A_AT[304] = {
     0, 24, 48, 72,
     96, 120, 144, 720,
     744, 1296, 1488, 1,
@@ -127,7 +150,7 @@ static const int32_t paper_A[304] = {
     719, 1031, 1055, 1079,
     1103, 1295, 1487, 1679,
 };
-static const int32_t paper_soft_P[106] = {
+static const int32_t paper_soft_P_AT[106] = {
     0, 1, 47, 2,
     48, 94, 3, 49,
     95, 141, 4, 50,
@@ -156,7 +179,7 @@ static const int32_t paper_soft_P[106] = {
     1880, 1927, 1974, 2021,
     2068, 2115,
 };
-static const int32_t paper_soft_A[326] = {
+static const int32_t paper_soft_A_AT[326] = {
     0, 46, 92, 138,
     184, 230, 276, 1380,
     1426, 2484, 2852, 1,
@@ -240,7 +263,7 @@ static const int32_t paper_soft_A[326] = {
     1880, 1927, 1974, 2021,
     2068, 2115,
 };
-static const int32_t as_flown_P[84] = {
+static const int32_t as_flown_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -263,7 +286,7 @@ static const int32_t as_flown_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t as_flown_A[232] = {
+static const int32_t as_flown_A_AT[232] = {
     0, 24, 48, 72,
     96, 120, 144, 912,
     1104, 1, 25, 49,
@@ -323,7 +346,7 @@ static const int32_t as_flown_A[232] = {
     71, 95, 119, 143,
     719, 911, 1103, 1295,
 };
-static const int32_t as_flown_soft_P[90] = {
+static const int32_t as_flown_soft_P_AT[90] = {
     0, 1, 31, 2,
     32, 62, 3, 33,
     63, 93, 4, 34,
@@ -348,7 +371,7 @@ static const int32_t as_flown_soft_P[90] = {
     744, 775, 806, 837,
     868, 899,
 };
-static const int32_t as_flown_soft_A[238] = {
+static const int32_t as_flown_soft_A_AT[238] = {
     0, 30, 60, 90,
     120, 150, 180, 1140,
     1380, 1, 31, 61,
@@ -410,7 +433,7 @@ static const int32_t as_flown_soft_A[238] = {
     24, 55, 86, 117,
     148, 179,
 };
-static const int32_t projection_P[84] = {
+static const int32_t projection_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -433,7 +456,7 @@ static const int32_t projection_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t projection_A[160] = {
+static const int32_t projection_A_AT[160] = {
     0, 576, 600, 1152,
     1344, 25, 577, 601,
     961, 1153, 1345, 50,
@@ -475,7 +498,7 @@ static const int32_t projection_A[160] = {
     575, 887, 911, 935,
     959, 1151, 1343, 1535,
 };
-static const int32_t rest_P[84] = {
+static const int32_t rest_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -498,7 +521,7 @@ static const int32_t rest_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t rest_A[24] = {
+static const int32_t rest_A_AT[24] = {
     0, 25, 50, 75,
     100, 125, 150, 175,
     200, 225, 250, 275,
@@ -506,7 +529,7 @@ static const int32_t rest_A[24] = {
     400, 425, 450, 475,
     500, 525, 550, 575,
 };
-static const int32_t rest_soft_P[84] = {
+static const int32_t rest_soft_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -529,7 +552,7 @@ static const int32_t rest_soft_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t rest_soft_A[24] = {
+static const int32_t rest_soft_A_AT[24] = {
     0, 25, 50, 75,
     100, 125, 150, 175,
     200, 225, 250, 275,
@@ -537,7 +560,7 @@ static const int32_t rest_soft_A[24] = {
     400, 425, 450, 475,
     500, 525, 550, 575,
 };
-static const int32_t leg_P[84] = {
+static const int32_t leg_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -560,7 +583,7 @@ static const int32_t leg_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t leg_A[112] = {
+static const int32_t leg_A_AT[112] = {
     0, 576, 600, 25,
     577, 601, 961, 50,
     578, 602, 962, 75,
@@ -590,7 +613,7 @@ static const int32_t leg_A[112] = {
     958, 1150, 575, 887,
     911, 935, 959, 1151,
 };
-static const int32_t leg_soft_P[100] = {
+static const int32_t leg_soft_P_AT[100] = {
     0, 1, 41, 2,
     42, 82, 3, 43,
     83, 123, 4, 44,
@@ -617,7 +640,7 @@ static const int32_t leg_soft_P[100] = {
     1312, 1353, 1394, 1435,
     1476, 1517, 1558, 1599,
 };
-static const int32_t leg_soft_A[128] = {
+static const int32_t leg_soft_A_AT[128] = {
     0, 960, 1000, 41,
     961, 1001, 1601, 82,
     962, 1002, 1602, 123,
@@ -651,7 +674,7 @@ static const int32_t leg_soft_A[128] = {
     1312, 1353, 1394, 1435,
     1476, 1517, 1558, 1599,
 };
-static const int32_t legs_P[84] = {
+static const int32_t legs_P_AT[84] = {
     0, 1, 25, 2,
     26, 50, 3, 27,
     51, 75, 4, 28,
@@ -674,7 +697,7 @@ static const int32_t legs_P[84] = {
     526, 550, 455, 479,
     503, 527, 551, 575,
 };
-static const int32_t legs_A[256] = {
+static const int32_t legs_A_AT[256] = {
     0, 24, 48, 72,
     96, 120, 144, 720,
     744, 1, 25, 49,
@@ -740,7 +763,7 @@ static const int32_t legs_A[256] = {
     119, 143, 719, 1031,
     1055, 1079, 1103, 1295,
 };
-static const int32_t legs_soft_P[106] = {
+static const int32_t legs_soft_P_AT[106] = {
     0, 1, 47, 2,
     48, 94, 3, 49,
     95, 141, 4, 50,
@@ -769,7 +792,7 @@ static const int32_t legs_soft_P[106] = {
     1880, 1927, 1974, 2021,
     2068, 2115,
 };
-static const int32_t legs_soft_A[278] = {
+static const int32_t legs_soft_A_AT[278] = {
     0, 46, 92, 138,
     184, 230, 276, 1380,
     1426, 1, 47, 93,
@@ -841,7 +864,7 @@ static const int32_t legs_soft_A[278] = {
     1880, 1927, 1974, 2021,
     2068, 2115,
 };
-static const int32_t stance_P[180] = {
+static const int32_t stance_P_AT[180] = {
     0, 1, 37, 2,
     38, 74, 3, 39,
     75, 111, 4, 40,
@@ -888,7 +911,7 @@ static const int32_t stance_P[180] = {
     719, 755, 791, 827,
     863, 1223, 1259, 1295,
 };
-static const int32_t stance_A[412] = {
+static const int32_t stance_A_AT[412] = {
     0, 36, 72, 108,
     144, 180, 936, 1800,
     1836, 1, 37, 73,
@@ -993,7 +1016,7 @@ static const int32_t stance_A[412] = {
     827, 863, 899, 935,
     2267, 2303, 2339, 2375,
 };
-static const int32_t stance_soft_P[222] = {
+static const int32_t stance_soft_P_AT[222] = {
     0, 1, 79, 2,
     80, 158, 3, 81,
     159, 237, 4, 82,
@@ -1051,7 +1074,7 @@ static const int32_t stance_soft_P[222] = {
     5688, 5767, 5846, 5925,
     6004, 6083,
 };
-static const int32_t stance_soft_A[454] = {
+static const int32_t stance_soft_A_AT[454] = {
     0, 78, 156, 234,
     312, 390, 2028, 3900,
     3978, 1, 79, 157,
@@ -1168,15 +1191,35 @@ static const int32_t stance_soft_A[454] = {
     5068, 5147,
 };
 static const struct {
-    sp_solver hard, soft;
-} SP_SOLVERS[SP_PROGRAMS] = {
-    {{&paper_solver, paper_P, paper_A, 84, 304}, {&paper_soft_solver, paper_soft_P, paper_soft_A, 106, 326}},
-    {{&as_flown_solver, as_flown_P, as_flown_A, 84, 232}, {&as_flown_soft_solver, as_flown_soft_P, as_flown_soft_A, 90, 238}},
-    {{&projection_solver, projection_P, projection_A, 84, 160}, {NULL, NULL, NULL, 0, 0}},
-    {{&rest_solver, rest_P, rest_A, 84, 24}, {&rest_soft_solver, rest_soft_P, rest_soft_A, 84, 24}},
-    {{&leg_solver, leg_P, leg_A, 84, 112}, {&leg_soft_solver, leg_soft_P, leg_soft_A, 100, 128}},
-    {{&legs_solver, legs_P, legs_A, 84, 256}, {&legs_soft_solver, legs_soft_P, legs_soft_A, 106, 278}},
-    {{&stance_solver, stance_P, stance_A, 180, 412}, {&stance_soft_solver, stance_soft_P, stance_soft_A, 222, 454}},
+    sp_pattern hard, soft;
+} SP_PATTERNS[SP_PROGRAMS] = {
+    {{&paper_SPACE, sizeof paper_SPACE, offsetof(paper_space, solver), paper_POINTERS, sizeof paper_POINTERS / sizeof *paper_POINTERS,
+      paper_P_AT, paper_A_AT, 84, 304},
+     {&paper_soft_SPACE, sizeof paper_soft_SPACE, offsetof(paper_soft_space, solver), paper_soft_POINTERS, sizeof paper_soft_POINTERS / sizeof *paper_soft_POINTERS,
+      paper_soft_P_AT, paper_soft_A_AT, 106, 326}},
+    {{&as_flown_SPACE, sizeof as_flown_SPACE, offsetof(as_flown_space, solver), as_flown_POINTERS, sizeof as_flown_POINTERS / sizeof *as_flown_POINTERS,
+      as_flown_P_AT, as_flown_A_AT, 84, 232},
+     {&as_flown_soft_SPACE, sizeof as_flown_soft_SPACE, offsetof(as_flown_soft_space, solver), as_flown_soft_POINTERS, sizeof as_flown_soft_POINTERS / sizeof *as_flown_soft_POINTERS,
+      as_flown_soft_P_AT, as_flown_soft_A_AT, 90, 238}},
+    {{&projection_SPACE, sizeof projection_SPACE, offsetof(projection_space, solver), projection_POINTERS, sizeof projection_POINTERS / sizeof *projection_POINTERS,
+      projection_P_AT, projection_A_AT, 84, 160},
+     {NULL, 0, 0, NULL, 0, NULL, NULL, 0, 0}},
+    {{&rest_SPACE, sizeof rest_SPACE, offsetof(rest_space, solver), rest_POINTERS, sizeof rest_POINTERS / sizeof *rest_POINTERS,
+      rest_P_AT, rest_A_AT, 84, 24},
+     {&rest_soft_SPACE, sizeof rest_soft_SPACE, offsetof(rest_soft_space, solver), rest_soft_POINTERS, sizeof rest_soft_POINTERS / sizeof *rest_soft_POINTERS,
+      rest_soft_P_AT, rest_soft_A_AT, 84, 24}},
+    {{&leg_SPACE, sizeof leg_SPACE, offsetof(leg_space, solver), leg_POINTERS, sizeof leg_POINTERS / sizeof *leg_POINTERS,
+      leg_P_AT, leg_A_AT, 84, 112},
+     {&leg_soft_SPACE, sizeof leg_soft_SPACE, offsetof(leg_soft_space, solver), leg_soft_POINTERS, sizeof leg_soft_POINTERS / sizeof *leg_soft_POINTERS,
+      leg_soft_P_AT, leg_soft_A_AT, 100, 128}},
+    {{&legs_SPACE, sizeof legs_SPACE, offsetof(legs_space, solver), legs_POINTERS, sizeof legs_POINTERS / sizeof *legs_POINTERS,
+      legs_P_AT, legs_A_AT, 84, 256},
+     {&legs_soft_SPACE, sizeof legs_soft_SPACE, offsetof(legs_soft_space, solver), legs_soft_POINTERS, sizeof legs_soft_POINTERS / sizeof *legs_soft_POINTERS,
+      legs_soft_P_AT, legs_soft_A_AT, 106, 278}},
+    {{&stance_SPACE, sizeof stance_SPACE, offsetof(stance_space, solver), stance_POINTERS, sizeof stance_POINTERS / sizeof *stance_POINTERS,
+      stance_P_AT, stance_A_AT, 180, 412},
+     {&stance_soft_SPACE, sizeof stance_soft_SPACE, offsetof(stance_soft_space, solver), stance_soft_POINTERS, sizeof stance_soft_POINTERS / sizeof *stance_soft_POINTERS,
+      stance_soft_P_AT, stance_soft_A_AT, 222, 454}},
 };
 
 #endif

@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for stance_soft. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "stance_soft_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings stance_soft_settings = {
+const stance_soft_space stance_soft_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings stance_soft_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat stance_soft_sol_x[78];
-OSQPFloat stance_soft_sol_y[74];
-OSQPFloat stance_soft_sol_prim_inf_cert[74];
-OSQPFloat stance_soft_sol_dual_inf_cert[78];
-OSQPSolution stance_soft_sol = {
-  stance_soft_sol_x,
-  stance_soft_sol_y,
-  stance_soft_sol_prim_inf_cert,
-  stance_soft_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo stance_soft_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&stance_soft_SPACE.sol_x,
+  (OSQPFloat *)&stance_soft_SPACE.sol_y,
+  (OSQPFloat *)&stance_soft_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&stance_soft_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo stance_soft_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt stance_soft_data_P_csc_p[79] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -156,9 +143,9 @@ OSQPInt stance_soft_data_P_csc_p[79] = {
   219,
   220,
   221,
-  222,
-};
-OSQPInt stance_soft_data_P_csc_i[222] = {
+  222
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -380,9 +367,9 @@ OSQPInt stance_soft_data_P_csc_i[222] = {
   74,
   75,
   76,
-  77,
-};
-OSQPFloat stance_soft_data_P_csc_x[222] = {
+  77
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -604,22 +591,22 @@ OSQPFloat stance_soft_data_P_csc_x[222] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix stance_soft_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   78,
   78,
-  stance_soft_data_P_csc_p,
-  stance_soft_data_P_csc_i,
-  stance_soft_data_P_csc_x,
+  (OSQPInt *)&stance_soft_SPACE.data_P_csc_p,
+  (OSQPInt *)&stance_soft_SPACE.data_P_csc_i,
+  (OSQPFloat *)&stance_soft_SPACE.data_P_csc_x,
   222,
-  -1,
-};
-OSQPMatrix stance_soft_data_P = {
-  &stance_soft_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&stance_soft_SPACE.data_P_csc,
   1
-};
-OSQPInt stance_soft_data_A_csc_p[79] = {
+    },
+    .data_A_csc_p = {
   0,
   9,
   19,
@@ -698,9 +685,9 @@ OSQPInt stance_soft_data_A_csc_p[79] = {
   451,
   452,
   453,
-  454,
-};
-OSQPInt stance_soft_data_A_csc_i[454] = {
+  454
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -1154,9 +1141,9 @@ OSQPInt stance_soft_data_A_csc_i[454] = {
   62,
   63,
   64,
-  65,
-};
-OSQPFloat stance_soft_data_A_csc_x[454] = {
+  65
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -1610,22 +1597,22 @@ OSQPFloat stance_soft_data_A_csc_x[454] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix stance_soft_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   74,
   78,
-  stance_soft_data_A_csc_p,
-  stance_soft_data_A_csc_i,
-  stance_soft_data_A_csc_x,
+  (OSQPInt *)&stance_soft_SPACE.data_A_csc_p,
+  (OSQPInt *)&stance_soft_SPACE.data_A_csc_i,
+  (OSQPFloat *)&stance_soft_SPACE.data_A_csc_x,
   454,
-  -1,
-};
-OSQPMatrix stance_soft_data_A = {
-  &stance_soft_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&stance_soft_SPACE.data_A_csc,
   0
-};
-OSQPFloat stance_soft_data_q_val[78] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1703,13 +1690,13 @@ OSQPFloat stance_soft_data_q_val[78] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_soft_data_q = {
-  stance_soft_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&stance_soft_SPACE.data_q_val,
   78
-};
-OSQPFloat stance_soft_data_l_val[74] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -1783,13 +1770,13 @@ OSQPFloat stance_soft_data_l_val[74] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf stance_soft_data_l = {
-  stance_soft_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&stance_soft_SPACE.data_l_val,
   74
-};
-OSQPFloat stance_soft_data_u_val[74] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -1863,24 +1850,22 @@ OSQPFloat stance_soft_data_u_val[74] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf stance_soft_data_u = {
-  stance_soft_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&stance_soft_SPACE.data_u_val,
   74
-};
-OSQPData stance_soft_data = {
+    },
+    .data = {
   78,
   74,
-  &stance_soft_data_P,
-  &stance_soft_data_A,
-  &stance_soft_data_q,
-  &stance_soft_data_l,
-  &stance_soft_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt stance_soft_linsys_L_p[153] = {
+  (OSQPMatrix *)&stance_soft_SPACE.data_P,
+  (OSQPMatrix *)&stance_soft_SPACE.data_A,
+  (OSQPVectorf *)&stance_soft_SPACE.data_q,
+  (OSQPVectorf *)&stance_soft_SPACE.data_l,
+  (OSQPVectorf *)&stance_soft_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   2,
@@ -2033,9 +2018,9 @@ OSQPInt stance_soft_linsys_L_p[153] = {
   629,
   631,
   632,
-  632,
-};
-OSQPInt stance_soft_linsys_L_i[632] = {
+  632
+    },
+    .linsys_L_i = {
   149,
   150,
   151,
@@ -2667,9 +2652,9 @@ OSQPInt stance_soft_linsys_L_i[632] = {
   151,
   150,
   151,
-  151,
-};
-OSQPFloat stance_soft_linsys_L_x[632] = {
+  151
+    },
+    .linsys_L_x = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -3301,18 +3286,18 @@ OSQPFloat stance_soft_linsys_L_x[632] = {
   (OSQPFloat)0.00000599860233100725,
   (OSQPFloat)0.00000799943410250529,
   (OSQPFloat)-0.00000099994301179322,
-  (OSQPFloat)-0.00000099993501287897,
-};
-OSQPCscMatrix stance_soft_linsys_L = {
+  (OSQPFloat)-0.00000099993501287897
+    },
+    .linsys_L = {
   152,
   152,
-  stance_soft_linsys_L_p,
-  stance_soft_linsys_L_i,
-  stance_soft_linsys_L_x,
+  (OSQPInt *)&stance_soft_SPACE.linsys_L_p,
+  (OSQPInt *)&stance_soft_SPACE.linsys_L_i,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_L_x,
   632,
-  -1,
-};
-OSQPFloat stance_soft_linsys_Dinv[152] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)0.99999900000100006014,
   (OSQPFloat)-0.00000100000000000000,
@@ -3464,9 +3449,9 @@ OSQPFloat stance_soft_linsys_Dinv[152] = {
   (OSQPFloat)0.99998600164463347095,
   (OSQPFloat)-0.00000099999100057590,
   (OSQPFloat)-0.00000099999100063989,
-  (OSQPFloat)0.99999000159161477441,
-};
-OSQPInt stance_soft_linsys_P[152] = {
+  (OSQPFloat)0.99999000159161477441
+    },
+    .linsys_P = {
   74,
   75,
   122,
@@ -3618,11 +3603,9 @@ OSQPInt stance_soft_linsys_P[152] = {
   35,
   140,
   141,
-  18,
-};
-OSQPFloat stance_soft_linsys_bp[152];
-OSQPFloat stance_soft_linsys_sol[152];
-OSQPFloat stance_soft_linsys_rho_inv_vec[74] = {
+  18
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -3696,9 +3679,9 @@ OSQPFloat stance_soft_linsys_rho_inv_vec[74] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt stance_soft_linsys_KKT_p[153] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -3851,9 +3834,9 @@ OSQPInt stance_soft_linsys_KKT_p[153] = {
   712,
   722,
   732,
-  750,
-};
-OSQPInt stance_soft_linsys_KKT_i[750] = {
+  750
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -4603,9 +4586,9 @@ OSQPInt stance_soft_linsys_KKT_i[750] = {
   139,
   2,
   149,
-  150,
-};
-OSQPFloat stance_soft_linsys_KKT_x[750] = {
+  150
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -5355,18 +5338,18 @@ OSQPFloat stance_soft_linsys_KKT_x[750] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix stance_soft_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   152,
   152,
-  stance_soft_linsys_KKT_p,
-  stance_soft_linsys_KKT_i,
-  stance_soft_linsys_KKT_x,
+  (OSQPInt *)&stance_soft_SPACE.linsys_KKT_p,
+  (OSQPInt *)&stance_soft_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_KKT_x,
   750,
-  -1,
-};
-OSQPInt stance_soft_linsys_PtoKKT[222] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   220,
   221,
   136,
@@ -5588,9 +5571,9 @@ OSQPInt stance_soft_linsys_PtoKKT[222] = {
   0,
   1,
   4,
-  3,
-};
-OSQPInt stance_soft_linsys_AtoKKT[454] = {
+  3
+    },
+    .linsys_AtoKKT = {
   569,
   424,
   453,
@@ -6044,9 +6027,9 @@ OSQPInt stance_soft_linsys_AtoKKT[454] = {
   720,
   730,
   24,
-  26,
-};
-OSQPInt stance_soft_linsys_rhotoKKT[74] = {
+  26
+    },
+    .linsys_rhotoKKT = {
   597,
   452,
   481,
@@ -6120,9 +6103,9 @@ OSQPInt stance_soft_linsys_rhotoKKT[74] = {
   36,
   57,
   30,
-  23,
-};
-OSQPFloat stance_soft_linsys_D[152] = {
+  23
+    },
+    .linsys_D = {
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)1.00000099999999991773,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -6274,9 +6257,9 @@ OSQPFloat stance_soft_linsys_D[152] = {
   (OSQPFloat)1.00001399855132322436,
   (OSQPFloat)-1000008.99950509332120418549,
   (OSQPFloat)-1000008.99944110179785639048,
-  (OSQPFloat)1.00000999850835436966,
-};
-OSQPInt stance_soft_linsys_etree[152] = {
+  (OSQPFloat)1.00000999850835436966
+    },
+    .linsys_etree = {
   149,
   150,
   151,
@@ -6428,9 +6411,9 @@ OSQPInt stance_soft_linsys_etree[152] = {
   149,
   150,
   151,
-  -1,
-};
-OSQPInt stance_soft_linsys_Lnz[152] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   1,
   1,
@@ -6582,12 +6565,9 @@ OSQPInt stance_soft_linsys_Lnz[152] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   stance_soft_linsys_iwork[456];
-QDLDL_bool  stance_soft_linsys_bwork[152];
-QDLDL_float stance_soft_linsys_fwork[152];
-qdldl_solver stance_soft_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -6596,29 +6576,28 @@ qdldl_solver stance_soft_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &stance_soft_linsys_L,
-  stance_soft_linsys_Dinv,
-  stance_soft_linsys_P,
-  stance_soft_linsys_bp,
-  stance_soft_linsys_sol,
-  stance_soft_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&stance_soft_SPACE.linsys_L,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_Dinv,
+  (OSQPInt *)&stance_soft_SPACE.linsys_P,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_bp,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_sol,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   78,
   74,
-  &stance_soft_linsys_KKT,
-  stance_soft_linsys_PtoKKT,
-  stance_soft_linsys_AtoKKT,
-  stance_soft_linsys_rhotoKKT,
-  stance_soft_linsys_D,
-  stance_soft_linsys_etree,
-  stance_soft_linsys_Lnz,
-  stance_soft_linsys_iwork,
-  stance_soft_linsys_bwork,
-  stance_soft_linsys_fwork,
-};
-
-OSQPFloat stance_soft_work_rho_vec_val[74] = {
+  (OSQPCscMatrix *)&stance_soft_SPACE.linsys_KKT,
+  (OSQPInt *)&stance_soft_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&stance_soft_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&stance_soft_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&stance_soft_SPACE.linsys_D,
+  (OSQPInt *)&stance_soft_SPACE.linsys_etree,
+  (OSQPInt *)&stance_soft_SPACE.linsys_Lnz,
+  (QDLDL_int *)&stance_soft_SPACE.linsys_iwork,
+  (QDLDL_bool *)&stance_soft_SPACE.linsys_bwork,
+  (QDLDL_float *)&stance_soft_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -6692,13 +6671,13 @@ OSQPFloat stance_soft_work_rho_vec_val[74] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf stance_soft_work_rho_vec = {
-  stance_soft_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&stance_soft_SPACE.work_rho_vec_val,
   74
-};
-OSQPFloat stance_soft_work_rho_inv_vec_val[74] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -6772,13 +6751,13 @@ OSQPFloat stance_soft_work_rho_inv_vec_val[74] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf stance_soft_work_rho_inv_vec = {
-  stance_soft_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&stance_soft_SPACE.work_rho_inv_vec_val,
   74
-};
-OSQPInt stance_soft_work_constr_type_val[74] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -6852,13 +6831,13 @@ OSQPInt stance_soft_work_constr_type_val[74] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori stance_soft_work_constr_type = {
-  stance_soft_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&stance_soft_SPACE.work_constr_type_val,
   74
-};
-OSQPFloat stance_soft_work_x_val[78] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -6936,13 +6915,13 @@ OSQPFloat stance_soft_work_x_val[78] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_soft_work_x = {
-  stance_soft_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&stance_soft_SPACE.work_x_val,
   78
-};
-OSQPFloat stance_soft_work_y_val[74] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -7016,13 +6995,13 @@ OSQPFloat stance_soft_work_y_val[74] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_soft_work_y = {
-  stance_soft_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&stance_soft_SPACE.work_y_val,
   74
-};
-OSQPFloat stance_soft_work_z_val[74] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -7096,117 +7075,102 @@ OSQPFloat stance_soft_work_z_val[74] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_soft_work_z = {
-  stance_soft_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&stance_soft_SPACE.work_z_val,
   74
-};
-OSQPFloat   stance_soft_work_xz_tilde_val[152];
-OSQPVectorf stance_soft_work_xz_tilde = {
-  stance_soft_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&stance_soft_SPACE.work_xz_tilde_val,
   152
-};
-OSQPVectorf stance_soft_work_xtilde_view = {
-  stance_soft_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&stance_soft_SPACE.work_xz_tilde_val,
   78
-};
-OSQPVectorf stance_soft_work_ztilde_view = {
-  stance_soft_work_xz_tilde_val+78,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&stance_soft_SPACE.work_xz_tilde_val+78,
   74
-};
-OSQPFloat   stance_soft_work_x_prev_val[78];
-OSQPVectorf stance_soft_work_x_prev = {
-  stance_soft_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&stance_soft_SPACE.work_x_prev_val,
   78
-};
-OSQPFloat   stance_soft_work_z_prev_val[74];
-OSQPVectorf stance_soft_work_z_prev = {
-  stance_soft_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&stance_soft_SPACE.work_z_prev_val,
   74
-};
-OSQPFloat   stance_soft_work_Ax_val[74];
-OSQPVectorf stance_soft_work_Ax = {
-  stance_soft_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&stance_soft_SPACE.work_Ax_val,
   74
-};
-OSQPFloat   stance_soft_work_Px_val[78];
-OSQPVectorf stance_soft_work_Px = {
-  stance_soft_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&stance_soft_SPACE.work_Px_val,
   78
-};
-OSQPFloat   stance_soft_work_Aty_val[78];
-OSQPVectorf stance_soft_work_Aty = {
-  stance_soft_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&stance_soft_SPACE.work_Aty_val,
   78
-};
-OSQPFloat   stance_soft_work_delta_y_val[74];
-OSQPVectorf stance_soft_work_delta_y = {
-  stance_soft_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&stance_soft_SPACE.work_delta_y_val,
   74
-};
-OSQPFloat   stance_soft_work_Atdelta_y_val[78];
-OSQPVectorf stance_soft_work_Atdelta_y = {
-  stance_soft_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&stance_soft_SPACE.work_Atdelta_y_val,
   78
-};
-OSQPFloat   stance_soft_work_delta_x_val[78];
-OSQPVectorf stance_soft_work_delta_x = {
-  stance_soft_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&stance_soft_SPACE.work_delta_x_val,
   78
-};
-OSQPFloat   stance_soft_work_Pdelta_x_val[78];
-OSQPVectorf stance_soft_work_Pdelta_x = {
-  stance_soft_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&stance_soft_SPACE.work_Pdelta_x_val,
   78
-};
-OSQPFloat   stance_soft_work_Adelta_x_val[74];
-OSQPVectorf stance_soft_work_Adelta_x = {
-  stance_soft_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&stance_soft_SPACE.work_Adelta_x_val,
   74
-};
-OSQPFloat   stance_soft_work_D_temp_val[78];
-OSQPVectorf stance_soft_work_D_temp = {
-  stance_soft_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&stance_soft_SPACE.work_D_temp_val,
   78
-};
-OSQPFloat   stance_soft_work_D_temp_A_val[78];
-OSQPVectorf stance_soft_work_D_temp_A = {
-  stance_soft_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&stance_soft_SPACE.work_D_temp_A_val,
   78
-};
-OSQPFloat   stance_soft_work_E_temp_val[74];
-OSQPVectorf stance_soft_work_E_temp = {
-  stance_soft_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&stance_soft_SPACE.work_E_temp_val,
   74
-};
-/* Define the workspace structure */
-OSQPWorkspace stance_soft_work = {
-  &stance_soft_data,
-  (LinSysSolver *)&stance_soft_linsys,
-  &stance_soft_work_rho_vec,
-  &stance_soft_work_rho_inv_vec,
-  &stance_soft_work_constr_type,
-  &stance_soft_work_x,
-  &stance_soft_work_y,
-  &stance_soft_work_z,
-  &stance_soft_work_xz_tilde,
-  &stance_soft_work_xtilde_view,
-  &stance_soft_work_ztilde_view,
-  &stance_soft_work_x_prev,
-  &stance_soft_work_z_prev,
-  &stance_soft_work_Ax,
-  &stance_soft_work_Px,
-  &stance_soft_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&stance_soft_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&stance_soft_SPACE.linsys,
+  (OSQPVectorf *)&stance_soft_SPACE.work_rho_vec,
+  (OSQPVectorf *)&stance_soft_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&stance_soft_SPACE.work_constr_type,
+  (OSQPVectorf *)&stance_soft_SPACE.work_x,
+  (OSQPVectorf *)&stance_soft_SPACE.work_y,
+  (OSQPVectorf *)&stance_soft_SPACE.work_z,
+  (OSQPVectorf *)&stance_soft_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&stance_soft_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&stance_soft_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&stance_soft_SPACE.work_x_prev,
+  (OSQPVectorf *)&stance_soft_SPACE.work_z_prev,
+  (OSQPVectorf *)&stance_soft_SPACE.work_Ax,
+  (OSQPVectorf *)&stance_soft_SPACE.work_Px,
+  (OSQPVectorf *)&stance_soft_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &stance_soft_work_delta_y,
-  &stance_soft_work_Atdelta_y,
-  &stance_soft_work_delta_x,
-  &stance_soft_work_Pdelta_x,
-  &stance_soft_work_Adelta_x,
+  (OSQPVectorf *)&stance_soft_SPACE.work_delta_y,
+  (OSQPVectorf *)&stance_soft_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&stance_soft_SPACE.work_delta_x,
+  (OSQPVectorf *)&stance_soft_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&stance_soft_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -7215,13 +7179,12 @@ OSQPWorkspace stance_soft_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver stance_soft_solver = {
-  &stance_soft_settings,
-  &stance_soft_sol,
-  &stance_soft_info,
-  &stance_soft_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&stance_soft_SPACE.settings,
+  (OSQPSolution *)&stance_soft_SPACE.sol,
+  (OSQPInfo *)&stance_soft_SPACE.info,
+  (OSQPWorkspace *)&stance_soft_SPACE.work
+    },
 };

@@ -1,14 +1,11 @@
-/*
- * 
- * This file contains the workspace variables needed by OSQP.
- */
-
+/* The work space of OSQP for stance. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"
+#include "stance_workspace.h"
 
-/* Define the settings structure */
-OSQPSettings stance_settings = {
+const stance_space stance_SPACE = {
+    .settings = {
   0,
   OSQP_DIRECT_SOLVER,
   1,
@@ -39,23 +36,15 @@ OSQPSettings stance_settings = {
   1,
   (OSQPFloat)10000000000.00000000000000000000,
   (OSQPFloat)0.00000100000000000000,
-  3,
-};
-
-/* Define the solution structure */
-OSQPFloat stance_sol_x[36];
-OSQPFloat stance_sol_y[74];
-OSQPFloat stance_sol_prim_inf_cert[74];
-OSQPFloat stance_sol_dual_inf_cert[36];
-OSQPSolution stance_sol = {
-  stance_sol_x,
-  stance_sol_y,
-  stance_sol_prim_inf_cert,
-  stance_sol_dual_inf_cert,
-};
-
-/* Define the info structure */
-OSQPInfo stance_info = {
+  3
+    },
+    .sol = {
+  (OSQPFloat *)&stance_SPACE.sol_x,
+  (OSQPFloat *)&stance_SPACE.sol_y,
+  (OSQPFloat *)&stance_SPACE.sol_prim_inf_cert,
+  (OSQPFloat *)&stance_SPACE.sol_dual_inf_cert
+    },
+    .info = {
   "unsolved",
   11,
   0,
@@ -73,11 +62,9 @@ OSQPInfo stance_info = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  (OSQPFloat)0.0,
-};
-
-/* Define the data structure */
-OSQPInt stance_data_P_csc_p[37] = {
+  (OSQPFloat)0.0
+    },
+    .data_P_csc_p = {
   0,
   1,
   3,
@@ -114,9 +101,9 @@ OSQPInt stance_data_P_csc_p[37] = {
   156,
   163,
   171,
-  180,
-};
-OSQPInt stance_data_P_csc_i[180] = {
+  180
+    },
+    .data_P_csc_i = {
   0,
   0,
   1,
@@ -296,9 +283,9 @@ OSQPInt stance_data_P_csc_i[180] = {
   23,
   33,
   34,
-  35,
-};
-OSQPFloat stance_data_P_csc_x[180] = {
+  35
+    },
+    .data_P_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -478,22 +465,22 @@ OSQPFloat stance_data_P_csc_x[180] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix stance_data_P_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_P_csc = {
   36,
   36,
-  stance_data_P_csc_p,
-  stance_data_P_csc_i,
-  stance_data_P_csc_x,
+  (OSQPInt *)&stance_SPACE.data_P_csc_p,
+  (OSQPInt *)&stance_SPACE.data_P_csc_i,
+  (OSQPFloat *)&stance_SPACE.data_P_csc_x,
   180,
-  -1,
-};
-OSQPMatrix stance_data_P = {
-  &stance_data_P_csc,
+  -1
+    },
+    .data_P = {
+  (OSQPCscMatrix *)&stance_SPACE.data_P_csc,
   1
-};
-OSQPInt stance_data_A_csc_p[37] = {
+    },
+    .data_A_csc_p = {
   0,
   9,
   19,
@@ -530,9 +517,9 @@ OSQPInt stance_data_A_csc_p[37] = {
   373,
   385,
   397,
-  412,
-};
-OSQPInt stance_data_A_csc_i[412] = {
+  412
+    },
+    .data_A_csc_i = {
   0,
   1,
   2,
@@ -944,9 +931,9 @@ OSQPInt stance_data_A_csc_i[412] = {
   62,
   63,
   64,
-  65,
-};
-OSQPFloat stance_data_A_csc_x[412] = {
+  65
+    },
+    .data_A_csc_x = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
@@ -1358,22 +1345,22 @@ OSQPFloat stance_data_A_csc_x[412] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix stance_data_A_csc = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .data_A_csc = {
   74,
   36,
-  stance_data_A_csc_p,
-  stance_data_A_csc_i,
-  stance_data_A_csc_x,
+  (OSQPInt *)&stance_SPACE.data_A_csc_p,
+  (OSQPInt *)&stance_SPACE.data_A_csc_i,
+  (OSQPFloat *)&stance_SPACE.data_A_csc_x,
   412,
-  -1,
-};
-OSQPMatrix stance_data_A = {
-  &stance_data_A_csc,
+  -1
+    },
+    .data_A = {
+  (OSQPCscMatrix *)&stance_SPACE.data_A_csc,
   0
-};
-OSQPFloat stance_data_q_val[36] = {
+    },
+    .data_q_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -1409,13 +1396,13 @@ OSQPFloat stance_data_q_val[36] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_data_q = {
-  stance_data_q_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .data_q = {
+  (OSQPFloat *)&stance_SPACE.data_q_val,
   36
-};
-OSQPFloat stance_data_l_val[74] = {
+    },
+    .data_l_val = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
@@ -1489,13 +1476,13 @@ OSQPFloat stance_data_l_val[74] = {
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf stance_data_l = {
-  stance_data_l_val,
+  (OSQPFloat)-1000000000000000019884624838656.00000000000000000000
+    },
+    .data_l = {
+  (OSQPFloat *)&stance_SPACE.data_l_val,
   74
-};
-OSQPFloat stance_data_u_val[74] = {
+    },
+    .data_u_val = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
@@ -1569,24 +1556,22 @@ OSQPFloat stance_data_u_val[74] = {
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
   (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-OSQPVectorf stance_data_u = {
-  stance_data_u_val,
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .data_u = {
+  (OSQPFloat *)&stance_SPACE.data_u_val,
   74
-};
-OSQPData stance_data = {
+    },
+    .data = {
   36,
   74,
-  &stance_data_P,
-  &stance_data_A,
-  &stance_data_q,
-  &stance_data_l,
-  &stance_data_u
-};
-
-/* Define the linear system solver structure */
-OSQPInt stance_linsys_L_p[111] = {
+  (OSQPMatrix *)&stance_SPACE.data_P,
+  (OSQPMatrix *)&stance_SPACE.data_A,
+  (OSQPVectorf *)&stance_SPACE.data_q,
+  (OSQPVectorf *)&stance_SPACE.data_l,
+  (OSQPVectorf *)&stance_SPACE.data_u
+    },
+    .linsys_L_p = {
   0,
   1,
   3,
@@ -1697,9 +1682,9 @@ OSQPInt stance_linsys_L_p[111] = {
   587,
   589,
   590,
-  590,
-};
-OSQPInt stance_linsys_L_i[590] = {
+  590
+    },
+    .linsys_L_i = {
   99,
   105,
   109,
@@ -2289,9 +2274,9 @@ OSQPInt stance_linsys_L_i[590] = {
   109,
   108,
   109,
-  109,
-};
-OSQPFloat stance_linsys_L_x[590] = {
+  109
+    },
+    .linsys_L_x = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -2881,18 +2866,18 @@ OSQPFloat stance_linsys_L_x[590] = {
   (OSQPFloat)0.00000999853833457915,
   (OSQPFloat)0.00000799947609669562,
   (OSQPFloat)-0.00000099993001240914,
-  (OSQPFloat)-0.00000099992201355690,
-};
-OSQPCscMatrix stance_linsys_L = {
+  (OSQPFloat)-0.00000099992201355690
+    },
+    .linsys_L = {
   110,
   110,
-  stance_linsys_L_p,
-  stance_linsys_L_i,
-  stance_linsys_L_x,
+  (OSQPInt *)&stance_SPACE.linsys_L_p,
+  (OSQPInt *)&stance_SPACE.linsys_L_i,
+  (OSQPFloat *)&stance_SPACE.linsys_L_x,
   590,
-  -1,
-};
-OSQPFloat stance_linsys_Dinv[110] = {
+  -1
+    },
+    .linsys_Dinv = {
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
   (OSQPFloat)-0.00000100000000000000,
@@ -3002,9 +2987,9 @@ OSQPFloat stance_linsys_Dinv[110] = {
   (OSQPFloat)0.99998900145666769212,
   (OSQPFloat)-0.00000099999200052390,
   (OSQPFloat)-0.00000099999200058789,
-  (OSQPFloat)0.99998400200754511413,
-};
-OSQPInt stance_linsys_P[110] = {
+  (OSQPFloat)0.99998400200754511413
+    },
+    .linsys_P = {
   62,
   43,
   42,
@@ -3114,11 +3099,9 @@ OSQPInt stance_linsys_P[110] = {
   25,
   86,
   87,
-  26,
-};
-OSQPFloat stance_linsys_bp[110];
-OSQPFloat stance_linsys_sol[110];
-OSQPFloat stance_linsys_rho_inv_vec[74] = {
+  26
+    },
+    .linsys_rho_inv_vec = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -3192,9 +3175,9 @@ OSQPFloat stance_linsys_rho_inv_vec[74] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPInt stance_linsys_KKT_p[111] = {
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .linsys_KKT_p = {
   0,
   1,
   2,
@@ -3305,9 +3288,9 @@ OSQPInt stance_linsys_KKT_p[111] = {
   624,
   633,
   642,
-  666,
-};
-OSQPInt stance_linsys_KKT_i[666] = {
+  666
+    },
+    .linsys_KKT_i = {
   0,
   1,
   2,
@@ -3973,9 +3956,9 @@ OSQPInt stance_linsys_KKT_i[666] = {
   107,
   108,
   11,
-  10,
-};
-OSQPFloat stance_linsys_KKT_x[666] = {
+  10
+    },
+    .linsys_KKT_x = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -4641,18 +4624,18 @@ OSQPFloat stance_linsys_KKT_x[666] = {
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
   (OSQPFloat)1.00000000000000000000,
-  (OSQPFloat)1.00000000000000000000,
-};
-OSQPCscMatrix stance_linsys_KKT = {
+  (OSQPFloat)1.00000000000000000000
+    },
+    .linsys_KKT = {
   110,
   110,
-  stance_linsys_KKT_p,
-  stance_linsys_KKT_i,
-  stance_linsys_KKT_x,
+  (OSQPInt *)&stance_SPACE.linsys_KKT_p,
+  (OSQPInt *)&stance_SPACE.linsys_KKT_i,
+  (OSQPFloat *)&stance_SPACE.linsys_KKT_x,
   666,
-  -1,
-};
-OSQPInt stance_linsys_PtoKKT[180] = {
+  -1
+    },
+    .linsys_PtoKKT = {
   516,
   524,
   525,
@@ -4832,9 +4815,9 @@ OSQPInt stance_linsys_PtoKKT[180] = {
   145,
   146,
   147,
-  148,
-};
-OSQPInt stance_linsys_AtoKKT[412] = {
+  148
+    },
+    .linsys_AtoKKT = {
   517,
   518,
   519,
@@ -5246,9 +5229,9 @@ OSQPInt stance_linsys_AtoKKT[412] = {
   154,
   155,
   156,
-  157,
-};
-OSQPInt stance_linsys_rhotoKKT[74] = {
+  157
+    },
+    .linsys_rhotoKKT = {
   375,
   403,
   431,
@@ -5322,9 +5305,9 @@ OSQPInt stance_linsys_rhotoKKT[74] = {
   34,
   43,
   50,
-  59,
-};
-OSQPFloat stance_linsys_D[110] = {
+  59
+    },
+    .linsys_D = {
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
   (OSQPFloat)-1000000.00000000000000000000,
@@ -5434,9 +5417,9 @@ OSQPFloat stance_linsys_D[110] = {
   (OSQPFloat)1.00001099866430154250,
   (OSQPFloat)-1000007.99954008869826793671,
   (OSQPFloat)-1000007.99947609659284353256,
-  (OSQPFloat)1.00001599824839471076,
-};
-OSQPInt stance_linsys_etree[110] = {
+  (OSQPFloat)1.00001599824839471076
+    },
+    .linsys_etree = {
   99,
   105,
   105,
@@ -5546,9 +5529,9 @@ OSQPInt stance_linsys_etree[110] = {
   107,
   108,
   109,
-  -1,
-};
-OSQPInt stance_linsys_Lnz[110] = {
+  -1
+    },
+    .linsys_Lnz = {
   1,
   2,
   2,
@@ -5658,12 +5641,9 @@ OSQPInt stance_linsys_Lnz[110] = {
   3,
   2,
   1,
-  0,
-};
-QDLDL_int   stance_linsys_iwork[330];
-QDLDL_bool  stance_linsys_bwork[110];
-QDLDL_float stance_linsys_fwork[110];
-qdldl_solver stance_linsys = {
+  0
+    },
+    .linsys = {
   1,
   &name_qdldl,
   &solve_linsys_qdldl,
@@ -5672,29 +5652,28 @@ qdldl_solver stance_linsys = {
   &update_linsys_solver_matrices_qdldl,
   &update_linsys_solver_rho_vec_qdldl,
   1,
-  &stance_linsys_L,
-  stance_linsys_Dinv,
-  stance_linsys_P,
-  stance_linsys_bp,
-  stance_linsys_sol,
-  stance_linsys_rho_inv_vec,
+  (OSQPCscMatrix *)&stance_SPACE.linsys_L,
+  (OSQPFloat *)&stance_SPACE.linsys_Dinv,
+  (OSQPInt *)&stance_SPACE.linsys_P,
+  (OSQPFloat *)&stance_SPACE.linsys_bp,
+  (OSQPFloat *)&stance_SPACE.linsys_sol,
+  (OSQPFloat *)&stance_SPACE.linsys_rho_inv_vec,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)1.00000000000000000000,
   36,
   74,
-  &stance_linsys_KKT,
-  stance_linsys_PtoKKT,
-  stance_linsys_AtoKKT,
-  stance_linsys_rhotoKKT,
-  stance_linsys_D,
-  stance_linsys_etree,
-  stance_linsys_Lnz,
-  stance_linsys_iwork,
-  stance_linsys_bwork,
-  stance_linsys_fwork,
-};
-
-OSQPFloat stance_work_rho_vec_val[74] = {
+  (OSQPCscMatrix *)&stance_SPACE.linsys_KKT,
+  (OSQPInt *)&stance_SPACE.linsys_PtoKKT,
+  (OSQPInt *)&stance_SPACE.linsys_AtoKKT,
+  (OSQPInt *)&stance_SPACE.linsys_rhotoKKT,
+  (OSQPFloat *)&stance_SPACE.linsys_D,
+  (OSQPInt *)&stance_SPACE.linsys_etree,
+  (OSQPInt *)&stance_SPACE.linsys_Lnz,
+  (QDLDL_int *)&stance_SPACE.linsys_iwork,
+  (QDLDL_bool *)&stance_SPACE.linsys_bwork,
+  (QDLDL_float *)&stance_SPACE.linsys_fwork
+    },
+    .work_rho_vec_val = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
@@ -5768,13 +5747,13 @@ OSQPFloat stance_work_rho_vec_val[74] = {
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
   (OSQPFloat)0.00000100000000000000,
-  (OSQPFloat)0.00000100000000000000,
-};
-OSQPVectorf stance_work_rho_vec = {
-  stance_work_rho_vec_val,
+  (OSQPFloat)0.00000100000000000000
+    },
+    .work_rho_vec = {
+  (OSQPFloat *)&stance_SPACE.work_rho_vec_val,
   74
-};
-OSQPFloat stance_work_rho_inv_vec_val[74] = {
+    },
+    .work_rho_inv_vec_val = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
@@ -5848,13 +5827,13 @@ OSQPFloat stance_work_rho_inv_vec_val[74] = {
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
   (OSQPFloat)1000000.00000000000000000000,
-  (OSQPFloat)1000000.00000000000000000000,
-};
-OSQPVectorf stance_work_rho_inv_vec = {
-  stance_work_rho_inv_vec_val,
+  (OSQPFloat)1000000.00000000000000000000
+    },
+    .work_rho_inv_vec = {
+  (OSQPFloat *)&stance_SPACE.work_rho_inv_vec_val,
   74
-};
-OSQPInt stance_work_constr_type_val[74] = {
+    },
+    .work_constr_type_val = {
   -1,
   -1,
   -1,
@@ -5928,13 +5907,13 @@ OSQPInt stance_work_constr_type_val[74] = {
   -1,
   -1,
   -1,
-  -1,
-};
-OSQPVectori stance_work_constr_type = {
-  stance_work_constr_type_val,
+  -1
+    },
+    .work_constr_type = {
+  (OSQPInt *)&stance_SPACE.work_constr_type_val,
   74
-};
-OSQPFloat stance_work_x_val[36] = {
+    },
+    .work_x_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -5970,13 +5949,13 @@ OSQPFloat stance_work_x_val[36] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_work_x = {
-  stance_work_x_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_x = {
+  (OSQPFloat *)&stance_SPACE.work_x_val,
   36
-};
-OSQPFloat stance_work_y_val[74] = {
+    },
+    .work_y_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -6050,13 +6029,13 @@ OSQPFloat stance_work_y_val[74] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_work_y = {
-  stance_work_y_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_y = {
+  (OSQPFloat *)&stance_SPACE.work_y_val,
   74
-};
-OSQPFloat stance_work_z_val[74] = {
+    },
+    .work_z_val = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
@@ -6130,117 +6109,102 @@ OSQPFloat stance_work_z_val[74] = {
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
   (OSQPFloat)0.00000000000000000000,
-  (OSQPFloat)0.00000000000000000000,
-};
-OSQPVectorf stance_work_z = {
-  stance_work_z_val,
+  (OSQPFloat)0.00000000000000000000
+    },
+    .work_z = {
+  (OSQPFloat *)&stance_SPACE.work_z_val,
   74
-};
-OSQPFloat   stance_work_xz_tilde_val[110];
-OSQPVectorf stance_work_xz_tilde = {
-  stance_work_xz_tilde_val,
+    },
+    .work_xz_tilde = {
+  (OSQPFloat *)&stance_SPACE.work_xz_tilde_val,
   110
-};
-OSQPVectorf stance_work_xtilde_view = {
-  stance_work_xz_tilde_val,
+    },
+    .work_xtilde_view = {
+  (OSQPFloat *)&stance_SPACE.work_xz_tilde_val,
   36
-};
-OSQPVectorf stance_work_ztilde_view = {
-  stance_work_xz_tilde_val+36,
+    },
+    .work_ztilde_view = {
+  (OSQPFloat *)&stance_SPACE.work_xz_tilde_val+36,
   74
-};
-OSQPFloat   stance_work_x_prev_val[36];
-OSQPVectorf stance_work_x_prev = {
-  stance_work_x_prev_val,
+    },
+    .work_x_prev = {
+  (OSQPFloat *)&stance_SPACE.work_x_prev_val,
   36
-};
-OSQPFloat   stance_work_z_prev_val[74];
-OSQPVectorf stance_work_z_prev = {
-  stance_work_z_prev_val,
+    },
+    .work_z_prev = {
+  (OSQPFloat *)&stance_SPACE.work_z_prev_val,
   74
-};
-OSQPFloat   stance_work_Ax_val[74];
-OSQPVectorf stance_work_Ax = {
-  stance_work_Ax_val,
+    },
+    .work_Ax = {
+  (OSQPFloat *)&stance_SPACE.work_Ax_val,
   74
-};
-OSQPFloat   stance_work_Px_val[36];
-OSQPVectorf stance_work_Px = {
-  stance_work_Px_val,
+    },
+    .work_Px = {
+  (OSQPFloat *)&stance_SPACE.work_Px_val,
   36
-};
-OSQPFloat   stance_work_Aty_val[36];
-OSQPVectorf stance_work_Aty = {
-  stance_work_Aty_val,
+    },
+    .work_Aty = {
+  (OSQPFloat *)&stance_SPACE.work_Aty_val,
   36
-};
-OSQPFloat   stance_work_delta_y_val[74];
-OSQPVectorf stance_work_delta_y = {
-  stance_work_delta_y_val,
+    },
+    .work_delta_y = {
+  (OSQPFloat *)&stance_SPACE.work_delta_y_val,
   74
-};
-OSQPFloat   stance_work_Atdelta_y_val[36];
-OSQPVectorf stance_work_Atdelta_y = {
-  stance_work_Atdelta_y_val,
+    },
+    .work_Atdelta_y = {
+  (OSQPFloat *)&stance_SPACE.work_Atdelta_y_val,
   36
-};
-OSQPFloat   stance_work_delta_x_val[36];
-OSQPVectorf stance_work_delta_x = {
-  stance_work_delta_x_val,
+    },
+    .work_delta_x = {
+  (OSQPFloat *)&stance_SPACE.work_delta_x_val,
   36
-};
-OSQPFloat   stance_work_Pdelta_x_val[36];
-OSQPVectorf stance_work_Pdelta_x = {
-  stance_work_Pdelta_x_val,
+    },
+    .work_Pdelta_x = {
+  (OSQPFloat *)&stance_SPACE.work_Pdelta_x_val,
   36
-};
-OSQPFloat   stance_work_Adelta_x_val[74];
-OSQPVectorf stance_work_Adelta_x = {
-  stance_work_Adelta_x_val,
+    },
+    .work_Adelta_x = {
+  (OSQPFloat *)&stance_SPACE.work_Adelta_x_val,
   74
-};
-OSQPFloat   stance_work_D_temp_val[36];
-OSQPVectorf stance_work_D_temp = {
-  stance_work_D_temp_val,
+    },
+    .work_D_temp = {
+  (OSQPFloat *)&stance_SPACE.work_D_temp_val,
   36
-};
-OSQPFloat   stance_work_D_temp_A_val[36];
-OSQPVectorf stance_work_D_temp_A = {
-  stance_work_D_temp_A_val,
+    },
+    .work_D_temp_A = {
+  (OSQPFloat *)&stance_SPACE.work_D_temp_A_val,
   36
-};
-OSQPFloat   stance_work_E_temp_val[74];
-OSQPVectorf stance_work_E_temp = {
-  stance_work_E_temp_val,
+    },
+    .work_E_temp = {
+  (OSQPFloat *)&stance_SPACE.work_E_temp_val,
   74
-};
-/* Define the workspace structure */
-OSQPWorkspace stance_work = {
-  &stance_data,
-  (LinSysSolver *)&stance_linsys,
-  &stance_work_rho_vec,
-  &stance_work_rho_inv_vec,
-  &stance_work_constr_type,
-  &stance_work_x,
-  &stance_work_y,
-  &stance_work_z,
-  &stance_work_xz_tilde,
-  &stance_work_xtilde_view,
-  &stance_work_ztilde_view,
-  &stance_work_x_prev,
-  &stance_work_z_prev,
-  &stance_work_Ax,
-  &stance_work_Px,
-  &stance_work_Aty,
+    },
+    .work = {
+  (OSQPData *)&stance_SPACE.data,
+  (LinSysSolver *)(qdldl_solver *)&stance_SPACE.linsys,
+  (OSQPVectorf *)&stance_SPACE.work_rho_vec,
+  (OSQPVectorf *)&stance_SPACE.work_rho_inv_vec,
+  (OSQPVectori *)&stance_SPACE.work_constr_type,
+  (OSQPVectorf *)&stance_SPACE.work_x,
+  (OSQPVectorf *)&stance_SPACE.work_y,
+  (OSQPVectorf *)&stance_SPACE.work_z,
+  (OSQPVectorf *)&stance_SPACE.work_xz_tilde,
+  (OSQPVectorf *)&stance_SPACE.work_xtilde_view,
+  (OSQPVectorf *)&stance_SPACE.work_ztilde_view,
+  (OSQPVectorf *)&stance_SPACE.work_x_prev,
+  (OSQPVectorf *)&stance_SPACE.work_z_prev,
+  (OSQPVectorf *)&stance_SPACE.work_Ax,
+  (OSQPVectorf *)&stance_SPACE.work_Px,
+  (OSQPVectorf *)&stance_SPACE.work_Aty,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
   (OSQPFloat)0.0,
-  &stance_work_delta_y,
-  &stance_work_Atdelta_y,
-  &stance_work_delta_x,
-  &stance_work_Pdelta_x,
-  &stance_work_Adelta_x,
+  (OSQPVectorf *)&stance_SPACE.work_delta_y,
+  (OSQPVectorf *)&stance_SPACE.work_Atdelta_y,
+  (OSQPVectorf *)&stance_SPACE.work_delta_x,
+  (OSQPVectorf *)&stance_SPACE.work_Pdelta_x,
+  (OSQPVectorf *)&stance_SPACE.work_Adelta_x,
   OSQP_NULL,
   OSQP_NULL,
   OSQP_NULL,
@@ -6249,13 +6213,12 @@ OSQPWorkspace stance_work = {
   (OSQPFloat)0.0,
   (OSQPFloat)0.00000000000000000000,
   0,
-  (OSQPFloat)1000000000000000019884624838656.00000000000000000000,
-};
-
-/* Define the solver structure */
-OSQPSolver stance_solver = {
-  &stance_settings,
-  &stance_sol,
-  &stance_info,
-  &stance_work
+  (OSQPFloat)1000000000000000019884624838656.00000000000000000000
+    },
+    .solver = {
+  (OSQPSettings *)&stance_SPACE.settings,
+  (OSQPSolution *)&stance_SPACE.sol,
+  (OSQPInfo *)&stance_SPACE.info,
+  (OSQPWorkspace *)&stance_SPACE.work
+    },
 };

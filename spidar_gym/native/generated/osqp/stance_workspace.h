@@ -1,22 +1,131 @@
-/*
- * 
- * This file contains the prototype for the solver structure needed
- * by OSQP. The actual data is contained inside stance_workspace.c.
- */
-
+/* Generated: the work space of OSQP for stance. */
 #ifndef STANCE_WORKSPACE_H
 #define STANCE_WORKSPACE_H
 
-#include "osqp_api_types.h"
+#include <stddef.h>
+#include <stdint.h>
+#include "types.h"
+#include "algebra_impl.h"
+#include "qdldl_interface.h"
 
-#ifdef __cplusplus
-extern "C" {
+typedef struct {
+    OSQPSettings settings;
+    OSQPFloat sol_x[36];
+    OSQPFloat sol_y[74];
+    OSQPFloat sol_prim_inf_cert[74];
+    OSQPFloat sol_dual_inf_cert[36];
+    OSQPSolution sol;
+    OSQPInfo info;
+    OSQPInt data_P_csc_p[37];
+    OSQPInt data_P_csc_i[180];
+    OSQPFloat data_P_csc_x[180];
+    OSQPCscMatrix data_P_csc;
+    OSQPMatrix data_P;
+    OSQPInt data_A_csc_p[37];
+    OSQPInt data_A_csc_i[412];
+    OSQPFloat data_A_csc_x[412];
+    OSQPCscMatrix data_A_csc;
+    OSQPMatrix data_A;
+    OSQPFloat data_q_val[36];
+    OSQPVectorf data_q;
+    OSQPFloat data_l_val[74];
+    OSQPVectorf data_l;
+    OSQPFloat data_u_val[74];
+    OSQPVectorf data_u;
+    OSQPData data;
+    OSQPInt linsys_L_p[111];
+    OSQPInt linsys_L_i[590];
+    OSQPFloat linsys_L_x[590];
+    OSQPCscMatrix linsys_L;
+    OSQPFloat linsys_Dinv[110];
+    OSQPInt linsys_P[110];
+    OSQPFloat linsys_bp[110];
+    OSQPFloat linsys_sol[110];
+    OSQPFloat linsys_rho_inv_vec[74];
+    OSQPInt linsys_KKT_p[111];
+    OSQPInt linsys_KKT_i[666];
+    OSQPFloat linsys_KKT_x[666];
+    OSQPCscMatrix linsys_KKT;
+    OSQPInt linsys_PtoKKT[180];
+    OSQPInt linsys_AtoKKT[412];
+    OSQPInt linsys_rhotoKKT[74];
+    OSQPFloat linsys_D[110];
+    OSQPInt linsys_etree[110];
+    OSQPInt linsys_Lnz[110];
+    QDLDL_int linsys_iwork[330];
+    QDLDL_bool linsys_bwork[110];
+    QDLDL_float linsys_fwork[110];
+    qdldl_solver linsys;
+    OSQPFloat work_rho_vec_val[74];
+    OSQPVectorf work_rho_vec;
+    OSQPFloat work_rho_inv_vec_val[74];
+    OSQPVectorf work_rho_inv_vec;
+    OSQPInt work_constr_type_val[74];
+    OSQPVectori work_constr_type;
+    OSQPFloat work_x_val[36];
+    OSQPVectorf work_x;
+    OSQPFloat work_y_val[74];
+    OSQPVectorf work_y;
+    OSQPFloat work_z_val[74];
+    OSQPVectorf work_z;
+    OSQPFloat work_xz_tilde_val[110];
+    OSQPVectorf work_xz_tilde;
+    OSQPVectorf work_xtilde_view;
+    OSQPVectorf work_ztilde_view;
+    OSQPFloat work_x_prev_val[36];
+    OSQPVectorf work_x_prev;
+    OSQPFloat work_z_prev_val[74];
+    OSQPVectorf work_z_prev;
+    OSQPFloat work_Ax_val[74];
+    OSQPVectorf work_Ax;
+    OSQPFloat work_Px_val[36];
+    OSQPVectorf work_Px;
+    OSQPFloat work_Aty_val[36];
+    OSQPVectorf work_Aty;
+    OSQPFloat work_delta_y_val[74];
+    OSQPVectorf work_delta_y;
+    OSQPFloat work_Atdelta_y_val[36];
+    OSQPVectorf work_Atdelta_y;
+    OSQPFloat work_delta_x_val[36];
+    OSQPVectorf work_delta_x;
+    OSQPFloat work_Pdelta_x_val[36];
+    OSQPVectorf work_Pdelta_x;
+    OSQPFloat work_Adelta_x_val[74];
+    OSQPVectorf work_Adelta_x;
+    OSQPFloat work_D_temp_val[36];
+    OSQPVectorf work_D_temp;
+    OSQPFloat work_D_temp_A_val[36];
+    OSQPVectorf work_D_temp_A;
+    OSQPFloat work_E_temp_val[74];
+    OSQPVectorf work_E_temp;
+    OSQPWorkspace work;
+    OSQPSolver solver;
+} stance_space;
+extern const stance_space stance_SPACE;
+static const uint32_t stance_POINTERS[89] = {
+    offsetof(stance_space, sol) + offsetof(OSQPSolution, x), offsetof(stance_space, sol) + offsetof(OSQPSolution, y), offsetof(stance_space, sol) + offsetof(OSQPSolution, prim_inf_cert), offsetof(stance_space, sol) + offsetof(OSQPSolution, dual_inf_cert),
+    offsetof(stance_space, data_P_csc) + offsetof(OSQPCscMatrix, p), offsetof(stance_space, data_P_csc) + offsetof(OSQPCscMatrix, i), offsetof(stance_space, data_P_csc) + offsetof(OSQPCscMatrix, x), offsetof(stance_space, data_P) + offsetof(OSQPMatrix, csc),
+    offsetof(stance_space, data_A_csc) + offsetof(OSQPCscMatrix, p), offsetof(stance_space, data_A_csc) + offsetof(OSQPCscMatrix, i), offsetof(stance_space, data_A_csc) + offsetof(OSQPCscMatrix, x), offsetof(stance_space, data_A) + offsetof(OSQPMatrix, csc),
+    offsetof(stance_space, data_q) + offsetof(OSQPVectorf, values), offsetof(stance_space, data_l) + offsetof(OSQPVectorf, values), offsetof(stance_space, data_u) + offsetof(OSQPVectorf, values), offsetof(stance_space, data) + offsetof(OSQPData, P),
+    offsetof(stance_space, data) + offsetof(OSQPData, A), offsetof(stance_space, data) + offsetof(OSQPData, q), offsetof(stance_space, data) + offsetof(OSQPData, l), offsetof(stance_space, data) + offsetof(OSQPData, u),
+    offsetof(stance_space, linsys_L) + offsetof(OSQPCscMatrix, p), offsetof(stance_space, linsys_L) + offsetof(OSQPCscMatrix, i), offsetof(stance_space, linsys_L) + offsetof(OSQPCscMatrix, x), offsetof(stance_space, linsys_KKT) + offsetof(OSQPCscMatrix, p),
+    offsetof(stance_space, linsys_KKT) + offsetof(OSQPCscMatrix, i), offsetof(stance_space, linsys_KKT) + offsetof(OSQPCscMatrix, x), offsetof(stance_space, linsys) + offsetof(qdldl_solver, L), offsetof(stance_space, linsys) + offsetof(qdldl_solver, Dinv),
+    offsetof(stance_space, linsys) + offsetof(qdldl_solver, P), offsetof(stance_space, linsys) + offsetof(qdldl_solver, bp), offsetof(stance_space, linsys) + offsetof(qdldl_solver, sol), offsetof(stance_space, linsys) + offsetof(qdldl_solver, rho_inv_vec),
+    offsetof(stance_space, linsys) + offsetof(qdldl_solver, KKT), offsetof(stance_space, linsys) + offsetof(qdldl_solver, PtoKKT), offsetof(stance_space, linsys) + offsetof(qdldl_solver, AtoKKT), offsetof(stance_space, linsys) + offsetof(qdldl_solver, rhotoKKT),
+    offsetof(stance_space, linsys) + offsetof(qdldl_solver, D), offsetof(stance_space, linsys) + offsetof(qdldl_solver, etree), offsetof(stance_space, linsys) + offsetof(qdldl_solver, Lnz), offsetof(stance_space, linsys) + offsetof(qdldl_solver, iwork),
+    offsetof(stance_space, linsys) + offsetof(qdldl_solver, bwork), offsetof(stance_space, linsys) + offsetof(qdldl_solver, fwork), offsetof(stance_space, work_rho_vec) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_rho_inv_vec) + offsetof(OSQPVectorf, values),
+    offsetof(stance_space, work_constr_type) + offsetof(OSQPVectori, values), offsetof(stance_space, work_x) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_y) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_z) + offsetof(OSQPVectorf, values),
+    offsetof(stance_space, work_xz_tilde) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_xtilde_view) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_ztilde_view) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_x_prev) + offsetof(OSQPVectorf, values),
+    offsetof(stance_space, work_z_prev) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_Ax) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_Px) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_Aty) + offsetof(OSQPVectorf, values),
+    offsetof(stance_space, work_delta_y) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_Atdelta_y) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_delta_x) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_Pdelta_x) + offsetof(OSQPVectorf, values),
+    offsetof(stance_space, work_Adelta_x) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_D_temp) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_D_temp_A) + offsetof(OSQPVectorf, values), offsetof(stance_space, work_E_temp) + offsetof(OSQPVectorf, values),
+    offsetof(stance_space, work) + offsetof(OSQPWorkspace, data), offsetof(stance_space, work) + offsetof(OSQPWorkspace, linsys_solver), offsetof(stance_space, work) + offsetof(OSQPWorkspace, rho_vec), offsetof(stance_space, work) + offsetof(OSQPWorkspace, rho_inv_vec),
+    offsetof(stance_space, work) + offsetof(OSQPWorkspace, constr_type), offsetof(stance_space, work) + offsetof(OSQPWorkspace, x), offsetof(stance_space, work) + offsetof(OSQPWorkspace, y), offsetof(stance_space, work) + offsetof(OSQPWorkspace, z),
+    offsetof(stance_space, work) + offsetof(OSQPWorkspace, xz_tilde), offsetof(stance_space, work) + offsetof(OSQPWorkspace, xtilde_view), offsetof(stance_space, work) + offsetof(OSQPWorkspace, ztilde_view), offsetof(stance_space, work) + offsetof(OSQPWorkspace, x_prev),
+    offsetof(stance_space, work) + offsetof(OSQPWorkspace, z_prev), offsetof(stance_space, work) + offsetof(OSQPWorkspace, Ax), offsetof(stance_space, work) + offsetof(OSQPWorkspace, Px), offsetof(stance_space, work) + offsetof(OSQPWorkspace, Aty),
+    offsetof(stance_space, work) + offsetof(OSQPWorkspace, delta_y), offsetof(stance_space, work) + offsetof(OSQPWorkspace, Atdelta_y), offsetof(stance_space, work) + offsetof(OSQPWorkspace, delta_x), offsetof(stance_space, work) + offsetof(OSQPWorkspace, Pdelta_x),
+    offsetof(stance_space, work) + offsetof(OSQPWorkspace, Adelta_x), offsetof(stance_space, solver) + offsetof(OSQPSolver, settings), offsetof(stance_space, solver) + offsetof(OSQPSolver, solution), offsetof(stance_space, solver) + offsetof(OSQPSolver, info),
+    offsetof(stance_space, solver) + offsetof(OSQPSolver, work),
+};
+
 #endif
-
-  extern OSQPSolver stance_solver;
-
-#ifdef __cplusplus
-}
-#endif
-
-#endif /* ifndef STANCE_WORKSPACE_H */

@@ -1,0 +1,126 @@
+"""What the tasks of `hover/task.py` and `crawl/task.py` are to the engine: records of their numbers."""
+
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.footsteps import lying_pose
+from spidar_gym.control.estimator import EstimatorConfig
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.envs.actions import AUTHORITIES, ActionMode
+from spidar_gym.envs.crawl import task as crawl
+from spidar_gym.envs.hover import task as hover
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.constants import CHANNELS
+from spidar_gym.native.engine_structs import AUTORESETS, DRAWN, MAX_OBSTACLES, MAX_WINDOWS, SEQUENCES, engine_layouts
+from spidar_gym.native.structs import fill
+from spidar_gym.robot import FORMS
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.randomize import TABLE
+
+OPERATIONS = ("set", "scale", "add")
+"""What a drawn number does to the nominal one, in the engine's order."""
+
+
+def action_mode(mode: ActionMode) -> np.ndarray:
+    """`sp_action_mode`."""
+    record = np.zeros((), engine_layouts()["action_mode"])
+    record["size"], record["is_direct"] = mode.size, mode.residual is None
+    if mode.residual is not None:
+        record["channels"] = sum(1 << CHANNELS.index(channel.name) for channel in mode.channels)
+        authority = [np.broadcast_to(AUTHORITIES[each.name], each.size) for each in mode.channels]
+        record["authority"][: mode.size] = np.concatenate(authority)
+    return record
+
+
+def common(
+    record: np.ndarray, plant: PlantConfig, mode: ActionMode, bound: np.ndarray, *,
+    strength: float, horizon: int, truncates: bool, autoreset: str,
+) -> None:  # fmt: skip
+    """Fill `sp_rules`.
+
+    Args:
+        record: To be filled.
+        plant: The robot that others are drawn around.
+        mode: What the action means.
+        bound: Of the observation.
+        strength: Of the randomisation, 0 … 1.
+        horizon: Ticks of an episode.
+        truncates: Whether it ends there.
+        autoreset: One of `AUTORESETS`.
+    """
+    fill(record["plant"], plant)
+    fill(record["estimator"], EstimatorConfig())
+    record["mode"] = action_mode(mode)
+    record["size"], record["bound"][: len(bound)] = len(bound), bound
+    record["strength"], record["horizon"], record["truncates"] = strength, horizon, truncates
+    record["autoreset"], record["draws"] = AUTORESETS.index(autoreset), len(TABLE)
+    layout = engine_layouts()["plant_config"]
+    for row, draw in zip(record["draw"], TABLE, strict=False):
+        part, name = draw.field.split(".")
+        row["at"] = _offset(layout, part) + _offset(layout[part], name)
+        row["count"], row["operation"] = np.prod(draw.shape, dtype=int), OPERATIONS.index(draw.operation)
+        row["low"], row["high"] = draw.low, draw.high
+
+
+def _offset(layout: np.dtype[Any], name: Any) -> int:  # noqa: ANN401 - numpy wants a literal
+    """Where a member of a struct begins [bytes]."""
+    assert layout.fields is not None
+    return layout.fields[name][1]
+
+
+def hover_rules(task: hover.HoverTask, controller: ControllerConfig, *, described: bool) -> np.ndarray:
+    """`sp_hover_rules` but for what `common` fills (`InvalidValueError` for more windows than there is room for)."""
+    record = np.zeros((), engine_layouts()["hover_rules"])
+    if len(task.unrestricted) > MAX_WINDOWS:
+        raise InvalidValueError("unrestricted", len(task.unrestricted), f"at most {MAX_WINDOWS} windows of time")
+    fill(record["controller"], controller)
+    record["rules"]["is_described"], record["position_w"] = described, task.position_w
+    for name in ("joint_speed", "perturbation", "horizon_s"):
+        record[name] = getattr(task, name)
+    record["avoids"], record["windows"] = task.avoid_interference, len(task.unrestricted)
+    record["window"][: len(task.unrestricted)] = np.reshape(task.unrestricted, (-1, 2))
+    record["form"] = list(FORMS.values())
+    for k, name in enumerate(DRAWN):
+        record["range"][k], record["drawn_legs"][k] = hover.DRAWN_FORMS[name]
+    record["weight"] = [weight for weight, _ in hover.REWARD_TERMS.values()]
+    record["margin"][: len(hover.MARGINS)] = hover.MARGINS
+    for name in (
+        "max_tilt", "max_distance", "success_position", "success_attitude", "arrival_grace", "arrival_tolerance",
+    ):  # fmt: skip
+        record[name] = getattr(hover, name.upper())
+    return record
+
+
+def sequence(task: hover.HoverTask) -> int:
+    """`sp_sequence` of a task."""
+    return SEQUENCES.index(task.forms)
+
+
+def most_goals(horizon_s: float) -> int:
+    """How many forms an episode can have: between two of them is at least a second."""
+    return int(np.ceil(horizon_s)) + 3
+
+
+def crawl_rules(task: crawl.CrawlTask, controller: CrawlerConfig, settle_ticks: int) -> np.ndarray:
+    """`sp_crawl_rules` but for what `common` fills (`InvalidValueError` for more obstacles than there is room for)."""
+    record = np.zeros((), engine_layouts()["crawl_rules"])
+    if len(task.obstacles) > MAX_OBSTACLES:
+        raise InvalidValueError("obstacles", len(task.obstacles), f"at most {MAX_OBSTACLES} blocks")
+    fill(record["controller"], controller)
+    fill(record["way"], crawl.PAPER_WAY)
+    record["lies"], record["settle_ticks"] = lying_pose(controller.gait), settle_ticks
+    record["share"], record["turn"], record["distance"] = crawl.PAPER_SHARE, crawl.TURN, crawl.DISTANCES
+    given = (task.distance, task.direction, task.turn)
+    record["is_given"], record["given"] = [x is not None for x in given], [x or 0.0 for x in given]
+    record["steps"], record["obstacles"] = task.steps, len(task.obstacles)
+    record["obstacle"][: len(task.obstacles)] = np.reshape(task.obstacles, (-1, 3))
+    record["weight"] = [weight for weight, _ in crawl.CRAWL_REWARD_TERMS.values()]
+    for name in (
+        "obstacle_height", "goal_clearance", "goal_margin", "level_margin", "slip_margin", "most_power", "turn_length",
+        "max_tilt", "max_astray", "saturated", "success_position", "success_yaw", "success_airborne", "success_slip",
+        "success_time",
+    ):  # fmt: skip
+        record[name] = getattr(crawl, name.upper())
+    return record

@@ -1,0 +1,142 @@
+"""Many robots in the library, on MuJoCo's threads: their memory, and how a job is run on them."""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from spidar_gym.errors import InvalidValueError, SpidarError, require_least
+from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
+from spidar_gym.native.library import Room, load_core, pointer
+from spidar_gym.native.mujoco import FLAT, OWN, Pool, Simulation, world
+from spidar_gym.native.structs import fill
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.scene import TIMESTEP, quieten, scene
+
+MAX_THREADS = 256
+"""Threads of an engine at most."""
+_POINTERS = (
+    "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
+    "own_copies", "job", "argument", "rules", "goals", "actions", "observations", "final_observations", "rewards",
+    "terminated", "truncated", "begun", "infos", "final_infos", "goal_room",
+)  # fmt: skip
+"""Members of `sp_engine`, eight bytes each."""
+
+
+class Engine:
+    """Robots that are simulated alike, and the threads that carry them.
+
+    A robot is a record of `robots`, plain data: its bytes, and where robots differ in their masses or floors those of
+    its entry of `copies`, are all that there is of it.
+    """
+
+    def __init__(self, struct: str, config: PlantConfig, robots: int, threads: int, *, alike: bool) -> None:
+        """Make them, all of one configuration.
+
+        Args:
+            struct: What a robot is: `plant`, or a struct that begins with one.
+            config: The simulated robot.
+            robots: How many.
+            threads: How many threads, the caller's included.
+            alike: Whether they stay as they are configured here; else each has its own part of MuJoCo's model.
+
+        Raises:
+            InvalidValueError: For a number of robots or threads below 1, and for a delay that is too long.
+            SpidarError: Where MuJoCo makes no pool.
+        """
+        require_least(1, robots=robots, threads=threads)
+        if threads > MAX_THREADS:
+            raise InvalidValueError("threads", threads, f"a whole number within 1 … {MAX_THREADS}")
+        check_delay(config)
+        self.library = load_core()
+        layouts, uneven = engine_layouts(), config.ground.uneven
+        self.simulations = [Simulation(scene(visual=False, uneven=uneven)) for _ in range(threads)]
+        if uneven:  # the bounding volumes of the tiles are of where they lay before
+            for simulation in self.simulations:
+                simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+        self.rooms = [Room(self.library) for _ in range(threads)]
+        self.robots = np.zeros(robots, layouts[struct])
+        names = OWN if uneven else FLAT
+        pieces = [simulation.pieces(names) for simulation in self.simulations]
+        _, size, offset = pieces[0][-1].tolist()
+        self.copies = np.zeros((1 if alike else robots, offset + -(-size // 8) * 8), np.uint8)
+        width = len(self.simulations[0].record)
+        self._threads = np.zeros((threads, width + 4), np.uint64)
+        for row, simulation, room, piece in zip(self._threads, self.simulations, self.rooms, pieces, strict=True):
+            row[:width] = simulation.record
+            row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
+        self._pieces, self._world = pieces, world(uneven)
+        self._pool = Pool(robots, threads)
+        self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
+        """`sp_engine`."""
+        self._kept: dict[str, np.ndarray] = {}
+        self.share("world", self._world)
+        self.share("threads", self._threads)
+        self.share("first", self.robots)
+        self.share("copies", self.copies)
+        numbers = {
+            "apply": self._pool.apply, "batch": self._pool.address, "stride": self.robots.itemsize,
+            "copy_bytes": self.copies.shape[1], "thread_count": threads, "piece_count": len(names),
+            "own_copies": not alike,
+        }  # fmt: skip
+        for name, number in numbers.items():
+            self.record[name] = number
+        configs = np.zeros(robots, layouts["plant_config"])
+        fill(configs[0], config)
+        configs[1:] = configs[0]
+        ids = np.zeros(1, np.int32) if alike else None
+        self._threads[:, -1] = 0
+        self.run("sp_configure_plants", ids, configs)
+        if alike and struct != "plant":
+            self.robots["plant"][1:] = self.robots["plant"][0]
+        elif alike:
+            self.robots[1:] = self.robots[0]
+
+    def share(self, name: str, array: np.ndarray) -> None:
+        """Let the engine have an array as one of its members."""
+        self._kept[name] = array
+        self.record[name] = array.ctypes.data
+
+    def run(self, job: str, ids: np.ndarray | None = None, argument: np.ndarray | None = None) -> Sequence[int]:
+        """Run a job of the library.
+
+        Args:
+            job: Name of its function.
+            ids: Which robots, all if not given.
+            argument: What it takes, an entry for every robot.
+
+        Returns:
+            Robots that MuJoCo gave up in it: theirs is undone or half done.
+        """
+        if not self._pool.address:
+            raise SpidarError("this environment is closed; valid: a new one")
+        chosen = None if ids is None else np.ascontiguousarray(ids, np.int32)
+        count = len(self.robots) if chosen is None else len(chosen)
+        arguments = [] if argument is None else [pointer(argument)]
+        where = None if chosen is None else pointer(chosen)
+        if not getattr(self.library, job)(pointer(self.record), where, count, *arguments):
+            return ()
+        for simulation in self.simulations:  # what MuJoCo was doing is left as it was
+            mujoco.mj_resetData(simulation.model, simulation.data)
+            quieten(simulation.data)
+        self._threads[:, -1] = 0
+        return self._pool.failed.tolist()
+
+    def words(self, robot: int) -> str:
+        """Why MuJoCo gave a robot up."""
+        return self._pool.words(robot)
+
+    def close(self) -> None:
+        """Stop the threads; a second call does nothing."""
+        self._pool.close()
+
+
+def check_delay(config: PlantConfig) -> None:
+    """Refuse a delay with more commands on their way than there is room for (`InvalidValueError`)."""
+    longest = (MAX_PENDING - 2) * config.substeps * TIMESTEP
+    delay = config.actuators.delay + config.actuators.vectoring_delay
+    if not delay <= longest:
+        raise InvalidValueError("delay", delay, f"with the vectoring servos' at most {longest:g} s")

@@ -1,0 +1,191 @@
+/* The air: sixteen ducted jets, what they do to other rotors, links and torso, ram drag, ground effect, wind.
+ *
+ * docs/concepts/simulator.md has the equations with their sources. Forces are evaluated at the kinematics of the latest
+ * physics step, a step old, and held until the next evaluation.
+ */
+#include "engine.h"
+
+#define STATIONS_A_LINK 3
+#define TORSO_STATIONS 5
+#define DISC_POINTS 5
+
+/* Speed of the air at distance s behind a duct's exit and r from its axis, w at the exit: a core that shrinks to a point
+ * over `core_length` diameters inside a Gaussian shear layer whose width follows from ∫ ρ u² dA = T at every s; beyond
+ * the core the jet spreads and slows down with 1/s. */
+double sp_jet_profile(double s, double r, double w, double core_length, double radius)
+{
+    if (!(s > SP_JET_NEAR)) return 0.0;
+    double core = 2.0 * core_length * radius, stretch = sp_max(s, core) / core;
+    double r_core = sp_max(radius - radius / core * s, 0.0), square = r_core * r_core;
+    double width = sqrt((0.5 * SP_PI - 2.0) * square + 2.0 * radius * radius) - sqrt(0.5 * SP_PI) * r_core;
+    double beyond = sp_max(r - r_core, 0.0) / sp_max(width * stretch, 1e-9);
+    return w / stretch * exp(-beyond * beyond);
+}
+
+/* Thrust over the thrust at rest of a duct whose motor keeps its speed: linear-lift blade element T = K (V_z − V_d) with
+ * momentum balance T = ρ A V_e (V_e − V); μ = V / w, ε = V_e / w, χ = V_z / w, g = 1 / (χ − 1). */
+double sp_thrust_factor(double inflow, double zero_thrust_speed)
+{
+    double g = 1.0 / (zero_thrust_speed - 1.0), m = inflow - g;
+    double epsilon = 0.5 * (m + sqrt(m * m + 4.0 * zero_thrust_speed * g));
+    return sp_clip(epsilon * (epsilon - inflow), 0.0, 1.3);
+}
+
+/* The same from a table of a thousand entries a unit, straight in between, of which two entries are computed: what the
+ * committed flights were flown with, right to 1e-6. */
+static double tabled_factor(double inflow, double zero_thrust_speed)
+{
+    double last = rint(1200.0 * zero_thrust_speed) - 1.0, at = sp_clip(floor(1000.0 * inflow), -2000.0, last);
+    double x0 = at / 1000.0, x1 = (at + 1.0) / 1000.0, f0 = sp_thrust_factor(x0, zero_thrust_speed);
+    if (at == last || inflow <= x0) return f0;
+    return f0 + (sp_thrust_factor(x1, zero_thrust_speed) - f0) / (x1 - x0) * (inflow - x0);
+}
+
+/* One evaluation: what is known of a station, and what the air does there. */
+typedef struct {
+    const double *R;            /* attitude of its body */
+    double p[3], air[3], F[3];  /* from the torso's subtree's CoG [m]; air that it meets [m/s]; force [N] */
+    int32_t owner;              /* module whose jets do not act on it, −1 for the torso */
+} station;
+
+static void place(station *s, const sp_sim *sim, int32_t body, const double *origin, double along, double across,
+                  const double *wind_w)
+{
+    const double *x = sim->xpos + 3 * body, *v = sim->cvel + 6 * body;
+    s->R = sim->xmat + 9 * body;
+    for (int i = 0; i < 3; i++) s->p[i] = x[i] + along * s->R[3 * i] + across * s->R[3 * i + 1] - origin[i];
+    /* wind − (v + ω × p) = wind − v + p × ω */
+    double turn[3];
+    sp_cross(s->p, v, turn);
+    for (int i = 0; i < 3; i++) s->air[i] = wind_w[i] - v[3 + i] + turn[i];
+}
+
+/* Take from the air at a station what the jets of other modules blow there. */
+static void add_wake(station *s, int duct, const sp_world *world, const double *up, const double (*exits)[3],
+                     const double *w, double core_length)
+{
+    static const double weights[DISC_POINTS] = {0.25, 0.1875, 0.1875, 0.1875, 0.1875};
+    double disc = sqrt(2.0 / 3.0) * world->propeller_radius, flow[3] = {0.0, 0.0, 0.0}, fastest = 0.0;
+    const double offsets[DISC_POINTS][2] = {{0, 0}, {disc, 0}, {0, disc}, {-disc, 0}, {0, -disc}};
+    for (int j = 0; j < SP_DUCTS; j++) {
+        if (s->owner == j / 2) continue;
+        const double *axis = up + 3 * j;
+        double from[3] = {s->p[0] - exits[j][0], s->p[1] - exits[j][1], s->p[2] - exits[j][2]};
+        double behind = -sp_dot(from, axis), reach = SP_REACH + SP_SPREAD * behind;
+        if (!(behind > -SP_REACH) || !(sp_dot(from, from) - behind * behind < reach * reach)) continue;
+        double speed = 0.0;
+        for (int k = 0; k < (duct ? DISC_POINTS : 1); k++) {
+            double x[3], a = duct ? offsets[k][0] : 0.0, b = duct ? offsets[k][1] : 0.0;
+            for (int i = 0; i < 3; i++) x[i] = from[i] + a * s->R[3 * i] + b * s->R[3 * i + 1];
+            double along = -sp_dot(x, axis), r = sqrt(sp_max(sp_dot(x, x) - along * along, 0.0));
+            speed += (duct ? weights[k] : 1.0) * sp_jet_profile(along, r, w[j], core_length, world->propeller_radius);
+        }
+        for (int i = 0; i < 3; i++) flow[i] += speed * axis[i];
+        fastest = sp_max(fastest, speed);
+    }
+    /* Jets that meet add up, but blow no faster than the fastest of them by more than a fifth: on one line they would
+     * otherwise count twice. */
+    double limit = sp_min(1.0, 1.2 * fastest / sp_max(sp_norm(flow), 1e-9));
+    for (int i = 0; i < 3; i++) s->air[i] -= limit * flow[i];
+}
+
+/* `factor` with ground effect: within four radii of the floor along the jet, tilted by less than 60°. */
+static double near_ground(double factor, double centre_z, double up_z, const sp_world *world, double strength)
+{
+    double R = world->propeller_radius, height = centre_z + world->duct_z * up_z;
+    double h = sp_max(height / sp_max(up_z, 0.5), 0.5 * R);
+    if (!(up_z > 0.5 && h < 4.0 * R)) return factor;
+    double ratio = R / (4.0 * h);
+    return factor * (1.0 + strength * (ratio * ratio));
+}
+
+/* Forces of the air: `thrust` in still air and `noise` by module [N], wind [m/s] and push [N] in the world. */
+void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config, const double *thrust,
+                     const double *wind_w, const double *noise, const double *push_w, sp_air *out)
+{
+    const double *origin = sim->subtree_com + 3 * world->torso, half = 0.5 * SP_AIR_DENSITY;
+    double area = SP_PI * (world->propeller_radius * world->propeller_radius), radius = world->torso_radius;
+    double up[3 * SP_DUCTS], exits[SP_DUCTS][3], w[SP_DUCTS], lifts[SP_DUCTS];
+    station all[SP_STATIONS], *s = all;
+    double wrench[SP_MAX_BODIES][6];
+    for (int k = 0; k < SP_DUCTS; k++, s++) {
+        place(s, sim, world->module_body[k / 2], origin, 0.0, k % 2 ? -world->duct_offset_y : world->duct_offset_y,
+              wind_w);
+        s->owner = k / 2;
+        lifts[k] = 0.5 * sp_max(thrust[k / 2], 2.0 * SP_JET_LEAST_THRUST);
+        w[k] = sqrt(lifts[k] * (1.0 / (SP_AIR_DENSITY * area)));
+        for (int i = 0; i < 3; i++) {
+            up[3 * k + i] = s->R[3 * i + 2];
+            exits[k][i] = s->p[i] + world->duct_z * up[3 * k + i];
+        }
+    }
+    for (int k = 0; k < SP_ROTORS; k++)
+        for (int i = 0; i < STATIONS_A_LINK; i++, s++) {
+            place(s, sim, world->link_body[k], origin, world->link_station[i], 0.0, wind_w);
+            s->owner = k;
+        }
+    const double rim = 0.7 * radius, places[TORSO_STATIONS][2] = {{0, 0}, {rim, 0}, {0, rim}, {-rim, 0}, {0, -rim}};
+    for (int k = 0; k < TORSO_STATIONS; k++, s++) {
+        place(s, sim, world->torso, origin, places[k][0], places[k][1], wind_w);
+        s->owner = -1;
+    }
+    int still = !config->wake && wind_w[0] == 0.0 && wind_w[1] == 0.0 && wind_w[2] == 0.0;
+    double lowest = HUGE_VAL;
+    for (int k = 0; k < SP_STATIONS; k++) {
+        if (config->wake) add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length);
+        else if (still) sp_zero(all[k].air, 3);
+    }
+    for (int k = 0; k < SP_DUCTS; k++) lowest = sp_min(lowest, all[k].p[2] + origin[2] + world->duct_z * up[3 * k + 2]);
+    int ground = config->wake && config->ground_effect != 0.0 && !(lowest > 4.0 * world->propeller_radius);
+    /* Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, since the air that a duct swallows
+     * leaves along its axis. */
+    s = all;
+    for (int k = 0; k < SP_DUCTS; k++, s++) {
+        const double *V = s->air, *axis = up + 3 * k;
+        double axial = sp_dot(V, axis), ram = SP_AIR_DENSITY * area * w[k];
+        double factor = tabled_factor(-axial / w[k], config->zero_thrust_speed);
+        if (ground) factor = near_ground(factor, s->p[2] + origin[2], axis[2], world, config->ground_effect);
+        double lift = lifts[k] * (factor - 1.0) + 0.5 * noise[k / 2] - ram * axial;
+        double drag = half * config->duct_drag_area * sp_norm(V) + ram;
+        for (int i = 0; i < 3; i++) s->F[i] = drag * V[i] + lift * axis[i];
+        out->thrust_factor[k] = factor;
+    }
+    for (int k = 0; k < STATIONS_A_LINK * SP_ROTORS; k++, s++) { /* a rod feels no flow along itself */
+        double rod[3] = {s->R[0], s->R[3], s->R[6]}, along = sp_dot(s->air, rod), V[3];
+        for (int i = 0; i < 3; i++) V[i] = s->air[i] - along * rod[i];
+        double drag = half * SP_BLUFF * SP_LINK_SEGMENT * world->link_width[k % STATIONS_A_LINK] * sp_norm(V);
+        for (int i = 0; i < 3; i++) s->F[i] = drag * V[i];
+    }
+    double share = half * SP_BLUFF / TORSO_STATIONS, edge = share * 2.0 * radius * world->torso_height;
+    double face = share * SP_PI * (radius * radius);
+    for (int k = 0; k < TORSO_STATIONS; k++, s++) {
+        double V[3];
+        sp_apply_t(s->R, s->air, V);
+        double speed = sp_norm(V), F[3] = {edge * speed * V[0], edge * speed * V[1], face * speed * V[2]};
+        sp_apply(s->R, F, s->F);
+        if (k == 0)
+            for (int i = 0; i < 3; i++) s->F[i] += push_w[i];
+    }
+    /* To generalised forces: wrenches about one point add up along the tree, from the leaves to the torso. */
+    memset(wrench, 0, sizeof wrench);
+    for (int k = 0; k < SP_STATIONS; k++) {
+        int32_t link = (k - SP_DUCTS) / STATIONS_A_LINK;
+        int32_t body = k < SP_DUCTS ? world->module_body[k / 2] : link < SP_ROTORS ? world->link_body[link] : world->torso;
+        double torque[3];
+        sp_cross(all[k].p, all[k].F, torque);
+        for (int i = 0; i < 3; i++) {
+            wrench[body][i] += torque[i];
+            wrench[body][3 + i] += all[k].F[i];
+            out->forces_w[3 * k + i] = all[k].F[i];
+            out->points_w[3 * k + i] = all[k].p[i] + origin[i];
+        }
+    }
+    for (int body = world->bodies - 1; body > 0; body--) {
+        for (int k = 0; k < world->body_dofnum[body]; k++) {
+            int dof = world->body_dofadr[body] + k;
+            out->generalized[dof] = sp_row(sim->cdof + 6 * dof, wrench[body], 6);
+        }
+        int32_t parent = world->body_parent[body];
+        for (int i = 0; i < 6; i++) wrench[parent][i] += wrench[body][i];
+    }
+}

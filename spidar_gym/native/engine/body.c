@@ -1,0 +1,65 @@
+/* What a configuration means for MuJoCo's model: masses, friction, gears, lags, stiffness, limits. */
+#include "engine.h"
+
+#define GAINS 10 /* numbers of an actuator's dynamics, gain and bias each */
+
+/* Masses and friction, starting from the described robot; nothing of an earlier configuration stays. */
+void sp_write_body(const sp_world *world, const sp_body_config *c, const sp_sim *sim)
+{
+    double mass[SP_MAX_BODIES], sum = 0.0;
+    int n = world->bodies;
+    sp_copy(mass, world->mass, n);
+    sp_copy(sim->body_inertia, world->inertia[0], 3 * n);
+    sp_copy(sim->body_ipos, world->com[0], 3 * n);
+    for (int i = 0; i < SP_ROTORS; i++) {
+        for (int k = 4 * i; k < 4 * i + 4; k++) {
+            int32_t body = world->part_body[k];
+            mass[body] *= c->link_mass[i];
+            for (int x = 0; x < 3; x++) sim->body_inertia[3 * body + x] *= c->link_mass[i];
+        }
+        for (int x = 0; x < 3; x++) {
+            sim->body_inertia[3 * world->link_body[i] + x] *= c->inertia[i];
+            sim->body_ipos[3 * world->link_body[i] + x] += c->link_com[3 * i + x];
+        }
+    }
+    for (int x = 0; x < 3; x++) sim->body_ipos[3 * world->torso + x] += c->torso_com[x];
+    for (int k = 0; k < n; k++) sum += mass[k];
+    double factor = c->total_mass / sum;
+    for (int k = 0; k < n; k++) {
+        sim->body_mass[k] = factor * mass[k];
+        for (int x = 0; x < 3; x++) sim->body_inertia[3 * k + x] *= factor;
+    }
+    for (int k = 0; k < world->geoms; k++)
+        if (world->geom_touches[k])
+            sim->geom_friction[3 * k] = world->geom_is_foot[k] ? c->foot_friction : c->peg_friction;
+}
+
+/* Everything about rotors and servos that MuJoCo can do by itself. */
+void sp_write_actuators(const sp_world *world, const sp_actuator_config *c, double joint_speed, const sp_sim *sim)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double gain = c->thrust_gain * c->module_gain[i], *gear = sim->actuator_gear + 6 * i;
+        double tilt_x = c->thrust_tilt[2 * i], tilt_y = c->thrust_tilt[2 * i + 1], torque[3];
+        double at[3] = {c->thrust_offset[2 * i], c->thrust_offset[2 * i + 1], 0.0};
+        double axis[3] = {sin(tilt_y), -sin(tilt_x) * cos(tilt_y), cos(tilt_x) * cos(tilt_y)};
+        /* Torque of the force at (x, y, 0), and of two ducts at ± d on the y axis that do not pull alike. */
+        sp_cross(at, axis, torque);
+        torque[0] += world->duct_offset_y * c->duct_imbalance[i];
+        for (int x = 0; x < 3; x++) gear[x] = gain * axis[x], gear[3 + x] = gain * torque[x];
+        sim->actuator_ctrlrange[2 * i + 1] = sim->actuator_actrange[2 * i + 1] = c->max_thrust / gain;
+        sim->actuator_dynprm[GAINS * i] = c->thrust_lag;
+    }
+    for (int j = 0; j < SP_ANGLES; j++) {
+        double *bias = sim->actuator_biasprm + GAINS * (SP_ROTORS + j);
+        if (j >= SP_JOINTS) {
+            bias[1] = -c->vectoring_kp;
+            continue;
+        }
+        sim->actuator_dynprm[GAINS * (SP_ROTORS + j) + 1] = joint_speed * c->joint_speed_factor;
+        bias[0] = 0.0;
+        bias[1] = -c->joint_kp * c->servo_stiffness[j];
+        bias[2] = -c->joint_kd;
+        sim->dof_frictionloss[world->joint_dof[j]] = c->joint_friction;
+        sim->dof_damping[world->joint_dof[j]] = c->joint_damping;
+    }
+}

@@ -1,0 +1,376 @@
+/* Crawls: the paper's gait on the ground, a pose to reach. `envs/crawl/task.py` is the same page in Python, for N robots
+ * at once; a test holds the two to each other. */
+#include "episode.h"
+#include "ground.h"
+
+enum { PROGRESS, GOAL, LEVEL, SLIP, POWER, ACTION, TERMS }; /* of the reward */
+
+/* ---- where to, and on what ---- */
+
+static int is_blocked(const sp_crawl_rules *rules, sp_pose2 way)
+{
+    for (int k = 0; k < rules->obstacles; k++) {
+        const double *block = rules->obstacle[k];
+        if (length(way.x - block[0], way.y - block[1]) < block[2] + rules->goal_clearance) return 1;
+    }
+    return 0;
+}
+
+/* Draw a way, again where an obstacle covers its end. */
+static sp_pose2 draw_way(const sp_crawl_rules *rules, sp_generator *generator)
+{
+    for (;;) {
+        int paper = sp_random(generator) < rules->share;
+        double drawn[3] = {sp_uniform(generator, rules->distance[0], rules->distance[1]), 0.0, 0.0};
+        drawn[1] = sp_uniform(generator, -SP_PI, SP_PI);
+        drawn[2] = sp_uniform(generator, -rules->turn, rules->turn);
+        if (paper) drawn[0] = rules->way.x, drawn[1] = drawn[2] = 0.0;
+        for (int k = 0; k < 3; k++)
+            if (rules->is_given[k]) drawn[k] = rules->given[k];
+        /* On an arc the chord points in the given direction. */
+        sp_pose2 way = {drawn[0] * cos(drawn[1]), drawn[0] * sin(drawn[1]), drawn[2]};
+        if (!is_blocked(rules, way)) return way;
+    }
+}
+
+/* Draw the heights of the tiles, and lay the blocks. */
+static void draw_floor(const sp_crawl_rules *rules, sp_generator *generator, double *tiles)
+{
+    for (int k = 0; rules->steps > 0.0 && k < SP_TILES * SP_TILES; k++)
+        tiles[k] = sp_uniform(generator, 0.0, rules->steps);
+    for (int b = 0; b < rules->obstacles; b++) {
+        const double *block = rules->obstacle[b];
+        for (int k = 0; k < SP_TILES * SP_TILES; k++) {
+            double x = (k / SP_TILES + 0.5 - SP_TILES / 2) * SP_TILE, y = (k % SP_TILES + 0.5 - SP_TILES / 2) * SP_TILE;
+            if (length(x - block[0], y - block[1]) <= block[2]) tiles[k] = rules->obstacle_height;
+        }
+    }
+}
+
+/* How long the way takes where joints and torso go exactly as planned, on flat ground. */
+static double rehearse(const sp_robot *robot, const sp_crawl *crawl, const double *lies, sp_pose2 way)
+{
+    sp_crawl gait;
+    double position[3] = {0.0, 0.0, robot->peg_depth}, lying[3] = {0.0, 0.0, robot->peg_depth}, R[9], q[SP_JOINTS];
+    int ticks = 0;
+    memset(&gait, 0, sizeof gait);
+    gait.config = crawl->config;
+    gait.dt = crawl->dt;
+    sp_copy(gait.home_b, crawl->home_b, 3 * SP_LEGS);
+    sp_identity(R);
+    sp_gait_reset(&gait, lying, R, lies);
+    sp_gait_move(robot, &gait, way, 0);
+    sp_copy(q, lies, SP_JOINTS);
+    while (!sp_gait_done(&gait)) {
+        const sp_gait_memory *m = &gait.gait;
+        sp_gait_step(robot, &gait, position, R, q, &SP_NO_RESIDUAL, q);
+        ticks++;
+        if (m->phase != SP_BRACE && m->phase != SP_UP && m->phase != SP_FORWARD && m->phase != SP_DOWN) continue;
+        sp_pose2 pose = arc(m->way, m->share);
+        double along[3] = {pose.x, pose.y, sp_max(m->height, 0.0)}, yaw = pose.yaw + atan2(m->floor_R[3], m->floor_R[0]);
+        sp_apply(m->floor_R, along, position);
+        for (int i = 0; i < 3; i++) position[i] += m->floor_w[i];
+        sp_identity(R);
+        R[0] = R[4] = cos(yaw), R[3] = sin(yaw), R[1] = -R[3];
+    }
+    return ticks * crawl->dt;
+}
+
+/* ---- errors ---- */
+
+static double to_goal(const sp_crawl_rules *rules, const double *error)
+{
+    return length(error[0], error[1]) + rules->turn_length * fabs(error[2]);
+}
+
+/* What touches the floor, how the torso lies, and how far the goal is, of a loaded robot. */
+static void update_errors(const sp_engine *e, const sp_sim *sim, sp_crawling *c)
+{
+    const sp_crawl_rules *rules = e->rules;
+    const double *floor = c->plant.floor_R, *position = c->plant.state.position_w;
+    double R[9];
+    sp_from_quat(c->plant.state.quat_wb, R);
+    sp_touching(e->world, sim, &c->plant, &c->touch);
+    double upright = R[2] * floor[2] + R[5] * floor[5] + R[8] * floor[8];
+    c->tilt = acos(sp_clip(upright, -1.0, 1.0));
+    c->error[0] = c->goal.x - position[0];
+    c->error[1] = c->goal.y - position[1];
+    c->error[2] = remainder(c->goal.yaw - atan2(R[3], R[0]), SP_TWO_PI);
+    c->distance = to_goal(rules, c->error);
+}
+
+/* ---- an episode ---- */
+
+static void start_counting(sp_crawling *c)
+{
+    c->crawled = c->swing_ticks = c->timeouts = 0;
+    c->duct_contact = 0;
+    c->finished = c->saturation = c->thrust = c->thrust_peak = c->tilt_legs = c->tilt_torso = 0.0;
+    sp_zero(c->airborne_ticks, SP_LEGS);
+    sp_zero(c->foot_slip, SP_LEGS);
+    sp_zero(c->peg_slip, SP_LEGS);
+    c->duct_clearance = HUGE_VAL;
+}
+
+static int has_tiles(const sp_plant *p) { return p->highest_tile > 0.0; }
+
+/* Where the robot lies down: over the highest tile under torso or feet; from there it settles. */
+static double lying_height(const sp_robot *robot, const sp_crawling *c)
+{
+    const sp_ground_config *ground = &c->plant.config.ground;
+    double below = -HUGE_VAL;
+    if (!has_tiles(&c->plant)) return robot->peg_depth;
+    for (int leg = 0; leg < SP_LEGS; leg++)
+        below = sp_max(below, sp_floor_height(ground, c->crawl.home_b[3 * leg], c->crawl.home_b[3 * leg + 1]));
+    for (int sign = -1; sign <= 1; sign++) {
+        below = sp_max(below, sp_floor_height(ground, 0.12 * sign, 0.0));
+        below = sp_max(below, sp_floor_height(ground, 0.0, 0.12 * sign));
+    }
+    return robot->peg_depth + below;
+}
+
+static void begin(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_crawl_rules *rules = e->rules;
+    const sp_robot *numbers = thread->room->robot;
+    const sp_sim *sim = &thread->sim;
+    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    sp_episode *episode = &c->episode;
+    double idle[SP_ROTORS] = {0.0}, level[2 * SP_ROTORS] = {0.0}, quat[4], position_w[3], R[9];
+    int draws_floor = rules->steps > 0.0 || rules->obstacles > 0;
+    sp_plant_config config = rules->rules.plant;
+    c->way = draw_way(rules, &episode->generator);
+    if (draws_floor) draw_floor(rules, &episode->generator, config.ground.tiles);
+    if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
+    if (draws_floor || rules->rules.strength > 0.0) sp_become(e, thread, robot, &config);
+    else sp_carry(e, thread, robot);
+    sp_crawl_init(numbers, &c->crawl, &rules->controller);
+    double lying[3] = {0.0, 0.0, lying_height(numbers, c)};
+    sp_apply(c->plant.floor_R, lying, position_w);
+    sp_to_quat(c->plant.floor_R, quat);
+    /* A generator of its own, so that what the weather draws does not change what the next episode is. */
+    sp_spawn(&episode->generator, &c->plant.generator);
+    c->plant.disturbances = episode->disturbances;
+    sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, &c->plant);
+    if (has_tiles(&c->plant)) {
+        sp_command still;
+        sp_make_command(idle, level, rules->lies, rules->controller.joint_torque_limit, &still);
+        for (int k = 0; k < rules->settle_ticks; k++) sp_plant_step(e->world, sim, &still, &c->plant);
+    }
+    episode->ticks = 0;
+    episode->failure = -1;
+    episode->has_command = episode->truncated = episode->over = 0;
+    episode->reward = 0.0;
+    sp_zero(episode->action, SP_MAX_ENTRIES);
+    sp_first_look(numbers, &rules->rules, &c->plant, episode);
+    sp_crawl_reset(&c->crawl, &episode->seen);
+    c->cycles = sp_gait_move(numbers, &c->crawl, c->way, 0);
+    c->nominal_time = c->cycles ? rehearse(numbers, &c->crawl, rules->lies, c->way) : 0.0;
+    /* The goal is where the controller was told to go from where it believed itself; the error is the true one. */
+    sp_from_quat(c->plant.state.quat_wb, R);
+    sp_pose2 here = {c->plant.state.position_w[0], c->plant.state.position_w[1], atan2(R[3], R[0])};
+    c->goal = then(here, c->way);
+    start_counting(c);
+    update_errors(e, sim, c);
+    c->initial_distance = sp_max(c->distance, 1e-6);
+    sp_leave(sim, &c->plant);
+}
+
+/* The command of this tick. */
+static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawling *c)
+{
+    sp_episode *episode = &c->episode;
+    sp_crawl_memory *memory = &c->crawl.memory;
+    const sp_action_mode *mode = &rules->rules.mode;
+    if (mode->is_direct) {
+        sp_act_directly(episode->action, room->robot, rules->controller.joint_speed, memory->vectoring,
+                        memory->forces_l, memory->joint_position, NULL, &episode->command);
+    } else {
+        sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
+        sp_crawl_step(&c->crawl, &episode->seen, &episode->residual, room, &episode->command);
+    }
+    episode->has_command = 1;
+}
+
+static double total(const double *thrust)
+{
+    double sum = 0.0;
+    for (int i = 0; i < SP_ROTORS; i++) sum += thrust[i];
+    return sum;
+}
+
+/* Count a tick. */
+static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawling *c)
+{
+    const double dt = 1.0 / SP_CONTROL_RATE;
+    int phase = c->crawl.gait.phase;
+    c->crawled++;
+    if (phase == SP_SWING) {
+        c->swing_ticks++;
+        for (int leg = 0; leg < SP_LEGS; leg++) c->airborne_ticks[leg] += !c->touch.balls[leg];
+    }
+    for (int leg = 0; leg < SP_LEGS; leg++) {
+        c->foot_slip[leg] += dt * c->touch.slip[leg];
+        c->peg_slip[leg] += dt * c->touch.slip[SP_LEGS + leg];
+    }
+    c->duct_clearance = sp_min(c->duct_clearance, c->touch.duct_clearance);
+    c->duct_contact = c->duct_contact || c->touch.ducts;
+    if (c->finished == 0.0) {
+        double limit = sp_min(rules->controller.joint_torque_limit, c->plant.config.actuators.max_joint_torque);
+        double share = total(c->episode.command.thrust) / robot->weight;
+        int saturated = 0;
+        for (int j = 0; j < SP_JOINTS; j++)
+            saturated += fabs(c->plant.state.joint_torque[j]) >= limit - rules->saturated;
+        c->saturation += (double)saturated / SP_JOINTS;
+        c->thrust += share;
+        c->thrust_peak = sp_max(c->thrust_peak, share);
+    }
+    if (phase == SP_SPOOL || phase == SP_RAISE || phase == SP_SWING || phase == SP_LOWER)
+        c->tilt_legs = sp_max(c->tilt_legs, c->tilt);
+    else if (phase != SP_DONE)
+        c->tilt_torso = sp_max(c->tilt_torso, c->tilt);
+    c->timeouts = c->crawl.gait.timeouts;
+    if (sp_gait_done(&c->crawl) && c->crawl.memory.gap == 0.0 && c->finished == 0.0)
+        c->finished = c->crawled / SP_CONTROL_RATE;
+}
+
+static int failure(const sp_crawl_rules *rules, const sp_crawling *c)
+{
+    if (c->touch.ducts) return SP_CRAWL_DUCT;
+    if (c->tilt > rules->max_tilt) return SP_CRAWL_TILT;
+    return c->distance > c->initial_distance + rules->max_astray ? SP_CRAWL_ASTRAY : -1;
+}
+
+static double largest(const double *x, int n)
+{
+    double most = x[0];
+    for (int k = 1; k < n; k++) most = sp_max(most, x[k]);
+    return most;
+}
+
+/* Share of its swing in which the worst foot was in the air; 1 before the first swing. */
+static double airborne(const sp_crawling *c)
+{
+    double least = c->airborne_ticks[0];
+    for (int leg = 1; leg < SP_LEGS; leg++) least = sp_min(least, c->airborne_ticks[leg]);
+    return c->swing_ticks ? least / c->swing_ticks : 1.0;
+}
+
+/* What keeps a finished crawl from being a success: bits. */
+static int32_t shortfalls(const sp_crawl_rules *rules, const sp_crawling *c)
+{
+    int32_t bits = 0;
+    if (c->finished == 0.0) bits |= SP_SHORT_OF_UNFINISHED;
+    if (length(c->error[0], c->error[1]) > rules->success_position) bits |= SP_SHORT_OF_POSITION;
+    if (fabs(c->error[2]) > rules->success_yaw) bits |= SP_SHORT_OF_YAW;
+    if (airborne(c) < rules->success_airborne) bits |= SP_SHORT_OF_AIRBORNE;
+    if (c->timeouts > 0) bits |= SP_SHORT_OF_TIMEOUT;
+    if (largest(c->foot_slip, SP_LEGS) >= rules->success_slip) bits |= SP_SHORT_OF_SLIP;
+    if (c->duct_contact) bits |= SP_SHORT_OF_DUCT;
+    if (c->finished > rules->success_time * c->nominal_time) bits |= SP_SHORT_OF_TIME;
+    return bits;
+}
+
+static void tell(const sp_crawl_rules *rules, const sp_world *world, sp_crawling *c, sp_crawling_info *info)
+{
+    const sp_episode *episode = &c->episode;
+    const sp_plant *plant = &c->plant;
+    double time = c->crawled / SP_CONTROL_RATE, slip = largest(c->touch.slip, 2 * SP_LEGS);
+    double counted = sp_max(1.0, c->finished > 0.0 ? rint(c->finished * SP_CONTROL_RATE) : c->crawled);
+    double way = sp_max(c->initial_distance - c->distance, 1e-3), *term = info->term;
+    sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
+            c->crawl.ticked ? &c->crawl.allocation : NULL, &info->info);
+    sp_copy(info->goal_error, c->error, 3);
+    info->phase_code = c->crawl.gait.phase;
+    info->finished = c->finished > 0.0;
+    info->time_s = c->finished > 0.0 ? c->finished : time;
+    info->nominal_time_s = c->nominal_time;
+    info->airborne_share = airborne(c);
+    for (int leg = 0; leg < SP_LEGS; leg++) info->foot_contact[leg] = c->touch.balls[leg] != 0;
+    info->foot_slip_m = largest(c->foot_slip, SP_LEGS);
+    info->peg_slip_m = largest(c->peg_slip, SP_LEGS);
+    info->duct_clearance_m = sp_min(c->touch.duct_clearance, c->duct_clearance);
+    info->saturation_share = c->saturation / counted;
+    info->thrust_fraction = episode->has_command ? total(episode->command.thrust) / world->weight : 0.0;
+    info->thrust_fraction_mean = c->thrust / counted;
+    info->thrust_fraction_peak = c->thrust_peak;
+    info->tilt_rad = c->tilt;
+    info->timeouts = c->timeouts;
+    info->cost_of_transport = 3600.0 * plant->energy_wh / (world->weight * way);
+    term[PROGRESS] = sp_max(0.0, 1.0 - c->distance / c->initial_distance);
+    term[GOAL] = sp_tolerance(c->distance, rules->goal_margin);
+    term[LEVEL] = sp_tolerance(c->tilt, rules->level_margin);
+    term[SLIP] = sp_tolerance(slip, rules->slip_margin);
+    term[POWER] = sp_max(0.0, 1.0 - plant->power / rules->most_power);
+    term[ACTION] = sp_restraint(&rules->rules, episode);
+    if (episode->failure == SP_CRAWL_DIVERGED) sp_zero(term, TERMS);
+    info->shortfalls_code = shortfalls(rules, c);
+    info->is_success = episode->failure < 0 && !info->shortfalls_code;
+    c->episode.reward = sp_row(rules->weight, term, TERMS);
+}
+
+static void observe(const sp_crawl_rules *rules, const sp_crawling *c, float *observation)
+{
+    const sp_episode *episode = &c->episode;
+    const double goal[3] = {c->goal.x, c->goal.y, c->goal.yaw};
+    if (episode->failure == SP_CRAWL_DIVERGED)
+        memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
+    else
+        sp_observe_crawl(&c->crawl, &episode->seen, goal,
+                         episode->has_command ? episode->command.thrust : episode->seen.thrust, episode->action,
+                         rules->rules.mode.size, rules->rules.bound, observation);
+}
+
+static void show(sp_engine *e, int robot)
+{
+    const sp_crawl_rules *rules = e->rules;
+    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    tell(rules, e->world, c, (sp_crawling_info *)e->infos + robot);
+    observe(rules, c, e->observations + (int64_t)robot * rules->rules.size);
+}
+
+static void reset_crawling(sp_engine *e, sp_thread *thread, int robot)
+{
+    begin(e, thread, robot);
+    show(e, robot);
+    e->rewards[robot] = 0.0;
+    e->terminated[robot] = e->truncated[robot] = 0;
+    e->begun[robot] = 1;
+}
+
+static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_crawl_rules *rules = e->rules;
+    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    sp_episode *episode = &c->episode;
+    if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
+        reset_crawling(e, thread, robot);
+        return;
+    }
+    episode->ticks++;
+    sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
+    act(rules, thread->room, c);
+    sp_carry(e, thread, robot);
+    sp_enter(&thread->sim, &c->plant);
+    sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
+    if (c->plant.diverged) {
+        episode->failure = SP_CRAWL_DIVERGED;
+    } else {
+        sp_look(thread->room->robot, &c->plant, episode);
+        update_errors(e, &thread->sim, c);
+        advance(rules, thread->room->robot, c);
+        episode->failure = failure(rules, c);
+    }
+    sp_leave(&thread->sim, &c->plant);
+    show(e, robot);
+    sp_end_tick(e, &rules->rules, episode, robot);
+    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
+        sp_keep_final(e, &rules->rules, robot, sizeof(sp_crawling_info));
+        begin(e, thread, robot);
+        show(e, robot);
+        e->begun[robot] = 1;
+    }
+}
+
+int sp_reset_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_crawling, NULL); }
+int sp_step_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_crawling, NULL); }

@@ -1,0 +1,24 @@
+/* Electrical power, voltage, and what the batteries still give: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ². */
+#include "engine.h"
+
+/* Thrusts in still air [N], joint torques [Nm] and velocities [rad/s] → [W]. */
+double sp_electrical_power(const double *thrust, const double *joint_torque, const double *joint_velocity)
+{
+    double lift = 0.0, move = 0.0, hold = 0.0;
+    for (int i = 0; i < SP_ROTORS; i++) lift += thrust[i] * sqrt(sp_max(thrust[i], 0.0));
+    for (int j = 0; j < SP_JOINTS; j++) {
+        move += sp_max(joint_torque[j] * joint_velocity[j], 0.0);
+        hold += joint_torque[j] * joint_torque[j];
+    }
+    return SP_BASE_POWER + SP_THRUST_POWER * lift + move / SP_SERVO_EFFICIENCY + SP_HOLDING_POWER * hold;
+}
+
+/* Of a pack after `energy_wh` at a load of `power` [W]: linear in the charge, minus the sag [V]. */
+double sp_voltage(double energy_wh, double power)
+{
+    double rest = SP_FULL_VOLTAGE - (SP_FULL_VOLTAGE - SP_EMPTY_VOLTAGE) * energy_wh / (SP_USABLE * SP_CAPACITY_WH);
+    return rest - SP_RESISTANCE * power / sp_max(rest, 1.0);
+}
+
+/* Largest thrust of a module at a voltage: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]. */
+double sp_battery_thrust(double voltage) { return sp_max(0.0, 2.0 * (15.9 + 1.45 * (voltage - 22.2))); }

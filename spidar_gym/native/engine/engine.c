@@ -1,0 +1,112 @@
+/* Robots on threads: MuJoCo's pool takes the robots in any order; what comes out does not depend on it. */
+#include "engine.h"
+
+sp_plant *sp_plant_of(const sp_engine *e, int robot) { return (sp_plant *)(e->first + robot * e->stride); }
+
+/* The thread that MuJoCo's pool knows by one of its own datas. */
+static sp_thread *seat_of(const sp_engine *e, const void *pool_data)
+{
+    for (int64_t k = 0; k < e->thread_count; k++) {
+        sp_thread *thread = &e->threads[k];
+        const void *nobody = NULL;
+        if (__atomic_load_n(&thread->seat, __ATOMIC_ACQUIRE) == pool_data) return thread;
+        if (__atomic_compare_exchange_n(&thread->seat, &nobody, pool_data, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE))
+            return thread;
+    }
+    return NULL; /* more threads than were announced */
+}
+
+static char *copy_of(const sp_engine *e, int robot)
+{
+    return e->copies + (e->own_copies ? robot * e->copy_bytes : 0);
+}
+
+/* Have a robot's own part of the model in a thread's. */
+void sp_carry(const sp_engine *e, sp_thread *thread, int robot)
+{
+    const char *copy = copy_of(e, robot);
+    if (thread->carries == copy) return;
+    for (int64_t k = 0; k < e->piece_count; k++)
+        memcpy(thread->pieces[k].here, copy + thread->pieces[k].there, (size_t)thread->pieces[k].bytes);
+    thread->carries = copy;
+}
+
+static void keep_copy(const sp_engine *e, sp_thread *thread, int robot)
+{
+    char *copy = copy_of(e, robot);
+    for (int64_t k = 0; k < e->piece_count; k++)
+        memcpy(copy + thread->pieces[k].there, thread->pieces[k].here, (size_t)thread->pieces[k].bytes);
+    thread->carries = copy;
+}
+
+static void turn(const void *model, void *data, int robot, void *argument)
+{
+    sp_engine *e = argument;
+    sp_thread *thread = seat_of(e, data);
+    (void)model;
+    if (thread != NULL) e->job(e, thread, robot);
+}
+
+/* Run a job on robots; how many of them MuJoCo gave up. All robots where `ids` is NULL. */
+int sp_run(sp_engine *e, const int32_t *ids, int n, void (*job)(sp_engine *, sp_thread *, int), void *argument)
+{
+    e->job = job;
+    e->argument = argument;
+    return e->apply(e->batch, ids, n, turn, e, 0);
+}
+
+/* Have a robot become one of another configuration, in a thread's model and in its own copy. */
+void sp_become(const sp_engine *e, sp_thread *thread, int robot, const sp_plant_config *config)
+{
+    sp_configure(e->world, &thread->sim, config, sp_plant_of(e, robot));
+    keep_copy(e, thread, robot);
+}
+
+static void configure_one(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_become(e, thread, robot, (const sp_plant_config *)e->argument + robot);
+}
+
+static void reset_one(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_pose *pose = (const sp_pose *)e->argument + robot;
+    sp_plant *p = sp_plant_of(e, robot);
+    sp_carry(e, thread, robot);
+    sp_plant_reset(e->world, &thread->sim, pose->position_w, pose->quat_wb, pose->joint_position, pose->vectoring,
+                   pose->thrust, p);
+    sp_leave(&thread->sim, p);
+}
+
+static void step_one(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_plant *p = sp_plant_of(e, robot);
+    sp_carry(e, thread, robot);
+    sp_enter(&thread->sim, p);
+    sp_plant_step(e->world, &thread->sim, (const sp_command *)e->argument + robot, p);
+    sp_leave(&thread->sim, p);
+}
+
+static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_carry(e, thread, robot);
+    sp_enter(&thread->sim, sp_plant_of(e, robot));
+    thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
+}
+
+/* Each takes an array with an entry for every robot; how many robots MuJoCo gave up. */
+int sp_configure_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
+{
+    return sp_run(e, ids, n, configure_one, (void *)configs);
+}
+
+int sp_reset_plants(sp_engine *e, const int32_t *ids, int n, const sp_pose *poses)
+{
+    return sp_run(e, ids, n, reset_one, (void *)poses);
+}
+
+int sp_step_plants(sp_engine *e, const int32_t *ids, int n, const sp_command *commands)
+{
+    return sp_run(e, ids, n, step_one, (void *)commands);
+}
+
+int sp_refresh_plants(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, refresh_one, NULL); }

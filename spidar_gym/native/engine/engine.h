@@ -1,0 +1,152 @@
+/* The engine: SPIDAR's simulated world around the control core, one robot or thousands.
+ *
+ * C99; nothing global is written, and nothing is allocated. A robot is plain data (`sp_plant` and what holds one); a
+ * thread has a model and a data of MuJoCo, into which a robot is loaded for a tick. MuJoCo is known by the addresses of
+ * functions and arrays that Python hands over: no header of it is needed, and no version of it is compiled in.
+ */
+#ifndef SPIDAR_ENGINE_H
+#define SPIDAR_ENGINE_H
+
+#include "draws.h"
+#include "spidar_core.h"
+#include "spidar_engine_structs.h" /* generated */
+#include "spidar_math.h"
+
+/* MuJoCo's functions, and numbers of its enumerations. */
+typedef struct {
+    void (*step)(void *model, void *data);
+    void (*forward)(void *model, void *data);
+    void (*set_const)(void *model, void *data);
+    void (*get_state)(const void *model, const void *data, double *row, int kind);
+    void (*set_state)(const void *model, void *data, const double *row, int kind);
+    int64_t state_kind, contact_off; /* mjSTATE_INTEGRATION, mjDSBL_CONTACT */
+} sp_mujoco;
+
+/* A model and a data of MuJoCo, and where their arrays are; the order of the members is that of `native/mujoco.py`. */
+typedef struct {
+    const sp_mujoco *mujoco;
+    void *model, *data;
+    /* of the data */
+    double *time, *qpos, *qvel, *act, *ctrl, *actuator_force, *qfrc_applied;
+    double *qfrc_actuator, *qfrc_bias;
+    double *xpos, *xmat, *cvel, *cdof, *subtree_com, *geom_xpos, *geom_xmat;
+    int32_t *contacts;
+    char **contact;
+    /* of the model */
+    double *actuator_gear, *actuator_ctrlrange, *actuator_actrange, *actuator_dynprm, *actuator_biasprm;
+    double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
+    double *geom_friction, *geom_pos, *geom_quat;
+    uint8_t *geom_sameframe;
+    int32_t *disableflags;
+    int64_t contact_stride, contact_geoms; /* bytes of a contact; where in it its two geoms are */
+} sp_sim;
+
+/* air.c */
+double sp_jet_profile(double s, double r, double w, double core_length, double radius);
+double sp_thrust_factor(double inflow, double zero_thrust_speed);
+void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config, const double *thrust,
+                     const double *wind_w, const double *noise, const double *push_w, sp_air *air);
+
+/* weather.c */
+void sp_draw_weather(const sp_disturbances *disturbances, sp_generator *generator, sp_weather *weather);
+void sp_advance_weather(const sp_disturbances *disturbances, double time, double dt, sp_generator *generator,
+                        sp_weather *weather);
+void sp_advance_noise(double *noise, double sigma, double dt, sp_generator *generator);
+
+/* sensors.c */
+void sp_start_sensors(const sp_world *world, const sp_sensor_config *config, const double *offset,
+                      const sp_robot_state *state, sp_generator *generator, sp_sensor_memory *memory);
+void sp_sample_sensors(const sp_world *world, const sp_sensor_config *config, const double *offset,
+                       const sp_robot_state *state, sp_generator *generator, sp_sensor_memory *memory);
+void sp_read_sensors(const sp_sensor_config *config, double time, sp_sensor_memory *memory,
+                     sp_measurement *measurement);
+
+/* energy.c */
+double sp_electrical_power(const double *thrust, const double *joint_torque, const double *joint_velocity);
+double sp_voltage(double energy_wh, double power);
+double sp_battery_thrust(double voltage);
+
+/* floor.c */
+void sp_lay_floor(const sp_world *world, const sp_ground_config *config, const sp_sim *sim);
+double sp_floor_height(const sp_ground_config *config, double x, double y);
+double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant);
+void sp_look_for_contacts(const sp_sim *sim, int wanted);
+void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch);
+
+/* body.c: what a configuration means for MuJoCo's model. */
+void sp_write_body(const sp_world *world, const sp_body_config *config, const sp_sim *sim);
+void sp_write_actuators(const sp_world *world, const sp_actuator_config *config, double joint_speed, const sp_sim *sim);
+
+/* plant.c */
+void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_config *config, sp_plant *plant);
+void sp_enter(const sp_sim *sim, sp_plant *plant);
+void sp_leave(const sp_sim *sim, sp_plant *plant);
+void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
+                    const double *joints, const double *vectoring, const double *thrust, sp_plant *plant);
+void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *plant);
+void sp_measure(sp_plant *plant, sp_measurement *measurement);
+
+/* engine.c: robots on threads. */
+
+/* A part of MuJoCo's model in which robots differ: where a thread has it, and where a robot's own copy. */
+typedef struct {
+    char *here;
+    int64_t bytes, there;
+} sp_piece;
+
+/* What a thread works with; nothing of a robot outlives its turn there. */
+typedef struct {
+    sp_sim sim;
+    sp_room *room;
+    const sp_piece *pieces;
+    const void *seat;    /* data of MuJoCo's pool by which the thread is known; NULL while nobody has come */
+    const char *carries; /* the copy that lies in its model now */
+} sp_thread;
+
+/* Many robots. `first` is the first of them and `stride` the bytes from one to the next; each begins with an sp_plant. */
+typedef struct sp_engine {
+    const sp_world *world;
+    int (*apply)(void *batch, const int32_t *ids, int n, void (*job)(const void *, void *, int, void *), void *argument,
+                 int save); /* MuJoCo's mjb_apply */
+    void *batch;
+    sp_thread *threads;
+    char *first, *copies; /* copies: of the pieces, `copy_bytes` a robot, one only where all are alike */
+    int64_t stride, copy_bytes, thread_count, piece_count, own_copies;
+    void (*job)(struct sp_engine *engine, sp_thread *thread, int robot);
+    void *argument; /* of the job */
+    const void *rules; /* of the task, and what comes in and goes out at a tick, an entry for every robot */
+    sp_goal *goals;
+    const double *actions;
+    float *observations, *final_observations;
+    double *rewards;
+    uint8_t *terminated, *truncated, *begun; /* begun: the step was a reset */
+    char *infos, *final_infos;
+    int64_t goal_room;
+} sp_engine;
+
+int sp_run(sp_engine *engine, const int32_t *ids, int n, void (*job)(sp_engine *, sp_thread *, int), void *argument);
+sp_plant *sp_plant_of(const sp_engine *engine, int robot);
+void sp_carry(const sp_engine *engine, sp_thread *thread, int robot);
+
+void sp_become(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
+
+/* Where a robot is put at rest. */
+typedef struct {
+    double position_w[3], quat_wb[4], joint_position[SP_JOINTS], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS];
+} sp_pose;
+
+int sp_configure_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
+int sp_reset_plants(sp_engine *engine, const int32_t *ids, int n, const sp_pose *poses);
+int sp_step_plants(sp_engine *engine, const int32_t *ids, int n, const sp_command *commands);
+int sp_refresh_plants(sp_engine *engine, const int32_t *ids, int n); /* kinematics and contacts of now in the data */
+
+
+/* hover.c */
+int sp_reset_hovers(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_hovers(sp_engine *engine, const int32_t *ids, int n);
+
+/* crawling.c */
+int sp_reset_crawlings(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_crawlings(sp_engine *engine, const int32_t *ids, int n);
+
+#endif

@@ -1,0 +1,148 @@
+/* What flights and crawls share of an episode: the robot that is drawn, what the action means, what is seen. */
+#include "episode.h"
+
+/* Draw this episode's robot around the nominal one; as many numbers at every strength. */
+void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn)
+{
+    *config = rules->plant;
+    for (int k = 0; k < rules->draws; k++) {
+        const sp_draw *row = &rules->draw[k];
+        double *value = (double *)((char *)config + row->at);
+        for (int i = 0; i < row->count; i++) {
+            double neutral = row->operation == SP_DRAW_SET ? value[i] : row->operation == SP_DRAW_SCALE ? 1.0 : 0.0;
+            double draw = neutral + rules->strength * (sp_uniform(generator, row->low, row->high) - neutral);
+            *drawn++ = draw;
+            value[i] = row->operation == SP_DRAW_SET ? draw : row->operation == SP_DRAW_SCALE ? value[i] * draw
+                                                                                              : value[i] + draw;
+        }
+    }
+}
+
+/* What is seen of the first state. */
+void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode)
+{
+    sp_measurement first;
+    sp_robot_state indicated;
+    episode->seen = plant->state;
+    if (!plant->senses) return;
+    sp_measure(plant, &first);
+    indicated = plant->state;
+    sp_copy(indicated.joint_position, first.joint_position, SP_JOINTS);
+    sp_copy(indicated.vectoring, first.vectoring, 2 * SP_ROTORS);
+    sp_estimator_init(&episode->estimator, &rules->estimator);
+    sp_estimator_reset(robot, &episode->estimator, &indicated);
+    sp_estimator_update(robot, &episode->estimator, &first, plant->state.thrust, &episode->seen);
+}
+
+/* What is seen after a control period. */
+void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode)
+{
+    sp_measurement measurement;
+    if (!plant->senses) {
+        episode->seen = plant->state;
+        return;
+    }
+    sp_measure(plant, &measurement);
+    sp_estimator_update(robot, &episode->estimator, &measurement, episode->command.thrust, &episode->seen);
+}
+
+/* Keep an action, clipped; a number that is none stays one. */
+void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode)
+{
+    for (int k = 0; k < rules->mode.size; k++) episode->action[k] = sp_clip(action[k], -1.0, 1.0);
+}
+
+/* numpy's remainder, which has the sign of the divisor. */
+static double wrapped(double x, double period)
+{
+    double rest = fmod(x, period);
+    return rest < 0.0 ? rest + period : rest;
+}
+
+/* The command of an action that no controller stands behind. The controller's memory (vectoring, forces, joints) is told
+ * what the servos' speed limit makes of it within this tick; `joint_velocity`, if asked for, the rate of its setpoints. */
+void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
+                     double *forces_l, double *joints, double *joint_velocity, sp_command *command)
+{
+    double reach = joint_speed / SP_CONTROL_RATE;
+    for (int i = 0; i < SP_ROTORS; i++) {
+        command->thrust[i] = 0.5 * robot->max_thrust * (1.0 + action[i]);
+        for (int k = 0; k < 2; k++) {
+            double *angle = vectoring + 2 * i + k, wanted = SP_PI * action[SP_ROTORS * (1 + k) + i];
+            *angle += wrapped(wanted - *angle + SP_PI, SP_TWO_PI) - SP_PI;
+            command->vectoring[2 * i + k] = *angle;
+        }
+    }
+    for (int j = 0; j < SP_JOINTS; j++) {
+        command->joint_position[j] = robot->joint_limit * action[3 * SP_ROTORS + j];
+        command->joint_torque_limit[j] = robot->max_joint_torque;
+        double step = sp_min(sp_max(command->joint_position[j] - joints[j], -reach), reach);
+        joints[j] += step;
+        if (joint_velocity != NULL) joint_velocity[j] = step * SP_CONTROL_RATE;
+    }
+    sp_vectoring_to_force(command->thrust, vectoring, forces_l);
+}
+
+/* 1 at no error, ½ at `margin`, falling towards 0. */
+double sp_tolerance(double error, double margin)
+{
+    double ratio = error / margin;
+    return 1.0 / (1.0 + ratio * ratio);
+}
+
+/* 1 − mean a². */
+double sp_restraint(const sp_rules *rules, const sp_episode *episode)
+{
+    int n = rules->mode.size;
+    return 1.0 - sp_row(episode->action, episode->action, n) / n;
+}
+
+/* What is told of the robot and its controller, whatever the task. `allocation` is NULL where there is no answer yet. */
+void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
+             sp_info *info)
+{
+    const sp_robot_state *state = &plant->state;
+    double mean = plant->energy_wh > 0.0 ? 3600.0 * plant->energy_wh / state->time : plant->power;
+    memset(info, 0, sizeof *info);
+    sp_copy(info->thrust_command, episode->has_command ? episode->command.thrust : state->thrust, SP_ROTORS);
+    sp_copy(info->thrust, state->thrust, SP_ROTORS);
+    sp_copy(info->vectoring_command, vectoring, 2 * SP_ROTORS);
+    sp_copy(info->vectoring, state->vectoring, 2 * SP_ROTORS);
+    sp_copy(info->joint_torque, state->joint_torque, SP_JOINTS);
+    for (int i = 0; i < SP_ROTORS; i++) {
+        info->total_thrust += state->thrust[i];
+        info->thrust_factor[i] = 0.5 * (plant->air_factor[2 * i] + plant->air_factor[2 * i + 1]);
+    }
+    info->qp_status_code = -1;
+    if (allocation != NULL) {
+        sp_copy(info->joint_torque_allocated, allocation->joint_torques, SP_JOINTS);
+        sp_copy(info->wrench_allocated, allocation->wrench, 6);
+        info->qp_status_code = allocation->status;
+        info->qp_iterations = allocation->iterations;
+        info->qp_slack = allocation->slack;
+    }
+    sp_copy(info->air_force, plant->air_force_w, 3);
+    info->power_w = plant->power;
+    info->energy_wh = plant->energy_wh;
+    info->endurance_min = 60.0 * SP_USABLE * SP_CAPACITY_WH / mean;
+    info->failure_code = episode->failure;
+}
+
+/* Write down how a tick ended. */
+void sp_end_tick(sp_engine *e, const sp_rules *rules, sp_episode *episode, int robot)
+{
+    episode->truncated = rules->truncates && episode->ticks >= rules->horizon;
+    episode->over = episode->failure >= 0 || episode->truncated;
+    e->rewards[robot] = episode->reward;
+    e->terminated[robot] = episode->failure >= 0;
+    e->truncated[robot] = (uint8_t)episode->truncated;
+    e->begun[robot] = 0;
+}
+
+/* Keep what is shown of an episode's end, before the next one begins in the same tick. */
+void sp_keep_final(sp_engine *e, const sp_rules *rules, int robot, size_t info_bytes)
+{
+    int64_t size = rules->size, at = robot * (int64_t)info_bytes;
+    memcpy(e->final_observations + robot * size, e->observations + robot * size, (size_t)size * sizeof(float));
+    memcpy(e->final_infos + at, e->infos + at, info_bytes);
+}

@@ -1,0 +1,20 @@
+/* Episodes: what flights and crawls share. */
+#ifndef SPIDAR_EPISODE_H
+#define SPIDAR_EPISODE_H
+
+#include "engine.h"
+
+void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn);
+void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);
+void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode);
+void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode);
+void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
+                     double *forces_l, double *joints, double *joint_velocity, sp_command *command);
+void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
+             sp_info *info);
+void sp_end_tick(sp_engine *engine, const sp_rules *rules, sp_episode *episode, int robot);
+void sp_keep_final(sp_engine *engine, const sp_rules *rules, int robot, size_t info_bytes);
+double sp_tolerance(double error, double margin);
+double sp_restraint(const sp_rules *rules, const sp_episode *episode);
+
+#endif

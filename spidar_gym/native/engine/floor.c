@@ -1,0 +1,91 @@
+/* The floor, flat, sloped or of tiles, and what touches it: contacts, slip, clearance.
+ *
+ * What is measured here is for rewards, metrics and failures: no controller sees it, the robot has no touch sensor.
+ */
+#include "engine.h"
+
+/* Lay the floor in a model that has tiles where the configuration has. */
+void sp_lay_floor(const sp_world *world, const sp_ground_config *c, const sp_sim *sim)
+{
+    double tilt[3] = {c->slope * sin(c->heading), -c->slope * cos(c->heading), 0.0}, R[9], quat[4];
+    int uneven = world->tile[0] >= 0;
+    sp_exp(tilt, R);
+    sp_to_quat(R, quat);
+    for (int k = 0; uneven && k < SP_TILES * SP_TILES; k++) {
+        double place[3] = {(k / SP_TILES + 0.5 - SP_TILES / 2) * SP_TILE, (k % SP_TILES + 0.5 - SP_TILES / 2) * SP_TILE,
+                           c->tiles[k] - SP_TILE_DEPTH};
+        int32_t geom = world->tile[k];
+        sp_apply(R, place, sim->geom_pos + 3 * geom);
+        sp_copy(sim->geom_quat + 4 * geom, quat, 4);
+        sim->geom_sameframe[geom] = 0;
+    }
+    double depth[3] = {0.0, 0.0, uneven ? -SP_TILE_DEPTH : 0.0};
+    sp_apply(R, depth, sim->geom_pos + 3 * world->floor);
+    sp_copy(sim->geom_quat + 4 * world->floor, quat, 4);
+    sim->geom_sameframe[world->floor] = 0; /* or MuJoCo would take the floor's frame for the world's */
+}
+
+/* Height of the floor under a point, floor axes. */
+double sp_floor_height(const sp_ground_config *c, double x, double y)
+{
+    double i = floor(x / SP_TILE) + SP_TILES / 2, j = floor(y / SP_TILE) + SP_TILES / 2;
+    if (!(i >= 0.0 && i < SP_TILES && j >= 0.0 && j < SP_TILES)) return -SP_TILE_DEPTH;
+    return c->tiles[SP_TILES * (int)i + (int)j];
+}
+
+/* Height of everything over the highest tile at least. */
+double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant)
+{
+    double normal[3] = {plant->floor_R[2], plant->floor_R[5], plant->floor_R[8]}, least = HUGE_VAL;
+    for (int k = 0; k < world->moving; k++) {
+        double height = sp_dot(sim->geom_xpos + 3 * world->geom[k], normal) - world->geom_reach[k];
+        if (!(height >= least)) least = height;
+    }
+    return least - plant->highest_tile;
+}
+
+/* Have MuJoCo look for contacts, or save the time: with the floor far below the result is the same. */
+void sp_look_for_contacts(const sp_sim *sim, int wanted)
+{
+    if (wanted) *sim->disableflags &= (int32_t)~sim->mujoco->contact_off;
+    else *sim->disableflags |= (int32_t)sim->mujoco->contact_off;
+}
+
+/* What touches the floor now, in a loaded simulation. */
+void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch)
+{
+    const double *R = plant->floor_R, normal[3] = {R[2], R[5], R[8]};
+    memset(touch, 0, sizeof *touch);
+    for (int k = 0; k < *sim->contacts; k++) {
+        int32_t pair[2];
+        memcpy(pair, *sim->contact + k * sim->contact_stride + sim->contact_geoms, sizeof pair);
+        for (int i = 0; i < 2; i++) {
+            int32_t kind = pair[i] >= 0 ? world->geom_kind[pair[i]] : -1;
+            if (kind == SP_BALLS) touch->ducts = 1;
+            else if (kind >= 0) touch->balls[kind] = 1;
+        }
+    }
+    for (int k = 0; k < 2 * SP_LEGS; k++) { /* the peg's or foot's lowest point moves with its body */
+        if (!touch->balls[k]) continue;
+        const double *twist = sim->cvel + 6 * world->ball_body[k], *centre = sim->geom_xpos + 3 * world->ball[k];
+        const double *origin = sim->subtree_com + 3 * world->torso;
+        double lever[3], v[3];
+        for (int i = 0; i < 3; i++) lever[i] = centre[i] - origin[i] - world->ball_radius[k] * normal[i];
+        sp_cross(twist, lever, v);
+        for (int i = 0; i < 3; i++) v[i] += twist[3 + i];
+        double across = sp_dot(normal, v);
+        touch->slip[k] = sqrt(sp_max(sp_dot(v, v) - across * across, 0.0));
+    }
+    touch->duct_clearance = HUGE_VAL;
+    for (int k = 0; k < SP_DUCTS; k++) {
+        const double *centre = sim->geom_xpos + 3 * world->duct[k], *axes = sim->geom_xmat + 9 * world->duct[k];
+        double axis[3] = {axes[2], axes[5], axes[8]}, upright = fabs(sp_dot(axis, normal)), own[3];
+        double low = sp_dot(centre, normal) - world->duct_radius[k] * sqrt(sp_max(0.0, 1.0 - upright * upright)) -
+                     world->duct_half[k] * upright;
+        if (plant->highest_tile > 0.0) {
+            sp_apply_t(R, centre, own);
+            low -= sp_floor_height(&plant->config.ground, own[0], own[1]);
+        }
+        touch->duct_clearance = sp_min(touch->duct_clearance, low);
+    }
+}

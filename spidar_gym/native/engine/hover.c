@@ -1,0 +1,349 @@
+/* Flights: hold the CoG and a level attitude while the joints go through forms. `envs/hover/task.py` is the same page in
+ * Python, for N robots at once; a test holds the two to each other. */
+#include "episode.h"
+
+#define POSITION 0 /* terms of the reward */
+#define ATTITUDE 1
+#define JOINTS 2
+#define ACTION 3
+
+static double time_of(const sp_hover *h) { return h->flown / SP_CONTROL_RATE; }
+
+/* ---- forms ---- */
+
+/* Draw a form. */
+static void sample_form(const sp_hover_rules *rules, int32_t forms, sp_generator *generator, double *q)
+{
+    if (forms == SP_FORMS_MIXED) {
+        double kind = sp_random(generator);
+        if (kind < 0.25) {
+            sp_copy(q, rules->form[sp_integer(generator, 1, 4) - 1], SP_JOINTS);
+            return;
+        }
+        forms = kind < 0.55 ? SP_FORMS_EQUAL : SP_FORMS_INDEPENDENT;
+    }
+    int which = forms - SP_FORMS_EQUAL, legs = rules->drawn_legs[which];
+    for (int j = 0; j < 4 * legs; j++)
+        q[j] = sp_uniform(generator, rules->range[which][0][j % 4], rules->range[which][1][j % 4]);
+    for (int j = 4 * legs; j < SP_JOINTS; j++) q[j] = q[j % (4 * legs)];
+}
+
+/* Add a goal at the first tick from `start` on; its joint target is there already. */
+static void append_goal(const sp_hover_rules *rules, sp_goal *goals, int k, double start)
+{
+    double travel = 0.0;
+    for (int j = 0; k > 0 && j < SP_JOINTS; j++)
+        travel = sp_max(travel, fabs(goals[k].joint_target[j] - goals[k - 1].joint_target[j]));
+    goals[k].start = k > 0 ? ceil(start * SP_CONTROL_RATE - 1e-9) / SP_CONTROL_RATE : 0.0;
+    goals[k].deadline = goals[k].start + travel / rules->joint_speed;
+}
+
+/* The episode's forms in order, the first reached at time 0; how many. */
+static int draw_goals(const sp_hover_rules *rules, int32_t forms, sp_generator *generator, sp_goal *goals, int64_t room)
+{
+    int paper = forms == SP_FORMS_PAPER, held = forms > SP_FORMS_PAPER && forms < SP_FORMS_EQUAL, n = 1;
+    if (paper || held) sp_copy(goals[0].joint_target, rules->form[paper ? 0 : forms - 1], SP_JOINTS);
+    else sample_form(rules, forms, generator, goals[0].joint_target);
+    append_goal(rules, goals, 0, 0.0);
+    if (held) return 1;
+    for (; n < room; n++) {
+        double start = paper ? (n == 1 ? 4.0 : goals[n - 1].deadline)
+                             : goals[n - 1].deadline + sp_uniform(generator, 1.0, 2.5);
+        if (paper ? n == SP_FORMS_EQUAL - 1 : !(start < rules->horizon_s)) break;
+        if (paper) sp_copy(goals[n].joint_target, rules->form[n], SP_JOINTS);
+        else sample_form(rules, forms, generator, goals[n].joint_target);
+        append_goal(rules, goals, n, start);
+    }
+    return n;
+}
+
+/* Joint angles of the schedule now: straight lines from form to form. */
+static void plan(const sp_hover *h, const sp_goal *goals, double *q)
+{
+    const sp_goal *goal = &goals[h->current];
+    sp_copy(q, goal->joint_target, SP_JOINTS);
+    if (h->current == 0 || time_of(h) >= goal->deadline) return;
+    const double *from = goals[h->current - 1].joint_target;
+    double share = (time_of(h) - goal->start) / (goal->deadline - goal->start);
+    for (int j = 0; j < SP_JOINTS; j++) q[j] = from[j] + share * (goal->joint_target[j] - from[j]);
+}
+
+/* ---- what the controller is asked, and what it makes of a state ---- */
+
+static void refer(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h)
+{
+    const sp_disturbances *fault = &h->episode.disturbances;
+    sp_reference *r = &h->reference;
+    double time = time_of(h);
+    int restricts = rules->avoids;
+    for (int k = 0; k < rules->windows; k++)
+        if (rules->window[k][0] <= time && time < rules->window[k][1]) restricts = 0;
+    memset(r, 0, sizeof *r);
+    sp_copy(r->position_w, rules->position_w, 3);
+    r->quat_wb[0] = 1.0;
+    sp_copy(r->joint_target, goals[h->current].joint_target, SP_JOINTS);
+    r->mode = restricts ? SP_REFERENCE_MODE_FLIGHT : SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED;
+    if (fault->lost_rotor && time >= fault->fault_time - 1e-9) {
+        int thrust = fault->fault == SP_DISTURBANCES_FAULT_THRUST;
+        (thrust ? r->lost_thrust : r->lost_vectoring)[fault->lost_rotor - 1] = 1;
+    }
+}
+
+/* What the controller makes of what it sees, and what is true: errors of the CoG that the description gives at the true
+ * state, for nobody knows where the real one is. */
+static void update_errors(const sp_robot *robot, sp_hover *h)
+{
+    double level[9];
+    sp_compute_state(robot, &h->episode.seen, &h->reference, &h->percept);
+    if (h->plant.senses) sp_compute_state(robot, &h->plant.state, &h->reference, &h->truth);
+    else h->truth = h->percept;
+    sp_copy(h->position_error, h->truth.error.position_w, 3);
+    for (int i = 0; i < 9; i++) level[i] = h->truth.R_wb[3 * (i % 3) + i / 3]; /* the reference is level */
+    sp_log(level, h->attitude_error);
+}
+
+/* Wrench in {CoG} that the real robot needs at rest beyond what its description needs. */
+static void compute_trim(const sp_robot *robot, const sp_sim *sim, const sp_hover *h, double *trim)
+{
+    sp_control_state control;
+    double hover[SP_ROTORS], forces[SP_FORCES], Q[6 * SP_FORCES], net_w[3], force_b[3], swing[3];
+    sp_compute_state(robot, &h->plant.state, &h->reference, &control);
+    for (int i = 0; i < SP_ROTORS; i++) hover[i] = robot->hover_thrust;
+    sp_vectoring_to_force(hover, h->plant.state.vectoring, forces);
+    sp_zero(Q, 6 * SP_FORCES);
+    sp_thrust_map(&control.snapshot, Q, SP_FORCES);
+    for (int i = 0; i < 3; i++) net_w[i] = sim->qfrc_actuator[i] - sim->qfrc_bias[i];
+    sp_apply_t(control.R_wb, net_w, force_b);
+    sp_cross(control.snapshot.com_b, force_b, swing);
+    for (int i = 0; i < 3; i++) {
+        trim[i] = sp_row(Q + SP_FORCES * i, forces, SP_FORCES) - robot->weight * control.R_wb[6 + i] - force_b[i];
+        trim[3 + i] = sp_row(Q + SP_FORCES * (3 + i), forces, SP_FORCES) -
+                      (sim->qfrc_actuator[3 + i] - sim->qfrc_bias[3 + i] - swing[i]);
+    }
+}
+
+/* ---- an episode ---- */
+
+static sp_goal *goals_of(const sp_engine *e, int robot) { return e->goals + robot * e->goal_room; }
+
+static void begin(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_hover_rules *rules = e->rules;
+    const sp_robot *numbers = thread->room->robot;
+    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_episode *episode = &h->episode;
+    sp_goal *goals = goals_of(e, robot);
+    double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS];
+    sp_plant_config config;
+    sp_snapshot snapshot;
+    if (!h->is_given) {
+        h->goals = draw_goals(rules, h->forms, &episode->generator, goals, e->goal_room);
+        for (int i = 0; i < 6; i++) {
+            double unit = sp_uniform(&episode->generator, -1.0, 1.0) * rules->perturbation;
+            if (i < 3) h->offset[i] = 0.03 * unit;
+            else h->rotation[i - 3] = 0.05 * unit;
+        }
+    }
+    for (int k = 0; k < h->goals; k++) goals[k].reached = 0;
+    h->current = h->flown = 0;
+    h->position_sum = h->attitude_sum = 0.0;
+    if (rules->rules.strength > 0.0) {
+        sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
+        sp_become(e, thread, robot, &config);
+    } else {
+        sp_carry(e, thread, robot);
+    }
+    const double *q = goals[0].joint_target;
+    sp_exp(h->rotation, R);
+    sp_to_quat(R, quat);
+    sp_rest_vectoring(numbers, &rules->controller, q, vectoring);
+    sp_snapshot_at(numbers, q, R, vectoring, &snapshot);
+    sp_apply(R, snapshot.com_b, position_w);
+    for (int i = 0; i < 3; i++) position_w[i] = rules->position_w[i] + h->offset[i] - position_w[i];
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
+    /* A generator of its own, so that what the weather draws does not change what the next episode is. */
+    sp_spawn(&episode->generator, &h->plant.generator);
+    h->plant.disturbances = episode->disturbances;
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, &h->plant);
+    sp_leave(&thread->sim, &h->plant);
+    episode->ticks = 0;
+    episode->failure = -1;
+    episode->has_command = episode->truncated = episode->over = 0;
+    episode->reward = 0.0;
+    sp_zero(episode->action, SP_MAX_ENTRIES);
+    sp_first_look(numbers, &rules->rules, &h->plant, episode);
+    refer(rules, goals, h);
+    /* A robot off its description has hovered before the episode begins: its integrals hold what that takes. */
+    int trims = h->is_given && h->has_trim ? 1 : !rules->rules.is_described;
+    if (trims && !(h->is_given && h->has_trim)) compute_trim(numbers, &thread->sim, h, h->trim);
+    sp_flight_init(&h->flight, &rules->controller);
+    sp_flight_reset(numbers, &h->flight, &episode->seen, q, trims ? h->trim : NULL);
+    sp_zero(h->leg_momentum, 3);
+    sp_zero(h->leg_momentum_rate, 3);
+    sp_zero(h->joint_velocity, SP_JOINTS);
+    update_errors(numbers, h);
+}
+
+/* The command of this tick. */
+static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
+{
+    sp_episode *episode = &h->episode;
+    sp_flight_memory *memory = &h->flight.memory;
+    const sp_action_mode *mode = &rules->rules.mode;
+    if (mode->is_direct) {
+        sp_act_directly(episode->action, room->robot, rules->controller.joint_speed, memory->vectoring,
+                        memory->forces_l, memory->joint_position, h->joint_velocity, &episode->command);
+    } else {
+        sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
+        sp_flight_step(&h->flight, &episode->seen, &h->reference, &episode->residual, &h->percept, room,
+                       &episode->command);
+        sp_copy(h->joint_velocity, h->flight.joint_velocity, SP_JOINTS);
+    }
+    episode->has_command = 1;
+}
+
+/* Take note of the new state: errors, momentum of the legs. */
+static void take_note(const sp_hover_rules *rules, const sp_goal *goals, const sp_robot *robot, sp_hover *h)
+{
+    double before[3];
+    refer(rules, goals, h);
+    update_errors(robot, h);
+    sp_copy(before, h->leg_momentum, 3);
+    sp_leg_momentum(&h->percept.snapshot, h->joint_velocity, h->leg_momentum);
+    for (int i = 0; i < 3; i++) h->leg_momentum_rate[i] = (h->leg_momentum[i] - before[i]) * SP_CONTROL_RATE;
+}
+
+static double farthest(const double *a, const double *b, int n)
+{
+    double far = 0.0;
+    for (int j = 0; j < n; j++) far = sp_max(far, fabs(a[j] - b[j]));
+    return far;
+}
+
+/* Count a tick: sums of squares, forms that are reached in time, the form that is due. */
+static void advance(const sp_hover_rules *rules, sp_goal *goals, sp_hover *h)
+{
+    h->flown++;
+    h->position_sum += sp_dot(h->position_error, h->position_error);
+    h->attitude_sum += sp_dot(h->attitude_error, h->attitude_error);
+    double time = time_of(h);
+    for (int i = h->current > 0 ? h->current - 1 : 0; i <= h->current; i++) {
+        sp_goal *goal = &goals[i];
+        int in_time = goal->deadline <= time + 1e-9 && time + 1e-9 <= goal->deadline + rules->arrival_grace;
+        if (in_time && farthest(h->plant.state.joint_position, goal->joint_target, SP_JOINTS) <= rules->arrival_tolerance)
+            goal->reached = 1;
+    }
+    if (h->current + 1 < h->goals && time >= goals[h->current + 1].start - 1e-9) h->current++;
+}
+
+static int failure(const sp_hover_rules *rules, const sp_hover *h)
+{
+    if (h->plant.in_contact) return SP_FLIGHT_CONTACT;
+    if (acos(sp_clip(h->truth.R_wb[8], -1.0, 1.0)) > rules->max_tilt) return SP_FLIGHT_TILT;
+    return sp_norm(h->position_error) > rules->max_distance ? SP_FLIGHT_POSITION : -1;
+}
+
+/* Whether the whole horizon was flown within the errors, with every due form reached in time. */
+static int succeeded(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h)
+{
+    if (h->flown < rules->rules.horizon || h->episode.failure >= 0) return 0;
+    for (int i = 1; i < h->goals; i++)
+        if (goals[i].deadline + rules->arrival_grace <= time_of(h) && !goals[i].reached) return 0;
+    return sqrt(h->position_sum / h->flown) < rules->success_position &&
+           sqrt(h->attitude_sum / h->flown) < rules->success_attitude;
+}
+
+static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h, sp_hover_info *info)
+{
+    const sp_flight *flight = &h->flight;
+    double q[SP_JOINTS], joints;
+    sp_tell(&h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL, &info->info);
+    sp_copy(info->position_error, h->position_error, 3);
+    sp_copy(info->attitude_error, h->attitude_error, 3);
+    sp_zero(info->wrench_desired, 6);
+    if (flight->ticked) sp_copy(info->wrench_desired, flight->wrench_desired, 6);
+    for (int i = 0; i < SP_ROTORS; i++)
+        info->restricted_rotors[i] = flight->ticked && flight->memory.interference.restricted[i];
+    plan(h, goals, q);
+    joints = farthest(q, h->plant.state.joint_position, SP_JOINTS);
+    info->term[POSITION] = sp_tolerance(sp_norm(h->position_error), rules->margin[POSITION]);
+    info->term[ATTITUDE] = sp_tolerance(sp_norm(h->attitude_error), rules->margin[ATTITUDE]);
+    info->term[JOINTS] = sp_tolerance(joints, rules->margin[JOINTS]);
+    info->term[ACTION] = sp_restraint(&rules->rules, &h->episode);
+    if (h->episode.failure == SP_FLIGHT_DIVERGED) sp_zero(info->term, 4);
+    info->is_success = (uint8_t)succeeded(rules, goals, h);
+    h->episode.reward = sp_row(rules->weight, info->term, 4);
+}
+
+static void observe(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h, float *observation)
+{
+    const sp_episode *episode = &h->episode;
+    int last = h->current + 1 >= h->goals;
+    const sp_goal *goal = &goals[h->current], *next = last ? goal : goal + 1;
+    if (episode->failure == SP_FLIGHT_DIVERGED) {
+        memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
+        return;
+    }
+    sp_observe(&h->flight, &episode->seen, &h->percept,
+               episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
+               h->leg_momentum, h->leg_momentum_rate, goal->joint_target, next->joint_target,
+               last ? SP_NO_NEXT_FORM : next->start - time_of(h), episode->action, rules->rules.mode.size,
+               rules->rules.bound, observation);
+}
+
+static void show(sp_engine *e, int robot)
+{
+    const sp_hover_rules *rules = e->rules;
+    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    const sp_goal *goals = goals_of(e, robot);
+    tell(rules, goals, h, (sp_hover_info *)e->infos + robot);
+    observe(rules, goals, h, e->observations + (int64_t)robot * rules->rules.size);
+}
+
+static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    begin(e, thread, robot);
+    show(e, robot);
+    e->rewards[robot] = 0.0;
+    e->terminated[robot] = e->truncated[robot] = 0;
+    e->begun[robot] = 1;
+}
+
+static void step_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_hover_rules *rules = e->rules;
+    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_episode *episode = &h->episode;
+    sp_goal *goals = goals_of(e, robot);
+    if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
+        reset_hover(e, thread, robot);
+        return;
+    }
+    episode->ticks++;
+    sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
+    refer(rules, goals, h);
+    act(rules, thread->room, h);
+    sp_carry(e, thread, robot);
+    sp_enter(&thread->sim, &h->plant);
+    sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
+    sp_leave(&thread->sim, &h->plant);
+    if (h->plant.diverged) {
+        episode->failure = SP_FLIGHT_DIVERGED;
+    } else {
+        sp_look(thread->room->robot, &h->plant, episode);
+        take_note(rules, goals, thread->room->robot, h);
+        advance(rules, goals, h);
+        episode->failure = failure(rules, h);
+    }
+    show(e, robot);
+    sp_end_tick(e, &rules->rules, episode, robot);
+    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
+        sp_keep_final(e, &rules->rules, robot, sizeof(sp_hover_info));
+        begin(e, thread, robot);
+        show(e, robot);
+        e->begun[robot] = 1;
+    }
+}
+
+int sp_reset_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_hover, NULL); }
+int sp_step_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_hover, NULL); }

@@ -1,0 +1,287 @@
+/* One simulated robot: a control period of physics, with what happens in between.
+ *
+ * Commands arrive late, at 400 Hz at most; the air is evaluated at 40 Hz; falling thrusts and the joints' play are
+ * looked at at 80 Hz; the sensors measure at 200 Hz, in this order, which is that of the draws.
+ */
+#include "engine.h"
+
+#define RANGE 2                  /* numbers of an actuator's limits */
+#define GAINS 10                 /* numbers of an actuator's dynamics and bias each */
+#define FIRST_GIMBAL (SP_ROTORS + SP_JOINTS)
+
+static double gain(const sp_plant *p, int rotor)
+{
+    return p->config.actuators.thrust_gain * p->config.actuators.module_gain[rotor];
+}
+
+/* True minus indicated value of an actuator. */
+static double offset(const sp_plant *p, int actuator)
+{
+    if (actuator < SP_ROTORS) return 0.0;
+    if (actuator < FIRST_GIMBAL) return p->config.actuators.joint_offset[actuator - SP_ROTORS];
+    return p->config.actuators.vectoring_offset[actuator - FIRST_GIMBAL];
+}
+
+/* ---- the robot in MuJoCo's model and data ---- */
+
+/* Become the robot of a configuration: in the model, and in what is kept of it. */
+void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_config *config, sp_plant *p)
+{
+    const sp_ground_config *ground = &config->ground;
+    double tilt[3] = {ground->slope * sin(ground->heading), -ground->slope * cos(ground->heading), 0.0};
+    p->config = *config;
+    sp_exp(tilt, p->floor_R);
+    p->highest_tile = 0.0;
+    for (int k = 0; k < SP_TILES * SP_TILES; k++) p->highest_tile = sp_max(p->highest_tile, ground->tiles[k]);
+    p->delay = (int64_t)rint(config->actuators.delay / SP_TIMESTEP);
+    p->vectoring_delay = p->delay + (int64_t)rint(config->actuators.vectoring_delay / SP_TIMESTEP);
+    sp_write_actuators(world, &config->actuators, config->joint_speed, sim);
+    sp_write_body(world, &config->body, sim);
+    sp_lay_floor(world, ground, sim);
+    sim->mujoco->set_const(sim->model, sim->data); /* what MuJoCo derives from the masses; the data is overwritten */
+}
+
+/* Tell MuJoCo what depends on a direction: the lag of thrusts, and the play of joints. Inside its play a servo's spring
+ * has no grip, outside it starts from the play's edge. */
+static void write_asymmetry(const sp_sim *sim, const sp_plant *p)
+{
+    const sp_actuator_config *c = &p->config.actuators;
+    if (c->spin_down != 1.0)
+        for (int i = 0; i < SP_ROTORS; i++)
+            sim->actuator_dynprm[GAINS * i] = c->thrust_lag * (p->falling[i] ? c->spin_down : 1.0);
+    if (c->backlash > 0.0)
+        for (int j = 0; j < SP_JOINTS; j++)
+            sim->actuator_biasprm[GAINS * (SP_ROTORS + j)] = -(c->joint_kp * c->servo_stiffness[j]) * p->loose[j];
+}
+
+static void limit_torque(const sp_sim *sim, sp_plant *p, const double *limit)
+{
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double *range = sim->actuator_forcerange + RANGE * (SP_ROTORS + j);
+        p->torque_limit[j] = limit[j];
+        range[1] = sp_min(limit[j], p->config.actuators.max_joint_torque);
+        range[0] = -range[1];
+    }
+}
+
+/* Load a robot into a thread's simulation, whose model has its configuration. */
+void sp_enter(const sp_sim *sim, sp_plant *p)
+{
+    sim->mujoco->set_state(sim->model, sim->data, p->row, (int)sim->mujoco->state_kind);
+    limit_torque(sim, p, p->torque_limit);
+    write_asymmetry(sim, p);
+}
+
+/* Take it out again. */
+void sp_leave(const sp_sim *sim, sp_plant *p)
+{
+    sim->mujoco->get_state(sim->model, sim->data, p->row, (int)sim->mujoco->state_kind);
+}
+
+/* ---- what is read of it ---- */
+
+static void read_state(const sp_world *world, const sp_sim *sim, const sp_plant *p, sp_robot_state *s)
+{
+    s->time = *sim->time;
+    sp_copy(s->position_w, sim->qpos, 3);
+    sp_copy(s->quat_wb, sim->qpos + 3, 4);
+    sp_copy(s->velocity_w, sim->qvel, 3);
+    sp_copy(s->omega_b, sim->qvel + 3, 3);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        s->joint_position[j] = sim->qpos[world->joint_qpos[j]];
+        s->joint_velocity[j] = sim->qvel[world->joint_dof[j]];
+        s->vectoring[j] = sim->qpos[world->joint_qpos[SP_JOINTS + j]];
+        s->vectoring_velocity[j] = sim->qvel[world->joint_dof[SP_JOINTS + j]];
+        s->joint_torque[j] = sim->actuator_force[SP_ROTORS + j];
+    }
+    for (int i = 0; i < SP_ROTORS; i++) s->thrust[i] = sim->act[i] * gain(p, i);
+}
+
+static double power(const sp_sim *sim, const sp_robot_state *s)
+{
+    return sp_electrical_power(sim->act, s->joint_torque, s->joint_velocity);
+}
+
+/* ---- what happens between physics steps ---- */
+
+/* Hand over the commands whose delay is over. */
+static void deliver(const sp_sim *sim, sp_plant *p)
+{
+    for (int k = 0; k < p->pending_count; k++) {
+        const sp_pending *command = &p->pending[(p->pending_first + k) % SP_MAX_PENDING];
+        if (command->due <= p->clock) sp_copy(sim->ctrl, command->target, FIRST_GIMBAL);
+        if (command->vectoring_due <= p->clock)
+            sp_copy(sim->ctrl + FIRST_GIMBAL, command->target + FIRST_GIMBAL, 2 * SP_ROTORS);
+    }
+    while (p->pending_count && p->pending[p->pending_first].vectoring_due <= p->clock) {
+        p->pending_first = (p->pending_first + 1) % SP_MAX_PENDING;
+        p->pending_count--;
+    }
+    /* A vectoring servo that has failed stays where it is, whatever it is told. */
+    if (p->is_stuck) sp_copy(sim->ctrl + FIRST_GIMBAL + 2 * (p->disturbances.lost_rotor - 1), p->stuck, 2);
+}
+
+/* Let noise, wind and pushes go on, and evaluate the air. */
+static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p)
+{
+    const sp_actuator_config *c = &p->config.actuators;
+    const sp_disturbances *d = &p->disturbances;
+    double dt = SP_AIR_STEPS * SP_TIMESTEP, thrust[SP_ROTORS], wind_w[3];
+    sp_air air;
+    if (c->thrust_noise > 0.0) sp_advance_noise(p->noise, c->thrust_noise, dt, &p->generator);
+    if (d->wind > 0.0 || d->push > 0.0) sp_advance_weather(d, *sim->time, dt, &p->generator, &p->weather);
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sim->act[i] * gain(p, i);
+    for (int i = 0; i < 3; i++) wind_w[i] = p->weather.mean_w[i] + p->weather.gust_w[i];
+    sp_evaluate_air(world, sim, &p->config.aero, thrust, wind_w, p->noise, p->weather.push_w, &air);
+    sp_copy(sim->qfrc_applied, air.generalized, SP_DOFS);
+    sp_copy(p->air_force_w, air.generalized, 3);
+    sp_copy(p->air_factor, air.thrust_factor, SP_DUCTS);
+}
+
+/* Look which thrusts fall, and where the joints are in their play. */
+static void lean(const sp_world *world, const sp_sim *sim, sp_plant *p)
+{
+    double play = p->config.actuators.backlash;
+    for (int i = 0; i < SP_ROTORS; i++) p->falling[i] = sim->ctrl[i] < sim->act[i];
+    for (int j = 0; j < SP_JOINTS; j++)
+        p->loose[j] = sp_clip(sim->act[SP_ROTORS + j] - sim->qpos[world->joint_qpos[j]], -play, play);
+    write_asymmetry(sim, p);
+}
+
+static int is_asymmetric(const sp_actuator_config *c) { return c->backlash > 0.0 || c->spin_down != 1.0; }
+
+/* Indicated angles are off by so much. */
+static void sensor_offsets(const sp_plant *p, double *offsets)
+{
+    for (int j = 0; j < SP_ANGLES; j++) offsets[j] = offset(p, SP_ROTORS + j);
+}
+
+static void sample(const sp_world *world, const sp_sim *sim, sp_plant *p)
+{
+    sp_robot_state state;
+    double offsets[SP_ANGLES];
+    read_state(world, sim, p, &state);
+    sensor_offsets(p, offsets);
+    sp_sample_sensors(world, &p->config.sensors, offsets, &state, &p->generator, &p->sensors);
+}
+
+/* ---- a control period ---- */
+
+/* Send a command on its way to the actuators, within what they can. */
+static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
+{
+    const sp_actuator_config *c = &p->config.actuators;
+    const sp_disturbances *d = &p->disturbances;
+    sp_pending *sent = &p->pending[(p->pending_first + p->pending_count++) % SP_MAX_PENDING];
+    double most = c->max_thrust, *target = sent->target;
+    if (c->battery) most = sp_min(most, sp_battery_thrust(sp_voltage(p->energy_wh, p->power)));
+    for (int i = 0; i < SP_ROTORS; i++) {
+        target[i] = sp_min(command->thrust[i], most / gain(p, i));
+        if (p->config.idle_thrust > 0.0) target[i] = sp_max(target[i], p->config.idle_thrust);
+    }
+    sp_copy(target + SP_ROTORS, command->joint_position, SP_JOINTS);
+    sp_copy(target + FIRST_GIMBAL, command->vectoring, 2 * SP_ROTORS);
+    if (d->lost_rotor && *sim->time >= d->fault_time - 1e-9) {
+        int k = d->lost_rotor - 1;
+        if (d->fault == SP_DISTURBANCES_FAULT_THRUST) {
+            target[k] = 0.0;
+        } else if (!p->is_stuck) {
+            p->is_stuck = 1;
+            for (int i = 0; i < 2; i++) p->stuck[i] = sim->qpos[world->joint_qpos[SP_JOINTS + 2 * k + i]];
+        }
+    }
+    for (int k = 0; k < SP_ACTUATORS; k++) target[k] += offset(p, k);
+    sent->due = p->clock + p->delay;
+    sent->vectoring_due = p->clock + p->vectoring_delay;
+    deliver(sim, p);
+    if (memcmp(command->joint_torque_limit, p->torque_limit, sizeof p->torque_limit))
+        limit_torque(sim, p, command->joint_torque_limit);
+}
+
+/* Advance a loaded robot by one control period; where it has diverged, air, power and energy stay as before. */
+void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
+{
+    double air_force_w[3], air_factor[SP_DUCTS], square = 0.0, before = p->power, period;
+    int asymmetric = is_asymmetric(&p->config.actuators), substeps = p->config.substeps;
+    period = substeps * SP_TIMESTEP;
+    sp_copy(air_force_w, p->air_force_w, 3);
+    sp_copy(air_factor, p->air_factor, SP_DUCTS);
+    dispatch(world, sim, command, p);
+    sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
+    for (int k = 0; k < substeps; k++) {
+        sim->mujoco->step(sim->model, sim->data);
+        p->clock++;
+        if (p->pending_count) deliver(sim, p);
+        if (p->has_air && p->clock % SP_AIR_STEPS == 0) blow(world, sim, p);
+        if (asymmetric && p->clock % SP_SERVO_STEPS == 0) lean(world, sim, p);
+        if (p->senses && p->clock % SP_IMU_STEPS == 0) sample(world, sim, p);
+    }
+    p->in_contact = *sim->contacts > 0;
+    p->clearance = sp_clearance(world, sim, p);
+    read_state(world, sim, p, &p->state);
+    for (int k = 0; k < SP_QPOS; k++) square += sim->qpos[k] * sim->qpos[k];
+    for (int k = 0; k < SP_DOFS; k++) square += sim->qvel[k] * sim->qvel[k];
+    p->diverged = !(square < 1e12);
+    if (p->diverged) {
+        sp_copy(p->air_force_w, air_force_w, 3);
+        sp_copy(p->air_factor, air_factor, SP_DUCTS);
+        p->power = before;
+        return;
+    }
+    p->power = power(sim, &p->state);
+    p->energy_wh += p->power * period / 3600.0;
+}
+
+/* Put a configured robot somewhere at rest, servos at their setpoints, and leave it loaded. Disturbances and generator
+ * are the plant's own: they are set before. */
+void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
+                    const double *joints, const double *vectoring, const double *thrust, sp_plant *p)
+{
+    const sp_actuator_config *c = &p->config.actuators;
+    int weather = p->disturbances.wind > 0.0 || p->disturbances.push > 0.0;
+    double target[SP_ACTUATORS], limit[SP_JOINTS], offsets[SP_ANGLES];
+    sim->mujoco->set_state(sim->model, sim->data, world->start, (int)sim->mujoco->state_kind);
+    p->clock = 0;
+    p->pending_first = p->pending_count = 0;
+    p->diverged = p->is_stuck = 0;
+    p->power = p->energy_wh = 0.0;
+    sp_zero(p->noise, SP_ROTORS);
+    sp_zero(p->air_force_w, 3);
+    for (int k = 0; k < SP_DUCTS; k++) p->air_factor[k] = 1.0;
+    memset(p->falling, 0, sizeof p->falling);
+    sp_zero(p->loose, SP_JOINTS);
+    memset(&p->weather, 0, sizeof p->weather);
+    p->weather.next_push = HUGE_VAL;
+    p->has_air = p->config.aero.wake || weather || c->thrust_noise > 0.0;
+    p->senses = p->config.sense;
+    sp_copy(target, thrust, SP_ROTORS);
+    sp_copy(target + SP_ROTORS, joints, SP_JOINTS);
+    sp_copy(target + FIRST_GIMBAL, vectoring, 2 * SP_ROTORS);
+    for (int k = 0; k < SP_ACTUATORS; k++) target[k] += offset(p, k);
+    sp_copy(sim->qpos, position_w, 3);
+    sp_copy(sim->qpos + 3, quat_wb, 4);
+    for (int j = 0; j < SP_ANGLES; j++) sim->qpos[world->joint_qpos[j]] = target[SP_ROTORS + j];
+    sp_copy(sim->act, target, SP_ACTUATORS);
+    sp_copy(sim->ctrl, target, SP_ACTUATORS);
+    for (int j = 0; j < SP_JOINTS; j++) limit[j] = world->max_joint_torque;
+    limit_torque(sim, p, limit);
+    sp_look_for_contacts(sim, 1);
+    write_asymmetry(sim, p);
+    sim->mujoco->forward(sim->model, sim->data);
+    p->in_contact = *sim->contacts > 0;
+    p->clearance = sp_clearance(world, sim, p);
+    if (weather) sp_draw_weather(&p->disturbances, &p->generator, &p->weather);
+    if (p->has_air) blow(world, sim, p);
+    if (is_asymmetric(c)) lean(world, sim, p);
+    read_state(world, sim, p, &p->state);
+    p->power = power(sim, &p->state);
+    if (!p->senses) return;
+    sensor_offsets(p, offsets);
+    sp_start_sensors(world, &p->config.sensors, offsets, &p->state, &p->generator, &p->sensors);
+}
+
+/* What the sensors have said since the last call. */
+void sp_measure(sp_plant *p, sp_measurement *measurement)
+{
+    sp_read_sensors(&p->config.sensors, p->state.time, &p->sensors, measurement);
+}

@@ -1,0 +1,277 @@
+"""MuJoCo for the engine: addresses of its functions and arrays, the robot in its model, a pool of its threads."""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+import copy
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.introspect import structs
+
+from spidar_gym.errors import SpidarError
+from spidar_gym.native.engine_structs import (
+    MAX_BODIES,
+    MAX_GEOMS,
+    MAX_MOVING,
+    MUJOCO_STATE,
+    N_BALLS,
+    N_DOFS,
+    engine_layouts,
+)
+from spidar_gym.robot import (
+    GIMBAL_NAMES,
+    GRAVITY,
+    JOINT_NAMES,
+    N_LEGS,
+    N_LINKS,
+    N_ROTORS,
+    PEG_SITES,
+    ROBOT,
+    ROTOR_SITES,
+)
+from spidar_gym.sim.air import LINK_STATIONS
+from spidar_gym.sim.ground import TILES
+from spidar_gym.sim.scene import quieten, scene
+from spidar_gym.sim.sensors import ENCODER_STEPS, IMU_POSITION_B
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""What of MuJoCo's data a robot takes with it."""
+FUNCTIONS = ("mj_step", "mj_forward", "mj_setConst", "mj_getState", "mj_setState")
+"""In the order of `sp_mujoco`, before the numbers."""
+DATA = (
+    "qpos", "qvel", "act", "ctrl", "actuator_force", "qfrc_applied", "qfrc_actuator", "qfrc_bias", "xpos", "xmat",
+    "cvel", "cdof", "subtree_com", "geom_xpos", "geom_xmat",
+)  # fmt: skip
+"""Arrays of the data in the order of `sp_sim`, between its time and its contacts."""
+MODEL = ("actuator_gear", "actuator_ctrlrange", "actuator_actrange", "actuator_dynprm", "actuator_biasprm",
+         "actuator_forcerange", "dof_frictionloss", "dof_damping", "body_mass", "body_inertia", "body_ipos",
+         "geom_friction", "geom_pos", "geom_quat", "geom_sameframe")  # fmt: skip
+"""Arrays of the model in the order of `sp_sim`, before its flags."""
+DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "cam_poscom0", "dof_M0",
+           "dof_invweight0", "dof_length")  # fmt: skip
+"""What MuJoCo derives from these."""
+OWN = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
+"""Arrays of the model in which robots differ; the torque limits are written whenever a robot is loaded."""
+FLAT = tuple(name for name in OWN if name not in ("bvh_aabb", "geom_pos", "geom_quat", "geom_sameframe"))
+"""The same where the floor is a plane that stays as it is."""
+_SIZES = {"int": 4, "mjtNum": 8, "size_t": 8, "uintptr_t": 8, "mjtSize": 8, "uint64_t": 8, "mjtBool": 1, "float": 4}
+
+
+def library() -> ctypes.CDLL:
+    """MuJoCo's own library, the one that Python's bindings have loaded."""
+    folder = Path(mujoco.__file__).parent
+    found = sorted([*folder.glob("libmujoco.so*"), *folder.glob("libmujoco*.dylib"), *folder.glob("mujoco.dll")])
+    if not found:
+        raise SpidarError(
+            f"no library of MuJoCo {mujoco.__version__} beside its Python module; valid: mujoco from PyPI"
+        )
+    return ctypes.CDLL(str(found[0]))
+
+
+@cache
+def functions() -> np.ndarray:
+    """`sp_mujoco`: addresses of MuJoCo's functions, numbers of its enumerations."""
+    own, numbers = library(), (int(STATE), int(mujoco.mjtDisableBit.mjDSBL_CONTACT))
+    return np.array(
+        [*(ctypes.cast(getattr(own, name), ctypes.c_void_p).value for name in FUNCTIONS), *numbers], np.uint64
+    )
+
+
+def _extent(kind: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of MuJoCo's own description
+    """Bytes of a member, and to what its address is a multiple, by C's rules."""
+    name = type(kind).__name__
+    if name == "PointerType":
+        return 8, 8
+    if name == "ArrayType":
+        size, align = _extent(kind.inner_type)
+        return size * int(np.prod(kind.extents)), align
+    if name == "AnonymousStructDecl" or kind.name in structs.STRUCTS:
+        fields = kind.fields if name == "AnonymousStructDecl" else structs.STRUCTS[kind.name].fields
+        return _place(fields)[1:]
+    return _SIZES[kind.name], _SIZES[kind.name]
+
+
+def _place(fields: Any) -> tuple[dict[str, int], int, int]:  # noqa: ANN401 - of MuJoCo's own description
+    """Offset of each member; bytes and alignment of the whole."""
+    at, widest, offsets = 0, 1, {}
+    for field in fields:
+        size, align = _extent(field.type)
+        at = -(-at // align) * align
+        offsets[field.name] = at
+        at, widest = at + size, max(widest, align)
+    return offsets, -(-at // widest) * widest, widest
+
+
+@cache
+def offsets() -> dict[str, int]:
+    """Bytes from the beginning of a struct of MuJoCo to members that Python's bindings do not give the address of."""
+    data, model = _place(structs.STRUCTS["mjData"].fields)[0], _place(structs.STRUCTS["mjModel"].fields)[0]
+    contact, size, _ = _place(structs.STRUCTS["mjContact"].fields)
+    option = _place(structs.STRUCTS["mjOption"].fields)[0]
+    return {
+        "time": data["time"], "ncon": data["ncon"], "contact": data["contact"],
+        "disableflags": model["opt"] + option["disableflags"], "geom": contact["geom"], "stride": size,
+    }  # fmt: skip
+
+
+def _number(address: int, kind: Any = ctypes.c_int32) -> int | float:  # noqa: ANN401 - of ctypes
+    """What stands at an address."""
+    return kind.from_address(address).value
+
+
+@cache
+def check() -> None:
+    """Hold the offsets to what the bindings read and write (`SpidarError` where MuJoCo is laid out otherwise)."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
+    ball = spec.worldbody.add_body(pos=[0, 0, 0.05])
+    ball.add_freejoint()
+    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], mass=1)
+    model = spec.compile()
+    data, at = mujoco.MjData(model), offsets()
+    data.time = 12.5
+    mujoco.mj_forward(model, data)
+    contact = int(_number(data._address + at["contact"], ctypes.c_uint64)) + at["geom"]
+    model.opt.disableflags = 1234567
+    if (
+        _number(data._address + at["time"], ctypes.c_double) != 12.5
+        or _number(data._address + at["ncon"]) != data.ncon != 1
+        or [_number(contact), _number(contact + 4)] != data.contact.geom[0].tolist()
+        or data.contact.geom.ctypes.data != contact
+        or _number(model._address + at["disableflags"]) != 1234567
+        or mujoco.mj_stateSize(scene(visual=False), STATE) != MUJOCO_STATE
+    ):
+        raise SpidarError(f"MuJoCo {mujoco.__version__} is laid out in another way; valid: mujoco>=4.0,<5")
+
+
+class Simulation:
+    """A model and a data of MuJoCo with the addresses of their arrays: what a thread loads a robot into."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Copy a model of `scene(visual=False, …)`."""
+        check()
+        self.model = copy.copy(model)
+        self.data = mujoco.MjData(self.model)
+        quieten(self.data)
+        at, model_at, data_at = offsets(), self.model._address, self.data._address
+        self.record = np.array(
+            [
+                functions().ctypes.data, model_at, data_at, data_at + at["time"],
+                *(getattr(self.data, name).ctypes.data for name in DATA),
+                data_at + at["ncon"], data_at + at["contact"],
+                *(getattr(self.model, name).ctypes.data for name in MODEL),
+                model_at + at["disableflags"], at["stride"], at["geom"],
+            ],
+            np.uint64,
+        )  # fmt: skip
+        """`sp_sim`."""
+
+    def pieces(self, names: tuple[str, ...]) -> np.ndarray:
+        """`sp_piece` of arrays of the model, one after another: address, bytes, where in a robot's copy, (k, 3)."""
+        arrays = [getattr(self.model, name) for name in names]
+        ends = np.cumsum([-(-array.nbytes // 8) * 8 for array in arrays])
+        return np.array(
+            [(a.ctypes.data, a.nbytes, end - -(-a.nbytes // 8) * 8) for a, end in zip(arrays, ends, strict=True)],
+            np.int64,
+        )
+
+
+@cache
+def world(uneven: bool) -> np.ndarray:
+    """`sp_world`: the described robot over a floor, with tiles or without; read only.
+
+    Raises:
+        SpidarError: For a robot with more parts than there is room for, or whose actuators are in another order.
+    """
+    model = scene(visual=False, uneven=uneven)
+    body, geom = (lambda name: model.body(name).id), (lambda name: model.geom(name).id)
+    record = np.zeros((), engine_layouts()["world"])
+    servos = [model.actuator(name).id for name in (*ROTOR_SITES, *JOINT_NAMES, *GIMBAL_NAMES)]
+    moving = np.flatnonzero(model.geom_contype == 0)
+    fits = model.nbody <= MAX_BODIES and len(moving) <= MAX_MOVING and model.ngeom <= MAX_GEOMS and model.nv == N_DOFS
+    if not fits or servos != list(range(len(servos))) or model.actuator_actadr.tolist() != servos:
+        raise SpidarError(
+            f"the robot has {model.nbody} bodies, {len(moving)} geoms, {model.nv} degrees of freedom; valid: up to "
+            f"{MAX_BODIES}, {MAX_MOVING}, just {N_DOFS}; thrusts, joints, vectoring angles in this order"
+        )
+    names = [f"foot{leg}" for leg in range(1, N_LEGS + 1)] + list(PEG_SITES)
+    balls, modules = [geom(name) for name in names], [body(f"gimbal{i}_pitch_module") for i in range(1, N_ROTORS + 1)]
+    cylinders = (model.geom_conaffinity > 0) & (model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER)
+    ducts = [g for g in range(model.ngeom) if cylinders[g] and model.geom_bodyid[g] in modules]
+    joints = [model.joint(name) for name in (*JOINT_NAMES, *GIMBAL_NAMES)]
+    parts = ("junction{}", "link{}", "gimbal{}_roll_module", "gimbal{}_pitch_module")
+    kinds, touches, feet = np.full(MAX_GEOMS, -1), np.zeros(MAX_GEOMS), np.zeros(MAX_GEOMS)
+    kinds[balls], kinds[ducts] = np.arange(N_BALLS), N_BALLS
+    touches[: model.ngeom], feet[balls[:N_LEGS]] = model.geom_conaffinity > 0, 1
+    data = mujoco.MjData(model)
+    start = np.zeros(MUJOCO_STATE)
+    mujoco.mj_getState(model, data, start, STATE)
+    values = {
+        "bodies": model.nbody, "torso": body("torso"), "floor": geom("floor"), "geoms": model.ngeom,
+        "moving": len(moving), "module_body": modules, "link_body": [body(f"link{i}") for i in range(1, N_LINKS + 1)],
+        "part_body": [body(part.format(i)) for i in range(1, N_LINKS + 1) for part in parts],
+        "body_parent": model.body_parentid, "body_dofadr": model.body_dofadr, "body_dofnum": model.body_dofnum,
+        "joint_qpos": [joint.qposadr[0] for joint in joints], "joint_dof": [joint.dofadr[0] for joint in joints],
+        "ball": balls, "ball_body": model.geom_bodyid[balls], "duct": ducts, "geom": moving, "geom_kind": kinds,
+        "geom_touches": touches, "geom_is_foot": feet,
+        "tile": [geom(f"tile{i}_{j}") if uneven else -1 for i in range(TILES) for j in range(TILES)],
+        "mass": model.body_mass, "inertia": model.body_inertia, "com": model.body_ipos,
+        "geom_reach": model.geom_rbound[moving],
+        "ball_radius": [ROBOT.foot_radius] * N_LEGS + [ROBOT.peg_radius] * len(PEG_SITES),
+        "duct_radius": model.geom_size[ducts, 0], "duct_half": model.geom_size[ducts, 1],
+        "weight": ROBOT.weight, "max_joint_torque": ROBOT.max_joint_torque,
+        "propeller_radius": ROBOT.propeller_radius, "duct_offset_y": ROBOT.duct_offset_y, "duct_z": ROBOT.duct_z[0],
+        "torso_radius": ROBOT.torso_radius, "torso_height": ROBOT.torso_height,
+        "link_station": [x for x, _ in LINK_STATIONS], "link_width": [width for _, width in LINK_STATIONS],
+        "imu_position_b": IMU_POSITION_B, "gravity": GRAVITY, "encoder_step": ENCODER_STEPS, "start": start,
+    }  # fmt: skip
+    for name, value in values.items():
+        if np.ndim(value):
+            record[name][: len(value)] = value
+        else:
+            record[name] = value
+    record.setflags(write=False)
+    return record
+
+
+class Pool:
+    """MuJoCo's threads, for jobs on robots: `mjb_apply` survives what MuJoCo gives up in one of them."""
+
+    def __init__(self, robots: int, threads: int) -> None:
+        """Start it."""
+        own = library()
+        own.mjb_makeBatch.restype = ctypes.c_void_p
+        # The pool's own simulations are of an empty world: the engine brings its own.
+        self._model = mujoco.MjSpec().compile()
+        self._data = mujoco.MjData(self._model)
+        settings, words = (ctypes.c_int * 2)(threads, 0), ctypes.create_string_buffer(256)
+        made = own.mjb_makeBatch(ctypes.c_void_p(self._model._address), robots, settings, words, len(words))
+        if not made:
+            raise SpidarError(
+                f"MuJoCo makes no pool of threads: {words.value.decode()}; valid: fewer robots or threads"
+            )
+        self.address = int(made)
+        self.apply = int(ctypes.cast(own.mjb_apply, ctypes.c_void_p).value or 0)
+        own.mjb_status.restype, own.mjb_error.restype = ctypes.POINTER(ctypes.c_int), ctypes.c_char_p
+        self._status = np.ctypeslib.as_array(own.mjb_status(ctypes.c_void_p(made)), (robots,))
+        self._library = own
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Robots whose last job MuJoCo gave up."""
+        return np.flatnonzero(self._status)
+
+    def words(self, robot: int) -> str:
+        """Why."""
+        return self._library.mjb_error(ctypes.c_void_p(self.address), robot).decode()
+
+    def close(self) -> None:
+        """Stop its threads; a second call does nothing."""
+        if self.address:
+            self._library.mjb_deleteBatch(ctypes.c_void_p(self.address))
+            self.address = 0

@@ -1,0 +1,12 @@
+/* What the runner works in: memory that is there from the beginning. */
+#include "runner.h"
+#include "spidar_model.h"
+#include "spidar_solvers.h"
+
+sp_room *sp_own_room(void)
+{
+    static sp_room room;
+    static double solvers[SP_SOLVERS_BYTES / sizeof(double)];
+    if (room.robot == NULL) sp_make_room(&SP_ROBOT, solvers, &room);
+    return &room;
+}
