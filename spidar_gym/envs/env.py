@@ -16,7 +16,9 @@ from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.envs import rules
 from spidar_gym.envs.actions import ActionMode, direct_command
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import (
     InvalidValueError,
     SpidarError,
@@ -291,6 +293,26 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
             self.estimator.reset(replace(self.state, **indicated))
             self.seen = self.estimator.update(first, self.state.thrust)
+
+    @abstractmethod
+    def make_fleet(
+        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
+    ) -> Fleet:
+        """Robots of this environment in the engine, at no episode yet.
+
+        Args:
+            robots: How many.
+            threads: How many threads carry them.
+            autoreset: What happens at the end of an episode: one of `AUTORESETS`.
+            truncates: Whether an episode ends at the horizon.
+        """
+
+    def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
+        """Write what every environment has into its rules."""
+        rules.common(
+            record["rules"], self._nominal, self._mode, self._bound, strength=self._strength, horizon=self.horizon,
+            truncates=truncates, autoreset=autoreset,
+        )  # fmt: skip
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""

@@ -87,13 +87,22 @@ class Engine:
         configs = np.zeros(robots, layouts["plant_config"])
         fill(configs[0], config)
         configs[1:] = configs[0]
-        ids = np.zeros(1, np.int32) if alike else None
-        self._threads[:, -1] = 0
-        self.run("sp_configure_plants", ids, configs)
+        self.configure(configs, np.zeros(1, np.int32) if alike else None)
         if alike and struct != "plant":
             self.robots["plant"][1:] = self.robots["plant"][0]
         elif alike:
             self.robots[1:] = self.robots[0]
+
+    def configure(self, configs: np.ndarray, ids: np.ndarray | None = None) -> None:
+        """Let robots become others: records of `sp_plant_config`, one for every robot; those of `ids`, or all."""
+        self._threads[:, -1] = 0  # no thread carries a part of a model any more
+        self.run("sp_configure_plants", ids, configs)
+
+    def write(self, robots: np.ndarray, copies: np.ndarray) -> None:
+        """Put the bytes of all robots and of their parts of the model where they are."""
+        self.robots.view(np.uint8).reshape(-1)[:] = robots
+        self.copies.reshape(-1)[:] = copies
+        self._threads[:, -1] = 0
 
     def share(self, name: str, array: np.ndarray) -> None:
         """Let the engine have an array as one of its members."""

@@ -219,6 +219,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("strength", "f8", (), "of the randomisation, 0 … 1"),
         ("horizon", "i8", (), "ticks of an episode; success is judged there"),
         ("truncates autoreset", "i4", (), "whether it ends there; sp_autoreset"),
+        ("is_commanded is_judged", "i4", (), "whether Python commands; whether it refers, previews and judges"),
     )),
     CStruct("hover_rules", "The task of a flight.", (
         ("rules", "rules", (), ""),
@@ -256,6 +257,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("flight", "flight", (), ""),
         ("percept truth", "control_state", (), "what the controller makes of what it sees; of the true state"),
         ("reference", "reference", (), ""),
+        ("preview", "preview", (), ""),
         ("leg_momentum leg_momentum_rate", "f8", (3,), "[Nms], [Nm]"),
         ("joint_velocity", "f8", (N_JOINTS,), "of the joint commands [rad/s]"),
         ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
@@ -267,7 +269,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("info", "What is told of every robot after a tick.", (
         ("thrust_command thrust", "f8", (N_ROTORS,), "[N]"),
-        ("vectoring_command vectoring", "f8", (2 * N_ROTORS,), "(φ, θ) [rad]"),
+        ("vectoring_command vectoring", "f8", (N_ROTORS, 2), "(φ, θ) [rad]"),
         ("joint_torque_allocated joint_torque", "f8", (N_JOINTS,), "[Nm]"),
         ("wrench_allocated", "f8", (6,), "[N, Nm]"),
         ("total_thrust qp_slack", "f8", (), "[N]"),

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from spidar_gym.native.constants import ENUMERATIONS, snake
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, field_docs
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
+
+T = TypeVar("T")
 
 WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("reference", "mode"): ("flight", "flight_unrestricted"),
@@ -139,3 +141,19 @@ def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and 
         else:
             # In the core arrays are flat.
             record[field.name] = np.reshape(own, -1) if np.ndim(own) else own
+
+
+def read(kind: type[T], record: Any) -> T:  # noqa: ANN401 - a numpy record
+    """The dataclass that a record of its struct stands for, its arrays its own; the inverse of `fill`."""
+    struct, sample, values = snake(kind.__name__), kind(), {}
+    for field in dataclasses.fields(sample):
+        own = getattr(sample, field.name)
+        if dataclasses.is_dataclass(own):
+            values[field.name] = read(type(own), record[field.name])
+        elif isinstance(own, str):
+            values[field.name] = WORDS[struct, field.name][int(record[field.name])]
+        elif np.ndim(own):
+            values[field.name] = np.array(record[field.name], np.asarray(own).dtype).reshape(np.shape(own))
+        else:
+            values[field.name] = type(own)(record[field.name])
+    return kind(**values)

@@ -15,10 +15,12 @@ from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
+from spidar_gym.envs import rules
 from spidar_gym.envs.actions import CRAWL_MODES, find_action_mode
 from spidar_gym.envs.controllers import make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv, own_robot, solver_settings, split_options
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import require_instance
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
@@ -77,6 +79,18 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         )  # fmt: skip
         self.way = (0.0, 0.0, 0.0)
         """Where the goal is, seen from the start: x, y [m], yaw [rad]."""
+
+    def make_fleet(
+        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
+    ) -> Fleet:
+        """Robots of this environment in the engine, at no episode yet."""
+        task, record = self.task, rules.crawl_rules(self.task, self.controller.config, SETTLE_TICKS)
+        self._fill_rules(record, truncates=truncates, autoreset=autoreset)
+        alike = not (self._strength > 0.0 or task.steps or task.obstacles)
+        fleet = Fleet("crawling", record, self._nominal, robots, threads, alike=alike)
+        for robot in range(robots):
+            fleet.disturb(robot, self._disturbances)
+        return fleet
 
     def _begin(self, rng: np.random.Generator) -> None:
         config, task = self.controller.config, self.task

@@ -12,9 +12,11 @@ from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.flight.observation import NO_NEXT_FORM, FlightObservables, layout
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
+from spidar_gym.envs import rules
 from spidar_gym.envs.actions import find_action_mode
 from spidar_gym.envs.controllers import make_flight_controller
 from spidar_gym.envs.env import SpidarEnv, solver_settings, split_options
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, HoverTask, Progress
 from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
@@ -74,6 +76,19 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self.trim: np.ndarray | None = None
         """Wrench with which the integrals began [N, Nm]; None for the described robot."""
         self._reference: Reference | None = None
+
+    def make_fleet(
+        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
+    ) -> Fleet:
+        """Robots of this environment in the engine, at no episode yet."""
+        record = rules.hover_rules(self.task, self.controller.config, described=self._described)
+        self._fill_rules(record, truncates=truncates, autoreset=autoreset)
+        goals, alike = rules.most_goals(self.task.horizon_s), self._strength == 0.0
+        fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals)
+        fleet.robots["forms"] = rules.sequence(self.task)
+        for robot in range(robots):
+            fleet.disturb(robot, self._disturbances)
+        return fleet
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         if name == "start":

@@ -349,7 +349,8 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
     }
     episode->ticks++;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    act(rules, thread->room, c);
+    if (rules->rules.is_commanded) episode->has_command = 1;
+    else act(rules, thread->room, c);
     sp_carry(e, thread, robot);
     sp_enter(&thread->sim, &c->plant);
     sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
@@ -359,9 +360,10 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
         sp_look(thread->room->robot, &c->plant, episode);
         update_errors(e, &thread->sim, c);
         advance(rules, thread->room->robot, c);
-        episode->failure = failure(rules, c);
+        if (!rules->rules.is_judged) episode->failure = failure(rules, c);
     }
     sp_leave(&thread->sim, &c->plant);
+    if (rules->rules.is_judged) return; /* Python goes on, and has it shown then */
     show(e, robot);
     sp_end_tick(e, &rules->rules, episode, robot);
     if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
@@ -372,5 +374,12 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
     }
 }
 
+static void show_crawling(sp_engine *e, sp_thread *thread, int robot)
+{
+    (void)thread;
+    show(e, robot);
+}
+
+int sp_show_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_crawling, NULL); }
 int sp_reset_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_crawling, NULL); }
 int sp_step_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_crawling, NULL); }

@@ -93,6 +93,12 @@ static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
     thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
 }
 
+/* What touches the floor under the only robot, where it was left loaded. */
+void sp_touching_now(const sp_engine *e, sp_touch *touch)
+{
+    sp_touching(e->world, &e->threads[0].sim, sp_plant_of(e, 0), touch);
+}
+
 /* Each takes an array with an entry for every robot; how many robots MuJoCo gave up. */
 int sp_configure_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
 {

@@ -106,8 +106,8 @@ void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vec
     memset(info, 0, sizeof *info);
     sp_copy(info->thrust_command, episode->has_command ? episode->command.thrust : state->thrust, SP_ROTORS);
     sp_copy(info->thrust, state->thrust, SP_ROTORS);
-    sp_copy(info->vectoring_command, vectoring, 2 * SP_ROTORS);
-    sp_copy(info->vectoring, state->vectoring, 2 * SP_ROTORS);
+    sp_copy(info->vectoring_command[0], vectoring, 2 * SP_ROTORS);
+    sp_copy(info->vectoring[0], state->vectoring, 2 * SP_ROTORS);
     sp_copy(info->joint_torque, state->joint_torque, SP_JOINTS);
     for (int i = 0; i < SP_ROTORS; i++) {
         info->total_thrust += state->thrust[i];

@@ -70,8 +70,10 @@ static void plan(const sp_hover *h, const sp_goal *goals, double *q)
 
 /* ---- what the controller is asked, and what it makes of a state ---- */
 
+/* What the controller is asked now; where Python judges, it has written that. */
 static void refer(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h)
 {
+    if (rules->rules.is_judged) return;
     const sp_disturbances *fault = &h->episode.disturbances;
     sp_reference *r = &h->reference;
     double time = time_of(h);
@@ -264,6 +266,7 @@ static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h,
     if (flight->ticked) sp_copy(info->wrench_desired, flight->wrench_desired, 6);
     for (int i = 0; i < SP_ROTORS; i++)
         info->restricted_rotors[i] = flight->ticked && flight->memory.interference.restricted[i];
+    if (rules->rules.is_judged) return;
     plan(h, goals, q);
     joints = farthest(q, h->plant.state.joint_position, SP_JOINTS);
     info->term[POSITION] = sp_tolerance(sp_norm(h->position_error), rules->margin[POSITION]);
@@ -275,20 +278,28 @@ static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h,
     h->episode.reward = sp_row(rules->weight, info->term, 4);
 }
 
-static void observe(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h, float *observation)
+/* What comes next. */
+static void preview(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h)
 {
-    const sp_episode *episode = &h->episode;
+    if (rules->rules.is_judged) return;
     int last = h->current + 1 >= h->goals;
     const sp_goal *goal = &goals[h->current], *next = last ? goal : goal + 1;
-    if (episode->failure == SP_FLIGHT_DIVERGED) {
+    sp_copy(h->preview.joint_target, goal->joint_target, SP_JOINTS);
+    sp_copy(h->preview.next_form, next->joint_target, SP_JOINTS);
+    h->preview.time_to_next = last ? SP_NO_NEXT_FORM : next->start - time_of(h);
+}
+
+static void observe(const sp_hover_rules *rules, const sp_hover *h, float *observation)
+{
+    const sp_episode *episode = &h->episode;
+    const sp_preview *next = &h->preview;
+    if (h->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-        return;
-    }
-    sp_observe(&h->flight, &episode->seen, &h->percept,
-               episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
-               h->leg_momentum, h->leg_momentum_rate, goal->joint_target, next->joint_target,
-               last ? SP_NO_NEXT_FORM : next->start - time_of(h), episode->action, rules->rules.mode.size,
-               rules->rules.bound, observation);
+    else
+        sp_observe(&h->flight, &episode->seen, &h->percept,
+                   episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
+                   h->leg_momentum, h->leg_momentum_rate, next->joint_target, next->next_form, next->time_to_next,
+                   episode->action, rules->rules.mode.size, rules->rules.bound, observation);
 }
 
 static void show(sp_engine *e, int robot)
@@ -297,7 +308,8 @@ static void show(sp_engine *e, int robot)
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     const sp_goal *goals = goals_of(e, robot);
     tell(rules, goals, h, (sp_hover_info *)e->infos + robot);
-    observe(rules, goals, h, e->observations + (int64_t)robot * rules->rules.size);
+    preview(rules, goals, h);
+    observe(rules, h, e->observations + (int64_t)robot * rules->rules.size);
 }
 
 static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
@@ -322,7 +334,8 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     episode->ticks++;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
     refer(rules, goals, h);
-    act(rules, thread->room, h);
+    if (rules->rules.is_commanded) episode->has_command = 1;
+    else act(rules, thread->room, h);
     sp_carry(e, thread, robot);
     sp_enter(&thread->sim, &h->plant);
     sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
@@ -332,9 +345,12 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     } else {
         sp_look(thread->room->robot, &h->plant, episode);
         take_note(rules, goals, thread->room->robot, h);
-        advance(rules, goals, h);
-        episode->failure = failure(rules, h);
+        if (!rules->rules.is_judged) {
+            advance(rules, goals, h);
+            episode->failure = failure(rules, h);
+        }
     }
+    if (rules->rules.is_judged) return; /* Python goes on, and has it shown then */
     show(e, robot);
     sp_end_tick(e, &rules->rules, episode, robot);
     if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
@@ -345,5 +361,12 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     }
 }
 
+static void show_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    (void)thread;
+    show(e, robot);
+}
+
+int sp_show_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_hover, NULL); }
 int sp_reset_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_hover, NULL); }
 int sp_step_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_hover, NULL); }

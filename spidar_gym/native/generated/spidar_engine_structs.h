@@ -324,6 +324,7 @@ typedef struct {
     double strength; /* of the randomisation, 0 … 1 */
     int64_t horizon; /* ticks of an episode; success is judged there */
     int32_t truncates, autoreset; /* whether it ends there; sp_autoreset */
+    int32_t is_commanded, is_judged; /* whether Python commands; whether it refers, previews and judges */
 } sp_rules;
 
 /* The task of a flight. */
@@ -367,6 +368,7 @@ typedef struct {
     sp_flight flight;
     sp_control_state percept, truth; /* what the controller makes of what it sees; of the true state */
     sp_reference reference;
+    sp_preview preview;
     double leg_momentum[3], leg_momentum_rate[3]; /* [Nms], [Nm] */
     double joint_velocity[16]; /* of the joint commands [rad/s] */
     double position_error[3], attitude_error[3]; /* true ones [m], [rad] */
@@ -380,7 +382,7 @@ typedef struct {
 /* What is told of every robot after a tick. */
 typedef struct {
     double thrust_command[8], thrust[8]; /* [N] */
-    double vectoring_command[16], vectoring[16]; /* (φ, θ) [rad] */
+    double vectoring_command[8][2], vectoring[8][2]; /* (φ, θ) [rad] */
     double joint_torque_allocated[16], joint_torque[16]; /* [Nm] */
     double wrench_allocated[6]; /* [N, Nm] */
     double total_thrust, qp_slack; /* [N] */

@@ -1,0 +1,94 @@
+"""Robots of one environment in the engine, and what goes in and comes out at a tick: one robot or thousands."""
+
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.native.draws import from_numpy
+from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.structs import fill
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+
+
+class Fleet:
+    """Robots of one environment.
+
+    Its arrays have an entry for every robot, and are written anew at every tick: who keeps them makes a copy.
+    """
+
+    def __init__(
+        self, kind: str, rules: np.ndarray, plant: PlantConfig, robots: int, threads: int, *,
+        alike: bool, goals: int = 0,
+    ) -> None:  # fmt: skip
+        """Make them.
+
+        Args:
+            kind: `hover` or `crawling`.
+            rules: `sp_hover_rules` or `sp_crawl_rules`.
+            plant: The simulated robot, or the one that others are drawn around.
+            robots: How many.
+            threads: How many threads, the caller's included.
+            alike: Whether none of them is drawn, nor its floor.
+            goals: Forms that an episode has at most.
+        """
+        layouts, common = engine_layouts(), rules["rules"]
+        self.kind, self.rules = kind, rules
+        self.engine = engine = Engine(kind, plant, robots, threads, alike=alike)
+        self.robots = engine.robots
+        """All that there is of the robots: records of `sp_hover` or `sp_crawling`."""
+        info, size = layouts[f"{kind}_info"], int(common["size"])
+        self.actions = np.zeros((robots, int(common["mode"]["size"])))
+        self.observations, self.final_observations = (np.zeros((robots, size), np.float32) for _ in range(2))
+        self.rewards = np.zeros(robots)
+        self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
+        self.infos, self.final_infos = np.zeros(robots, info), np.zeros(robots, info)
+        self.goals = np.zeros((robots, goals), layouts["goal"])
+        names = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated",
+                 "begun", "infos", "final_infos", "goals")  # fmt: skip
+        for name in names:
+            engine.share(name, getattr(self, name))
+        engine.record["goal_room"] = goals
+
+    def seed(self, robot: int, rng: np.random.Generator) -> None:
+        """Let a robot's environment draw what this generator would."""
+        self.robots[robot]["episode"]["generator"] = from_numpy(rng)
+
+    def disturb(self, robot: int, disturbances: Disturbances) -> None:
+        """Say what happens to a robot from its next episode on."""
+        fill(self.robots[robot]["episode"]["disturbances"], disturbances)
+
+    def reset(self, ids: np.ndarray | None = None) -> None:
+        """Let robots begin an episode, all if not said."""
+        self._run("reset", ids)
+
+    def step(self) -> None:
+        """One control period of all robots, with `actions`."""
+        self._run("step", None)
+
+    def show(self) -> None:
+        """Write observations and infos of what is now, where Python judges."""
+        self._run("show", None)
+
+    def _run(self, job: str, ids: np.ndarray | None) -> None:
+        failed = self.engine.run(f"sp_{job}_{self.kind}s", ids)
+        if failed:
+            robot, words = failed[0], self.engine.words(failed[0])
+            raise SpidarError(f"MuJoCo gave up robot {robot}: {words}; valid: a robot and actions that it simulates")
+        if self.kind == "crawling" and not self.robots["cycles"].all():
+            robot = int(np.flatnonzero(self.robots["cycles"] == 0)[0])
+            way = self.robots["way"][robot].tolist()
+            raise InvalidValueError("way", way, "a way within reach, and no more steps than there is room for")
+
+    def close(self) -> None:
+        """Stop the threads; a second call does nothing."""
+        self.engine.close()
+
+
+def told(records: np.ndarray) -> dict[str, Any]:
+    """Views of infos (`sp_hover_info` or `sp_crawling_info`) by name: what all environments tell comes first."""
+    common = records["info"]
+    shared = {name: common[name] for name in common.dtype.names or ()}
+    return shared | {name: records[name] for name in records.dtype.names or () if name != "info"}
