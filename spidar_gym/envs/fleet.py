@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import Engine
@@ -59,6 +60,30 @@ class Fleet:
     def disturb(self, robot: int, disturbances: Disturbances) -> None:
         """Say what happens to a robot from its next episode on."""
         fill(self.robots[robot]["episode"]["disturbances"], disturbances)
+
+    def begin_with(self, robot: int, start: FlightStart | None) -> None:
+        """Say what a flight begins with and goes through from its next episode on; None has it drawn."""
+        record = self.robots[robot]
+        record["is_given"] = start is not None
+        if start is None:
+            return
+        record["offset"], record["rotation"] = start.position, start.rotation
+        record["has_trim"], record["trim"] = start.trim is not None, 0.0 if start.trim is None else start.trim
+        record["goals"] = count = len(start.goals)
+        self.make_room(count)
+        goals = self.goals[robot, :count]
+        for name in ("start", "deadline", "joint_target"):
+            goals[name] = [getattr(goal, name) for goal in start.goals]
+
+    def make_room(self, goals: int) -> None:
+        """Let an episode have at least so many forms."""
+        robots, room = self.goals.shape
+        if goals > room:
+            wider = np.zeros((robots, goals), self.goals.dtype)
+            wider[:, :room] = self.goals
+            self.goals = wider
+            self.engine.share("goals", wider)
+            self.engine.record["goal_room"] = goals
 
     def reset(self, ids: np.ndarray | None = None) -> None:
         """Let robots begin an episode, all if not said."""

@@ -16,6 +16,19 @@ HORIZON = WrapperSpec("Horizon", "spidar_gym.envs.horizon:Horizon", {})
 """What ends every environment's episodes."""
 
 
+class OnlyOfOne(tuple[WrapperSpec, ...]):
+    """Wrappers that `gymnasium.make` puts around an environment; its vector, which ends episodes itself, has none.
+
+    `gymnasium.make` takes them one by one; `gymnasium.make_vec` asks how many there are, and refuses a vector with any.
+    """
+
+    __slots__ = ()
+
+    def __len__(self) -> int:
+        """None of a vector's."""
+        return 0
+
+
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 
 
@@ -25,6 +38,8 @@ class Entry:
 
     entry_point: str
     """Its class, `module:name`."""
+    vector_entry_point: str
+    """What makes many of it in native code, `module:name`."""
     horizon: int
     """Ticks an episode: the task's `horizon_s` at 40 a second."""
     doc: str
@@ -33,10 +48,14 @@ class Entry:
 
 ENVIRONMENTS: dict[str, Entry] = {
     HOVER: Entry(
-        "spidar_gym.envs.hover.env:HoverEnv", 800, "hold the CoG while the joints go through a sequence of forms"
+        "spidar_gym.envs.hover.env:HoverEnv", "spidar_gym.envs.vector:hover_vector", 800,
+        "hold the CoG while the joints go through a sequence of forms",
     ),
-    CRAWL: Entry("spidar_gym.envs.crawl.env:CrawlEnv", 3000, "crawl to a pose on the floor"),
-}
+    CRAWL: Entry(
+        "spidar_gym.envs.crawl.env:CrawlEnv", "spidar_gym.envs.vector:crawl_vector", 3000,
+        "crawl to a pose on the floor",
+    ),
+}  # fmt: skip
 """Every environment of this package."""
 
 
@@ -53,7 +72,8 @@ def register() -> None:
                 id=name,
                 entry_point=entry.entry_point,
                 max_episode_steps=RegisteredSteps(entry.horizon),
-                additional_wrappers=(HORIZON,),
+                additional_wrappers=OnlyOfOne((HORIZON,)),
+                vector_entry_point=entry.vector_entry_point,
             )
 
 

@@ -1,9 +1,12 @@
 """Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
@@ -11,17 +14,21 @@ from gymnasium.vector.utils import batch_space
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.registry import CRAWL, HOVER, environment
+from spidar_gym.envs.hover.task import FlightStart, HoverTask
+from spidar_gym.envs.registry import CRAWL, HOVER, RegisteredSteps, environment
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
-from spidar_gym.native.engine_structs import AUTORESETS
+from spidar_gym.native.engine_structs import SEQUENCES
 from spidar_gym.sim.disturbances import Disturbances
+
+ValueT = TypeVar("ValueT")
 
 
 class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Robots of one environment; the controller is the core, the task the built-in one.
 
     `info` is arrays: its words are numbers (`qp_status_code`, `failure_code`, and in the crawl `phase_code` and
-    `shortfalls_code`; −1 is none), and the terms of the reward are one array, in the order of the task's table.
+    `shortfalls_code`; −1 is none), and the terms of the reward are one array, in the order of the task's table. As in
+    Gymnasium's own vectors, `info["_name"]` says of which robots `info["name"]` is.
     """
 
     def __init__(
@@ -40,8 +47,9 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             name: `spidar_gym/Hover-v0` or `spidar_gym/Crawl-v0`.
             num_envs: How many robots.
             num_threads: How many threads, the caller's included.
-            autoreset_mode: What happens at the end of an episode: Gymnasium's three ways.
-            max_episode_steps: Ticks of an episode; those of `horizon_s` if not given.
+            autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
+                `Disabled`.
+            max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
             **options: Arguments of the environment; the controller is the core, and there are no pictures.
 
         Raises:
@@ -50,22 +58,27 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """
         environment(name)
         require_least(1, num_envs=num_envs, num_threads=num_threads)
-        mode = AutoresetMode(autoreset_mode)
+        mode = _autoreset(autoreset_mode)
         for refused in ("control", "allocator", "render_mode"):
             if refused in options:
                 raise InvalidValueError(refused, options[refused], "no such argument: the core flies, without pictures")
         single = HoverEnv(control="core", **options) if name == HOVER else CrawlEnv(control="core", **options)
         self._single = single
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
-        if max_episode_steps is not None:
+        ends = max_episode_steps != -1
+        if ends and max_episode_steps is not None and not isinstance(max_episode_steps, RegisteredSteps):
             require_least(1, max_episode_steps=max_episode_steps)
-            single.horizon = int(max_episode_steps)
+            single.horizon = min(
+                int(max_episode_steps), single.horizon if "horizon_s" in options else max_episode_steps
+            )
+        self._steps = single.horizon if ends else None
+        self._spec: EnvSpec | None = None
         self.metadata = {**single.metadata, "autoreset_mode": mode}
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
-        autoreset = AUTORESETS[("NEXT_STEP", "SAME_STEP", "DISABLED").index(mode.name)]
-        self._fleet = single.make_fleet(num_envs, num_threads, autoreset=autoreset, truncates=True)
+        self._fleet = single.make_fleet(num_envs, num_threads, autoreset=mode.name.lower(), truncates=ends)
+        self._everybody = np.ones(num_envs, bool)
         self._began = False
 
     @property
@@ -73,55 +86,96 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """All that there is of the robots, records of `sp_hover` or `sp_crawling`; not to be written."""
         return self._fleet.robots
 
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The specification that `gymnasium.make_vec` gave, with the steps after which an episode really ends."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, value: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        if value is not None:
+            value.max_episode_steps, value.additional_wrappers = self._steps, ()
+            value.kwargs["max_episode_steps"] = -1 if self._steps is None else self._steps
+        self._spec = value
+
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start episodes.
 
         Args:
             seed: Robot i gets `seed + i`, as in Gymnasium's own vectors, or its own entry of a list.
-            options: `{"reset_mask": …}` says which robots (all if not given), `{"disturbances": …}` what happens to
-                them from now on.
+            options: `{"reset_mask": …}` says which robots (all if not given); `disturbances`, in flight `forms` and
+                `start`, are those of the environment's own `reset`, one for all of these robots, or a list with an
+                entry for every robot of the vector, of which those of these robots count.
 
         Returns:
-            Observations and info.
+            Observations of all robots, and info, whose masks tell who has begun.
 
         Raises:
-            InvalidValueError: For seeds or a mask of another length, and nothing has changed.
+            UnknownNameError: For an option that does not exist, and nothing has changed.
+            InvalidValueError: For seeds, a mask or a list of another length, for a value that is not valid, and nothing
+                has changed.
         """
-        n = self.num_envs
-        given = require_keys("options", "reset option", options or {}, ("reset_mask", "disturbances"))
-        mask = np.ones(n, bool)
+        fleet, n = self._fleet, self.num_envs
+        names = ("reset_mask", *self._single.reset_options)
+        given = require_keys("options", "reset option", {} if options is None else options, names)
+        mask = self._everybody
         if "reset_mask" in given:
-            mask = np.asarray(given["reset_mask"])
+            mask = np.array(given["reset_mask"])
             if mask.shape != (n,) or mask.dtype != bool or not mask.any():
                 raise InvalidValueError("reset_mask", given["reset_mask"], f"{n} flags, one of them at least True")
-        seeds = self._seeds(seed, mask)
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
-        if "disturbances" in given:
-            chosen = Disturbances.parse(given["disturbances"])
-            for k in np.flatnonzero(mask):
-                self._fleet.disturb(int(k), chosen)
-        for k, one in seeds.items():
-            rng, _ = np_random(one)
-            self._fleet.seed(k, rng)
+        generators = {k: np_random(one)[0] for k, one in self._seeds(seed, mask).items()}
+        chosen = {name: self._each(name, given[name]) for name in names[1:] if name in given}
+        ids = np.flatnonzero(mask)
+        for k in ids.tolist():
+            if "disturbances" in chosen:
+                fleet.disturb(k, chosen["disturbances"][k])
+            if "forms" in chosen:
+                fleet.robots["forms"][k] = chosen["forms"][k]
+            if "start" in chosen:
+                fleet.begin_with(k, chosen["start"][k])
+            if k in generators:
+                fleet.seed(k, generators[k])
         self._began = True
-        self._fleet.reset(np.flatnonzero(mask))
-        return self._fleet.observations.copy(), self._info(mask)
+        fleet.reset(ids)
+        return fleet.observations.copy(), _masked(told(fleet.infos.copy()), mask.copy())
 
-    def _seeds(self, seed: int | list[int | None] | None, mask: np.ndarray) -> dict[int, int | None]:
+    def _each(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
+        """What an option of `reset` is for each robot."""
+        parse = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": _start}[name]
+        if not isinstance(value, list | tuple):
+            return [parse(value)] * self.num_envs
+        if len(value) != self.num_envs:
+            raise InvalidValueError(name, value, f"one for all robots, or a list of {self.num_envs}")
+        return [parse(one) for one in value]
+
+    def _sequence(self, forms: Any) -> int:  # noqa: ANN401 - whatever a user gives
+        """`sp_sequence` of forms."""
+        task = self.task
+        assert isinstance(task, HoverTask)
+        return SEQUENCES.index(replace(task, forms=forms).forms)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None, mask: np.ndarray) -> dict[int, int | None]:
         """Seed of each robot that gets a new generator."""
         n = self.num_envs
         if seed is None:
             return {} if self._began else dict.fromkeys(range(n))
-        seeds = list(seed) if isinstance(seed, list | tuple | np.ndarray) else [seed + k for k in range(n)]
-        if len(seeds) != n:
-            raise InvalidValueError("seed", seed, f"a whole number, or {n} of them")
-        return {k: s for k, s in enumerate(seeds) if mask[k] and (s is not None or not self._began)}
+        given: Any = seed.tolist() if isinstance(seed, np.ndarray) else seed
+        seeds = [given + k for k in range(n)] if isinstance(given, int | np.integer) else given
+        if not (isinstance(seeds, list | tuple) and len(seeds) == n and all(s is None or _is_seed(s) for s in seeds)):
+            raise InvalidValueError("seed", seed, f"a whole number from 0 on, or {n} of them")
+        return {
+            k: s if s is None else int(s) for k, s in enumerate(seeds) if mask[k] and not (s is None and self._began)
+        }
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of 25 ms of every robot.
+
+        Where an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are
+        those of the end, and `info["_final_obs"]`, `info["_final_info"]` say whose; the other rows mean nothing.
 
         Args:
             actions: In [−1, 1], (num_envs, size of an action); what lies outside is clipped.
@@ -144,20 +198,14 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         fleet.actions[:] = given
         fleet.step()
-        info = self._info(None)
+        info = _masked(told(fleet.infos.copy()), self._everybody.copy())
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
             begun = fleet.begun.copy()
             info["final_obs"], info["_final_obs"] = fleet.final_observations.copy(), begun
-            info["final_info"], info["_final_info"] = told(fleet.final_infos.copy()), begun
+            info["final_info"], info["_final_info"] = _masked(told(fleet.final_infos.copy()), begun), begun
         return (
             fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
         )  # fmt: skip
-
-    def _info(self, mask: np.ndarray | None) -> dict[str, Any]:
-        info = told(self._fleet.infos.copy())
-        if mask is not None and not mask.all():
-            info["_reset"] = mask.copy()
-        return info
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads."""
@@ -165,4 +213,35 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self._single.close()
 
 
-__all__ = ["CRAWL", "HOVER", "NativeVectorEnv"]
+def hover_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
+    """What `gymnasium.make_vec("spidar_gym/Hover-v0", …)` makes."""
+    return NativeVectorEnv(HOVER, num_envs, **options)
+
+
+def crawl_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
+    """What `gymnasium.make_vec("spidar_gym/Crawl-v0", …)` makes."""
+    return NativeVectorEnv(CRAWL, num_envs, **options)
+
+
+def _autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - whatever a user gives
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        ways = ", ".join(way.value for way in AutoresetMode)
+        raise InvalidValueError("autoreset_mode", mode, f"one of {ways}") from None
+
+
+def _is_seed(value: object) -> bool:
+    return isinstance(value, int | np.integer) and int(value) >= 0
+
+
+def _start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
+    return None if value is None else FlightStart.parse(value)
+
+
+def _masked(info: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """The same with the mask of every entry, which is the same one."""
+    return info | {f"_{name}": mask for name in info}
+
+
+__all__ = ["CRAWL", "HOVER", "NativeVectorEnv", "crawl_vector", "hover_vector"]
