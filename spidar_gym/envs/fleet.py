@@ -36,7 +36,7 @@ class Fleet:
             goals: Forms that an episode has at most.
         """
         layouts, common = engine_layouts(), rules["rules"]
-        self.kind, self.rules = kind, rules
+        self.kind, self.rules, self.has_own_copies = kind, rules, not alike
         self.engine = engine = Engine(kind, plant, robots, threads, alike=alike)
         self.robots = engine.robots
         """All that there is of the robots: records of `sp_hover` or `sp_crawling`."""

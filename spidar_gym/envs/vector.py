@@ -1,5 +1,6 @@
 """Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
 
+import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -12,13 +13,17 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.registry import CRAWL, HOVER, RegisteredSteps, environment
+from spidar_gym.envs.saving import restore, save
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
-from spidar_gym.native.engine_structs import SEQUENCES
+from spidar_gym.native.engine_structs import N_DOFS, SEQUENCES
+from spidar_gym.native.structs import read
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import GroundConfig
 
 ValueT = TypeVar("ValueT")
 
@@ -50,7 +55,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
                 `Disabled`.
             max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
-            **options: Arguments of the environment; the controller is the core, and there are no pictures.
+            **options: Arguments of the environment; the controller is the core.
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
@@ -59,11 +64,17 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         environment(name)
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = _autoreset(autoreset_mode)
-        for refused in ("control", "allocator", "render_mode"):
+        for refused in ("control", "allocator"):
             if refused in options:
-                raise InvalidValueError(refused, options[refused], "no such argument: the core flies, without pictures")
+                raise InvalidValueError(refused, options[refused], "no such argument: the core flies")
+        if options.get("render_mode") == "human":
+            raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
         single = HoverEnv(control="core", **options) if name == HOVER else CrawlEnv(control="core", **options)
         self._single = single
+        self._renderer: Any = None
+        self.render_mode = single.render_mode
+        shown = inspect.signature(SpidarEnv).parameters
+        self._view: list[Any] = [options.get(name, shown[name].default) for name in ("camera", "width", "height")]
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
         ends = max_episode_steps != -1
         if ends and max_episode_steps is not None and not isinstance(max_episode_steps, RegisteredSteps):
@@ -207,8 +218,85 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
         )  # fmt: skip
 
+    def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
+        """Pictures of robots, each over its own floor.
+
+        Args:
+            ids: Which ones, all if not given.
+
+        Returns:
+            A picture (height, width, 3) uint8 each, in the mode `depth_array` distances (height, width) [m]; None
+            without a `render_mode`.
+
+        Raises:
+            InvalidValueError: For robots that there are not.
+            SpidarError: When `reset` was never called.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without a render_mode; valid: rgb_array, depth_array")
+            return None
+        chosen = self._choice(ids)
+        return tuple(self._draw(k) for k in chosen)
+
+    def _draw(self, robot: int) -> np.ndarray:
+        from spidar_gym.sim import renderer  # OpenGL is loaded by those who draw
+
+        plant = self.robots["plant"][robot]
+        ground = read(GroundConfig, plant["config"]["ground"])
+        if self._renderer is None:
+            self._renderer = renderer.OffscreenRenderer(*self._view, ground=ground)
+        self._renderer.lay(ground)
+        return self._renderer.render(plant["row"][1 : 2 + N_DOFS], depth=self.render_mode == "depth_array")
+
+    def save(self, ids: Sequence[int] | None = None) -> bytes:
+        """All that there is of robots; nothing changes.
+
+        Args:
+            ids: Which ones, all if not given.
+
+        Raises:
+            InvalidValueError: For robots that there are not.
+            SpidarError: When `reset` was never called.
+        """
+        return save(self._fleet, self._choice(ids))
+
+    def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+        """Let robots be those that were saved: from here on each goes on as the saved one would have, bit for bit.
+
+        Args:
+            saved: What `save` gave, of any vector of the same environment and options, here or in another process.
+            ids: Which robots become the saved ones, in their order; all if not given. All of a vector that was never
+                reset.
+
+        Returns:
+            Observations of all robots, and info, whose masks tell who was restored.
+
+        Raises:
+            SpidarError: For bytes that are not what fits here, and nothing has changed.
+            InvalidValueError: For another number of robots than were saved, and nothing has changed.
+        """
+        chosen = list(range(self.num_envs)) if not self._began and ids is None else self._choice(ids)
+        restore(self._fleet, saved, chosen)
+        self._began = True
+        mask = np.zeros(self.num_envs, bool)
+        mask[chosen] = True
+        return self._fleet.observations.copy(), _masked(told(self._fleet.infos.copy()), mask)
+
+    def _choice(self, ids: Sequence[int] | None) -> list[int]:
+        """Robots by number."""
+        if not self._began:
+            raise SpidarError("there is no episode before reset(); valid: call reset() first")
+        if ids is None:
+            return list(range(self.num_envs))
+        chosen = [int(k) for k in ids]
+        if len({*chosen}) < len(chosen) or not all(0 <= k < self.num_envs for k in chosen):
+            raise InvalidValueError("ids", chosen, f"numbers of robots, each once, within 0 … {self.num_envs - 1}")
+        return chosen
+
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
-        """Stop the threads."""
+        """Stop the threads, release the OpenGL context."""
+        if self._renderer is not None:
+            self._renderer.close()
         self._fleet.close()
         self._single.close()
 

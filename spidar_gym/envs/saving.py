@@ -1,0 +1,96 @@
+"""Robots of a fleet as bytes, and back: into another lane, another vector, another process, where they go on."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.native.library import expected_digest
+
+MAGIC = b"spidar robots\n"
+"""What saved robots begin with; a line of JSON that says what they are follows, their numbers, and a checksum."""
+CHECKSUM = hashlib.sha256().digest_size
+
+
+def save(fleet: Fleet, ids: Sequence[int]) -> bytes:
+    """All that there is of some robots.
+
+    Args:
+        fleet: Where they are.
+        ids: Which ones.
+    """
+    head = json.dumps(_description(fleet) | {"robots": len(ids), "goals": fleet.goals.shape[1]}).encode() + b"\n"
+    body = b"".join(part[k].tobytes() for part in _parts(fleet) for k in ids)
+    content = MAGIC + head + body
+    return content + hashlib.sha256(content).digest()
+
+
+def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
+    """Let robots be those that were saved, in their order.
+
+    Args:
+        fleet: Where they are to be.
+        saved: What `save` gave, of any fleet of the same environment and options; how episodes follow each other may
+            differ.
+        ids: Which robots become the saved ones.
+
+    Raises:
+        SpidarError: For bytes that are no saved robots, are damaged, of another version, another environment or other
+            options, and nothing has changed.
+        InvalidValueError: For another number of robots than were saved, and nothing has changed.
+    """
+    content, checksum = saved[:-CHECKSUM], saved[-CHECKSUM:]
+    if not saved.startswith(MAGIC):
+        raise SpidarError("these are no saved robots; valid: the bytes that save() gave")
+    if hashlib.sha256(content).digest() != checksum:
+        raise SpidarError("the saved robots are damaged; valid: the bytes that save() gave, all of them")
+    head, body = content[len(MAGIC) :].split(b"\n", 1)
+    told = json.loads(head)
+    for name, here in _description(fleet).items():
+        if told.get(name) != here:
+            raise SpidarError(f"the saved robots are of another {name}: {told.get(name)}; valid here: {here}")
+    if told["robots"] != len(ids):
+        raise InvalidValueError("ids", list(ids), f"{told['robots']} robots, as many as were saved")
+    fleet.make_room(told["goals"])
+    parts, at = _parts(fleet), 0
+    for part in parts:
+        room = told["goals"] if part is fleet.goals else part[0].size
+        size = room * part.dtype.itemsize
+        for k in ids:
+            row = np.frombuffer(body, part.dtype, room, at)
+            if part is fleet.goals:
+                part[k, :room] = row
+            else:
+                part[k] = row.reshape(part[k].shape)
+            at += size
+    fleet.engine.forget_copies()
+
+
+def _parts(fleet: Fleet) -> list[np.ndarray]:
+    """Arrays with an entry for every robot that are all that there is of them."""
+    parts = [fleet.robots, fleet.goals, fleet.observations, fleet.infos]
+    # Where all robots are alike there is a single copy of what they are, and every fleet of these options has the same.
+    return parts + [fleet.engine.copies] * fleet.has_own_copies
+
+
+def _description(fleet: Fleet) -> dict[str, Any]:
+    """What has to be the same where robots are to go on."""
+    rules = fleet.rules.copy()
+    rules["rules"]["autoreset"] = 0
+    return {
+        "environment": fleet.kind,
+        "version": f"{expected_digest()[:16]}, MuJoCo {mujoco.__version__}",
+        "set of options": hashlib.sha256(_content(rules)).hexdigest()[:16],
+    }
+
+
+def _content(record: np.ndarray) -> bytes:
+    """Bytes of a record without those between its members, which mean nothing."""
+    if record.dtype.names is None:
+        return record.tobytes()
+    return b"".join(_content(record[name]) for name in record.dtype.names)
