@@ -1,5 +1,6 @@
 """Robots of one environment in the engine, and what goes in and comes out at a tick: one robot or thousands."""
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -7,11 +8,15 @@ import numpy as np
 from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.draws import from_numpy
-from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine import AT_ONCE, Engine
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
+
+_LOG = logging.getLogger("spidar_gym.mujoco")
+_SETTLING_AT_ONCE = 8
+"""Robots that a thread lays on tiles before Ctrl-C is answered: one takes up to 70 ms to come to rest there."""
 
 
 class Fleet:
@@ -52,6 +57,7 @@ class Fleet:
         for name in names:
             engine.share(name, getattr(self, name))
         engine.record["goal_room"] = goals
+        self._settles = plant.ground.uneven
 
     def seed(self, robot: int, rng: np.random.Generator) -> None:
         """Let a robot's environment draw what this generator would."""
@@ -86,19 +92,39 @@ class Fleet:
             self.engine.record["goal_room"] = goals
 
     def reset(self, ids: np.ndarray | None = None) -> None:
-        """Let robots begin an episode, all if not said."""
-        self._run("reset", ids)
+        """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""
+        self._run("reset", ids, _SETTLING_AT_ONCE if self._settles else AT_ONCE)
 
     def step(self) -> None:
-        """One control period of all robots, with `actions`."""
-        self._run("step", None)
+        """One control period of all robots, with `actions`.
+
+        Where MuJoCo gives up a robot, its episode ends as one that has diverged, and nobody else's is changed; `reset`
+        begins its next. Where it does so while an episode begins by itself, that is an error.
+
+        Raises:
+            SpidarError: For a robot that MuJoCo cannot put where its next episode begins.
+        """
+        if not self._settles:
+            self._run("step", None)
+            return
+        episode, horizon = self.robots["episode"], self.rules["rules"]["horizon"]
+        begins = (episode["over"] > 0) | (episode["ticks"] + 1 >= horizon)
+        for ids, at_once in ((np.flatnonzero(~begins), AT_ONCE), (np.flatnonzero(begins), _SETTLING_AT_ONCE)):
+            if ids.size:
+                self._run("step", ids, at_once)
 
     def show(self) -> None:
         """Write observations and infos of what is now, where Python judges."""
         self._run("show", None)
 
-    def _run(self, job: str, ids: np.ndarray | None) -> None:
-        failed = self.engine.run(f"sp_{job}_{self.kind}s", ids)
+    def _run(self, job: str, ids: np.ndarray | None, at_once: int = AT_ONCE) -> None:
+        failed = self.engine.run(f"sp_{job}_{self.kind}s", ids, at_once=at_once)
+        if failed and job == "step":
+            lost = [robot for robot in failed if not self.begun[robot]]
+            for robot in lost:
+                _LOG.warning("robot %d: its episode ends as diverged: %s", robot, self.engine.words(robot))
+            again = self.engine.run(f"sp_lose_{self.kind}s", np.array(lost)) if lost else ()
+            failed = [robot for robot in failed if robot not in lost or robot in again]
         if failed:
             robot, words = failed[0], self.engine.words(failed[0])
             raise SpidarError(f"MuJoCo gave up robot {robot}: {words}; valid: a robot and actions that it simulates")

@@ -14,10 +14,12 @@ from spidar_gym.native.library import Room, load_core, pointer
 from spidar_gym.native.mujoco import FLAT, OWN, Pool, Simulation, world
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.scene import TIMESTEP, quieten, scene
+from spidar_gym.sim.scene import TIMESTEP, scene
 
 MAX_THREADS = 256
 """Threads of an engine at most."""
+AT_ONCE = 256
+"""Robots that a thread has in a call of the library at most: Python answers Ctrl-C between two calls."""
 _POINTERS = (
     "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
     "own_copies", "job", "argument", "rules", "goals", "actions", "observations", "final_observations", "rewards",
@@ -64,7 +66,7 @@ class Engine:
         _, size, offset = pieces[0][-1].tolist()
         self.copies = np.zeros((1 if alike else robots, offset + -(-size // 8) * 8), np.uint8)
         width = len(self.simulations[0].record)
-        self._threads = np.zeros((threads, width + 4), np.uint64)
+        self._threads = np.zeros((threads, width + 5), np.uint64)
         for row, simulation, room, piece in zip(self._threads, self.simulations, self.rooms, pieces, strict=True):
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
@@ -113,34 +115,41 @@ class Engine:
         self._kept[name] = array
         self.record[name] = array.ctypes.data
 
-    def run(self, job: str, ids: np.ndarray | None = None, argument: np.ndarray | None = None) -> Sequence[int]:
+    def run(
+        self, job: str, ids: np.ndarray | None = None, argument: np.ndarray | None = None, *, at_once: int = AT_ONCE
+    ) -> Sequence[int]:
         """Run a job of the library.
 
         Args:
             job: Name of its function.
-            ids: Which robots, all if not given.
+            ids: Which robots in rising order, all if not given.
             argument: What it takes, an entry for every robot.
+            at_once: How many robots a thread may have before a signal is answered; who comes behind is left as it was.
 
         Returns:
             Robots that MuJoCo gave up in it: theirs is undone or half done.
+
+        Raises:
+            SpidarError: Where the threads are stopped.
         """
         if not self._pool.address:
             raise SpidarError("this environment is closed; valid: a new one")
         chosen = None if ids is None else np.ascontiguousarray(ids, np.int32)
         count = len(self.robots) if chosen is None else len(chosen)
+        if count > (most := at_once * len(self.rooms)):
+            each = np.arange(count, dtype=np.int32) if chosen is None else chosen
+            parts = np.split(each, range(most, count, most))
+            return [robot for part in parts for robot in self.run(job, part, argument, at_once=at_once)]
         arguments = [] if argument is None else [pointer(argument)]
         where = None if chosen is None else pointer(chosen)
         if not getattr(self.library, job)(pointer(self.record), where, count, *arguments):
             return ()
-        for simulation in self.simulations:  # what MuJoCo was doing is left as it was
-            mujoco.mj_resetData(simulation.model, simulation.data)
-            quieten(simulation.data)
-        self._threads[:, -1] = 0
-        return self._pool.failed.tolist()
+        failed = self._pool.failed
+        return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()
 
     def words(self, robot: int) -> str:
-        """Why MuJoCo gave a robot up."""
-        return self._pool.words(robot)
+        """Why MuJoCo gave a robot up, in one line."""
+        return " ".join(self._pool.words(robot).split())
 
     def close(self) -> None:
         """Stop the threads; a second call does nothing."""

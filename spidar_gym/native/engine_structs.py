@@ -37,6 +37,8 @@ MUJOCO_STATE = 438
 """Numbers of MuJoCo's state `mjSTATE_INTEGRATION`; held to MuJoCo where a model is handed over."""
 MAX_BODIES, MAX_MOVING, MAX_GEOMS = 64, 64, 512
 """Bodies, geoms of the robot and geoms in all that there is room for."""
+MAX_WARNING_BYTES = 256
+"""Of MuJoCo's counts of its warnings."""
 MAX_PENDING = 32
 """Commands on their way to the actuators."""
 MAX_FRAMES = 16
@@ -47,6 +49,7 @@ ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
     "TILES": TILES, "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST,
+    "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (

@@ -18,6 +18,7 @@ from spidar_gym.native.engine_structs import (
     MAX_BODIES,
     MAX_GEOMS,
     MAX_MOVING,
+    MAX_WARNING_BYTES,
     MUJOCO_STATE,
     N_BALLS,
     N_DOFS,
@@ -41,7 +42,7 @@ from spidar_gym.sim.sensors import ENCODER_STEPS, IMU_POSITION_B
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """What of MuJoCo's data a robot takes with it."""
-FUNCTIONS = ("mj_step", "mj_forward", "mj_setConst", "mj_getState", "mj_setState")
+FUNCTIONS = ("mj_step", "mj_forward", "mj_setConst", "mj_resetData", "mj_getState", "mj_setState")
 """In the order of `sp_mujoco`, before the numbers."""
 DATA = (
     "qpos", "qvel", "act", "ctrl", "actuator_force", "qfrc_applied", "qfrc_actuator", "qfrc_bias", "xpos", "xmat",
@@ -107,15 +108,21 @@ def _place(fields: Any) -> tuple[dict[str, int], int, int]:  # noqa: ANN401 - of
     return offsets, -(-at // widest) * widest, widest
 
 
+def member_offsets(struct: str) -> dict[str, int]:
+    """Bytes from the beginning of a struct of MuJoCo to each of its members."""
+    return _place(structs.STRUCTS[struct].fields)[0]
+
+
 @cache
 def offsets() -> dict[str, int]:
     """Bytes from the beginning of a struct of MuJoCo to members that Python's bindings do not give the address of."""
-    data, model = _place(structs.STRUCTS["mjData"].fields)[0], _place(structs.STRUCTS["mjModel"].fields)[0]
+    data, model, option = (member_offsets(struct) for struct in ("mjData", "mjModel", "mjOption"))
     contact, size, _ = _place(structs.STRUCTS["mjContact"].fields)
-    option = _place(structs.STRUCTS["mjOption"].fields)[0]
+    warnings = next(field.type for field in structs.STRUCTS["mjData"].fields if field.name == "warning")
     return {
         "time": data["time"], "ncon": data["ncon"], "contact": data["contact"],
-        "disableflags": model["opt"] + option["disableflags"], "geom": contact["geom"], "stride": size,
+        "warning": data["warning"], "disableflags": model["opt"] + option["disableflags"], "geom": contact["geom"],
+        "stride": size, "warning_bytes": _extent(warnings)[0],
     }  # fmt: skip
 
 
@@ -138,12 +145,15 @@ def check() -> None:
     mujoco.mj_forward(model, data)
     contact = int(_number(data._address + at["contact"], ctypes.c_uint64)) + at["geom"]
     model.opt.disableflags = 1234567
+    data.warning.number[-1] = 7654321  # the last member of the last
     if (
         _number(data._address + at["time"], ctypes.c_double) != 12.5
         or _number(data._address + at["ncon"]) != data.ncon != 1
         or [_number(contact), _number(contact + 4)] != data.contact.geom[0].tolist()
         or data.contact.geom.ctypes.data != contact
         or _number(model._address + at["disableflags"]) != 1234567
+        or not at["warning_bytes"] <= MAX_WARNING_BYTES
+        or _number(data._address + at["warning"] + at["warning_bytes"] - 4) != 7654321
         or mujoco.mj_stateSize(scene(visual=False), STATE) != MUJOCO_STATE
     ):
         raise SpidarError(f"MuJoCo {mujoco.__version__} is laid out in another way; valid: mujoco>=4.0,<5")
@@ -163,9 +173,9 @@ class Simulation:
             [
                 functions().ctypes.data, model_at, data_at, data_at + at["time"],
                 *(getattr(self.data, name).ctypes.data for name in DATA),
-                data_at + at["ncon"], data_at + at["contact"],
+                data_at + at["ncon"], data_at + at["contact"], data_at + at["warning"],
                 *(getattr(self.model, name).ctypes.data for name in MODEL),
-                model_at + at["disableflags"], at["stride"], at["geom"],
+                model_at + at["disableflags"], at["stride"], at["geom"], at["warning_bytes"],
             ],
             np.uint64,
         )  # fmt: skip

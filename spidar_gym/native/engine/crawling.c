@@ -139,6 +139,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     double idle[SP_ROTORS] = {0.0}, level[2 * SP_ROTORS] = {0.0}, quat[4], position_w[3], R[9];
     int draws_floor = rules->steps > 0.0 || rules->obstacles > 0;
     sp_plant_config config = rules->rules.plant;
+    e->begun[robot] = 1;
     c->way = draw_way(rules, &episode->generator);
     if (draws_floor) draw_floor(rules, &episode->generator, config.ground.tiles);
     if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
@@ -335,7 +336,30 @@ static void reset_crawling(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
     e->rewards[robot] = 0.0;
     e->terminated[robot] = e->truncated[robot] = 0;
-    e->begun[robot] = 1;
+}
+
+/* What follows upon a tick's physics, of a robot that is still loaded or has diverged. */
+static void conclude(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_crawl_rules *rules = e->rules;
+    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    sp_episode *episode = &c->episode;
+    if (c->plant.diverged) {
+        episode->failure = SP_CRAWL_DIVERGED;
+    } else {
+        sp_look(thread->room->robot, &c->plant, episode);
+        update_errors(e, &thread->sim, c);
+        advance(rules, thread->room->robot, c);
+        if (!rules->rules.is_judged) episode->failure = failure(rules, c);
+    }
+    if (rules->rules.is_judged) return; /* Python goes on, and has it shown then */
+    show(e, robot);
+    sp_end_tick(e, &rules->rules, episode, robot);
+    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
+        sp_keep_final(e, &rules->rules, robot, sizeof(sp_crawling_info));
+        begin(e, thread, robot);
+        show(e, robot);
+    }
 }
 
 static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
@@ -347,6 +371,7 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
         reset_crawling(e, thread, robot);
         return;
     }
+    e->begun[robot] = 0;
     episode->ticks++;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
     if (rules->rules.is_commanded) episode->has_command = 1;
@@ -354,24 +379,14 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
     sp_carry(e, thread, robot);
     sp_enter(&thread->sim, &c->plant);
     sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
-    if (c->plant.diverged) {
-        episode->failure = SP_CRAWL_DIVERGED;
-    } else {
-        sp_look(thread->room->robot, &c->plant, episode);
-        update_errors(e, &thread->sim, c);
-        advance(rules, thread->room->robot, c);
-        if (!rules->rules.is_judged) episode->failure = failure(rules, c);
-    }
     sp_leave(&thread->sim, &c->plant);
-    if (rules->rules.is_judged) return; /* Python goes on, and has it shown then */
-    show(e, robot);
-    sp_end_tick(e, &rules->rules, episode, robot);
-    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
-        sp_keep_final(e, &rules->rules, robot, sizeof(sp_crawling_info));
-        begin(e, thread, robot);
-        show(e, robot);
-        e->begun[robot] = 1;
-    }
+    conclude(e, thread, robot);
+}
+
+static void lose_crawling(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_plant_of(e, robot)->diverged = 1;
+    conclude(e, thread, robot);
 }
 
 static void show_crawling(sp_engine *e, sp_thread *thread, int robot)
@@ -383,3 +398,4 @@ static void show_crawling(sp_engine *e, sp_thread *thread, int robot)
 int sp_show_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_crawling, NULL); }
 int sp_reset_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_crawling, NULL); }
 int sp_step_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_crawling, NULL); }
+int sp_lose_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_crawling, NULL); }

@@ -21,11 +21,12 @@ static char *copy_of(const sp_engine *e, int robot)
     return e->copies + (e->own_copies ? robot * e->copy_bytes : 0);
 }
 
-/* Have a robot's own part of the model in a thread's. */
+/* Have a robot's own part of the model in a thread's. Where all share one it stays there; a robot's own may have become
+ * another on another thread since it was here. */
 void sp_carry(const sp_engine *e, sp_thread *thread, int robot)
 {
     const char *copy = copy_of(e, robot);
-    if (thread->carries == copy) return;
+    if (thread->carries == copy && !e->own_copies) return;
     for (int64_t k = 0; k < e->piece_count; k++)
         memcpy(thread->pieces[k].here, copy + thread->pieces[k].there, (size_t)thread->pieces[k].bytes);
     thread->carries = copy;
@@ -39,12 +40,27 @@ static void keep_copy(const sp_engine *e, sp_thread *thread, int robot)
     thread->carries = copy;
 }
 
+/* Make a thread's simulation one that nobody has used, but for what MuJoCo has warned of. */
+static void recover(sp_thread *thread)
+{
+    const sp_sim *sim = &thread->sim;
+    char said[SP_MAX_WARNING_BYTES];
+    memcpy(said, sim->warnings, (size_t)sim->warning_bytes);
+    sim->mujoco->reset_data(sim->model, sim->data);
+    memcpy(sim->warnings, said, (size_t)sim->warning_bytes);
+    thread->carries = NULL;
+}
+
 static void turn(const void *model, void *data, int robot, void *argument)
 {
     sp_engine *e = argument;
     sp_thread *thread = seat_of(e, data);
     (void)model;
-    if (thread != NULL) e->job(e, thread, robot);
+    if (thread == NULL) return;
+    if (thread->busy) recover(thread);
+    thread->busy = 1; /* MuJoCo leaves by a jump where it gives a robot up: nothing after the job is done then */
+    e->job(e, thread, robot);
+    thread->busy = 0;
 }
 
 /* Run a job on robots; how many of them MuJoCo gave up. All robots where `ids` is NULL. */
@@ -58,6 +74,7 @@ int sp_run(sp_engine *e, const int32_t *ids, int n, void (*job)(sp_engine *, sp_
 /* Have a robot become one of another configuration, in a thread's model and in its own copy. */
 void sp_become(const sp_engine *e, sp_thread *thread, int robot, const sp_plant_config *config)
 {
+    thread->carries = NULL; /* nobody's, until it is done */
     sp_configure(e->world, &thread->sim, config, sp_plant_of(e, robot));
     keep_copy(e, thread, robot);
 }

@@ -17,6 +17,7 @@ typedef struct {
     void (*step)(void *model, void *data);
     void (*forward)(void *model, void *data);
     void (*set_const)(void *model, void *data);
+    void (*reset_data)(const void *model, void *data);
     void (*get_state)(const void *model, const void *data, double *row, int kind);
     void (*set_state)(const void *model, void *data, const double *row, int kind);
     int64_t state_kind, contact_off; /* mjSTATE_INTEGRATION, mjDSBL_CONTACT */
@@ -32,6 +33,7 @@ typedef struct {
     double *xpos, *xmat, *cvel, *cdof, *subtree_com, *geom_xpos, *geom_xmat;
     int32_t *contacts;
     char **contact;
+    char *warnings; /* how often MuJoCo has said what; it prints the first of each */
     /* of the model */
     double *actuator_gear, *actuator_ctrlrange, *actuator_actrange, *actuator_dynprm, *actuator_biasprm;
     double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
@@ -39,6 +41,7 @@ typedef struct {
     uint8_t *geom_sameframe;
     int32_t *disableflags;
     int64_t contact_stride, contact_geoms; /* bytes of a contact; where in it its two geoms are */
+    int64_t warning_bytes;
 } sp_sim;
 
 /* air.c */
@@ -100,6 +103,7 @@ typedef struct {
     sp_room *room;
     const sp_piece *pieces;
     const void *seat;    /* data of MuJoCo's pool by which the thread is known; NULL while nobody has come */
+    int64_t busy;        /* whether a robot has its turn; where the next one finds it so, MuJoCo gave that one up */
     const char *carries; /* the copy that lies in its model now */
 } sp_thread;
 
@@ -141,15 +145,16 @@ int sp_step_plants(sp_engine *engine, const int32_t *ids, int n, const sp_comman
 void sp_touching_now(const sp_engine *engine, sp_touch *touch);
 int sp_refresh_plants(sp_engine *engine, const int32_t *ids, int n); /* kinematics and contacts of now in the data */
 
-
-/* hover.c */
+/* hover.c; those are lost whose step MuJoCo gave up: their episode ends as diverged */
 int sp_show_hovers(sp_engine *engine, const int32_t *ids, int n);
 int sp_reset_hovers(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_hovers(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_hovers(sp_engine *engine, const int32_t *ids, int n);
 
 /* crawling.c */
 int sp_show_crawlings(sp_engine *engine, const int32_t *ids, int n);
 int sp_reset_crawlings(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_crawlings(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_crawlings(sp_engine *engine, const int32_t *ids, int n);
 
 #endif

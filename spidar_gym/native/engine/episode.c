@@ -136,7 +136,6 @@ void sp_end_tick(sp_engine *e, const sp_rules *rules, sp_episode *episode, int r
     e->rewards[robot] = episode->reward;
     e->terminated[robot] = episode->failure >= 0;
     e->truncated[robot] = (uint8_t)episode->truncated;
-    e->begun[robot] = 0;
 }
 
 /* Keep what is shown of an episode's end, before the next one begins in the same tick. */

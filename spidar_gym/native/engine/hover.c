@@ -138,6 +138,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS];
     sp_plant_config config;
     sp_snapshot snapshot;
+    e->begun[robot] = 1;
     if (!h->is_given) {
         h->goals = draw_goals(rules, h->forms, &episode->generator, goals, e->goal_room);
         for (int i = 0; i < 6; i++) {
@@ -318,28 +319,15 @@ static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
     e->rewards[robot] = 0.0;
     e->terminated[robot] = e->truncated[robot] = 0;
-    e->begun[robot] = 1;
 }
 
-static void step_hover(sp_engine *e, sp_thread *thread, int robot)
+/* What follows upon a tick's physics. */
+static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = e->rules;
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
     sp_goal *goals = goals_of(e, robot);
-    if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
-        reset_hover(e, thread, robot);
-        return;
-    }
-    episode->ticks++;
-    sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    refer(rules, goals, h);
-    if (rules->rules.is_commanded) episode->has_command = 1;
-    else act(rules, thread->room, h);
-    sp_carry(e, thread, robot);
-    sp_enter(&thread->sim, &h->plant);
-    sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
-    sp_leave(&thread->sim, &h->plant);
     if (h->plant.diverged) {
         episode->failure = SP_FLIGHT_DIVERGED;
     } else {
@@ -357,8 +345,35 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
         sp_keep_final(e, &rules->rules, robot, sizeof(sp_hover_info));
         begin(e, thread, robot);
         show(e, robot);
-        e->begun[robot] = 1;
     }
+}
+
+static void step_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_hover_rules *rules = e->rules;
+    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_episode *episode = &h->episode;
+    if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
+        reset_hover(e, thread, robot);
+        return;
+    }
+    e->begun[robot] = 0;
+    episode->ticks++;
+    sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
+    refer(rules, goals_of(e, robot), h);
+    if (rules->rules.is_commanded) episode->has_command = 1;
+    else act(rules, thread->room, h);
+    sp_carry(e, thread, robot);
+    sp_enter(&thread->sim, &h->plant);
+    sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
+    sp_leave(&thread->sim, &h->plant);
+    conclude(e, thread, robot);
+}
+
+static void lose_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_plant_of(e, robot)->diverged = 1;
+    conclude(e, thread, robot);
 }
 
 static void show_hover(sp_engine *e, sp_thread *thread, int robot)
@@ -370,3 +385,4 @@ static void show_hover(sp_engine *e, sp_thread *thread, int robot)
 int sp_show_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_hover, NULL); }
 int sp_reset_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_hover, NULL); }
 int sp_step_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_hover, NULL); }
+int sp_lose_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_hover, NULL); }

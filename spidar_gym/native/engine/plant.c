@@ -122,20 +122,23 @@ static void deliver(const sp_sim *sim, sp_plant *p)
 }
 
 /* Let noise, wind and pushes go on, and evaluate the air. */
-static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p)
+static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p, sp_air *air)
 {
     const sp_actuator_config *c = &p->config.actuators;
     const sp_disturbances *d = &p->disturbances;
     double dt = SP_AIR_STEPS * SP_TIMESTEP, thrust[SP_ROTORS], wind_w[3];
-    sp_air air;
     if (c->thrust_noise > 0.0) sp_advance_noise(p->noise, c->thrust_noise, dt, &p->generator);
     if (d->wind > 0.0 || d->push > 0.0) sp_advance_weather(d, *sim->time, dt, &p->generator, &p->weather);
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sim->act[i] * gain(p, i);
     for (int i = 0; i < 3; i++) wind_w[i] = p->weather.mean_w[i] + p->weather.gust_w[i];
-    sp_evaluate_air(world, sim, &p->config.aero, thrust, wind_w, p->noise, p->weather.push_w, &air);
-    sp_copy(sim->qfrc_applied, air.generalized, SP_DOFS);
-    sp_copy(p->air_force_w, air.generalized, 3);
-    sp_copy(p->air_factor, air.thrust_factor, SP_DUCTS);
+    sp_evaluate_air(world, sim, &p->config.aero, thrust, wind_w, p->noise, p->weather.push_w, air);
+    sp_copy(sim->qfrc_applied, air->generalized, SP_DOFS);
+}
+
+static void keep_air(const sp_air *air, sp_plant *p)
+{
+    sp_copy(p->air_force_w, air->generalized, 3);
+    sp_copy(p->air_factor, air->thrust_factor, SP_DUCTS);
 }
 
 /* Look which thrusts fall, and where the joints are in their play. */
@@ -198,36 +201,34 @@ static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command 
         limit_torque(sim, p, command->joint_torque_limit);
 }
 
-/* Advance a loaded robot by one control period; where it has diverged, air, power and energy stay as before. */
+/* Advance a loaded robot by one control period; where it has diverged, what is read of it stays as before. */
 void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
 {
-    double air_force_w[3], air_factor[SP_DUCTS], square = 0.0, before = p->power, period;
-    int asymmetric = is_asymmetric(&p->config.actuators), substeps = p->config.substeps;
+    double square = 0.0, period;
+    int asymmetric = is_asymmetric(&p->config.actuators), substeps = p->config.substeps, blown = 0;
+    sp_air air;
     period = substeps * SP_TIMESTEP;
-    sp_copy(air_force_w, p->air_force_w, 3);
-    sp_copy(air_factor, p->air_factor, SP_DUCTS);
     dispatch(world, sim, command, p);
     sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
     for (int k = 0; k < substeps; k++) {
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
         if (p->pending_count) deliver(sim, p);
-        if (p->has_air && p->clock % SP_AIR_STEPS == 0) blow(world, sim, p);
+        if (p->has_air && p->clock % SP_AIR_STEPS == 0) {
+            blow(world, sim, p, &air);
+            blown = 1;
+        }
         if (asymmetric && p->clock % SP_SERVO_STEPS == 0) lean(world, sim, p);
         if (p->senses && p->clock % SP_IMU_STEPS == 0) sample(world, sim, p);
     }
     p->in_contact = *sim->contacts > 0;
     p->clearance = sp_clearance(world, sim, p);
-    read_state(world, sim, p, &p->state);
     for (int k = 0; k < SP_QPOS; k++) square += sim->qpos[k] * sim->qpos[k];
     for (int k = 0; k < SP_DOFS; k++) square += sim->qvel[k] * sim->qvel[k];
     p->diverged = !(square < 1e12);
-    if (p->diverged) {
-        sp_copy(p->air_force_w, air_force_w, 3);
-        sp_copy(p->air_factor, air_factor, SP_DUCTS);
-        p->power = before;
-        return;
-    }
+    if (p->diverged) return;
+    if (blown) keep_air(&air, p);
+    read_state(world, sim, p, &p->state);
     p->power = power(sim, &p->state);
     p->energy_wh += p->power * period / 3600.0;
 }
@@ -240,6 +241,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     const sp_actuator_config *c = &p->config.actuators;
     int weather = p->disturbances.wind > 0.0 || p->disturbances.push > 0.0;
     double target[SP_ACTUATORS], limit[SP_JOINTS], offsets[SP_ANGLES];
+    sp_air air;
     sim->mujoco->set_state(sim->model, sim->data, world->start, (int)sim->mujoco->state_kind);
     p->clock = 0;
     p->pending_first = p->pending_count = 0;
@@ -271,7 +273,10 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     p->in_contact = *sim->contacts > 0;
     p->clearance = sp_clearance(world, sim, p);
     if (weather) sp_draw_weather(&p->disturbances, &p->generator, &p->weather);
-    if (p->has_air) blow(world, sim, p);
+    if (p->has_air) {
+        blow(world, sim, p, &air);
+        keep_air(&air, p);
+    }
     if (is_asymmetric(c)) lean(world, sim, p);
     read_state(world, sim, p, &p->state);
     p->power = power(sim, &p->state);

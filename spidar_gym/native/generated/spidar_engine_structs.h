@@ -19,6 +19,7 @@
 #define SP_SERVO_STEPS 5 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
+#define SP_MAX_WARNING_BYTES 256 /* engine_structs */
 #define SP_SEED_POOL 4 /* spidar_gym.native.draws */
 #define SP_SEED_START 1135663077 /* spidar_gym.native.draws */
 #define SP_SEED_FACTOR 2468251765u /* spidar_gym.native.draws */

@@ -1,0 +1,155 @@
+"""Pins what happens where MuJoCo gives up: one robot's episode ends, and nobody else notices."""
+
+import copy
+import ctypes
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from spidar_gym.envs.crawl.task import CRAWL_FAILURES
+from spidar_gym.envs.hover.task import FAILURES
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import SpidarError
+from spidar_gym.native import engine
+from spidar_gym.native.mujoco import member_offsets
+
+DIVERGED = {HOVER: list(FAILURES).index("diverged"), CRAWL: list(CRAWL_FAILURES).index("diverged")}
+
+
+@pytest.fixture
+def short_of_memory(monkeypatch):
+    """MuJoCo has room for the contacts of a robot in flight or on its feet, and not for those of one in the floor."""
+
+    def have(room=250_000):
+        plain = engine.scene
+
+        def scene(**options):
+            model = copy.copy(plain(**options))
+            ctypes.c_uint64.from_address(model._address + member_offsets("mjModel")["narena"]).value = room
+            return model
+
+        monkeypatch.setattr(engine, "scene", scene)
+
+    return have
+
+
+def sink(env, robots):
+    """Put robots half into the floor."""
+    plants = env.robots["plant"]
+    plants["row"][robots, 3] = -0.1
+    plants["clearance"][robots] = 0.0
+
+
+def content(record):
+    """Bytes of a record without those between its members."""
+    if record.dtype.names is None:
+        return record.tobytes()
+    return b"".join(content(record[name]) for name in record.dtype.names)
+
+
+def contents(env, robots):
+    return [content(env.robots[k]) for k in robots]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [(HOVER, {}), (HOVER, {"randomization": 1.0, "sensors": True}), (CRAWL, {}), (CRAWL, {"randomization": 1.0})],
+)
+def test_a_robot_that_mujoco_gives_up_has_diverged_and_moves_nobody_else(short_of_memory, name, options, threads):
+    short_of_memory()
+    options = {**options, "autoreset_mode": AutoresetMode.DISABLED, "num_threads": threads}
+    env, quiet = NativeVectorEnv(name, 6, **options), NativeVectorEnv(name, 6, **options)
+    env.reset(seed=3)
+    quiet.reset(seed=3)
+    others, rng = [0, 1, 3, 4, 5], np.random.default_rng(1)
+    before: dict[str, Any] = {}
+    for tick in range(12):
+        actions = rng.normal(0.0, 0.3, env.action_space.shape)
+        if tick == 5:
+            sink(env, [2])
+        seen, rewards, terminated, truncated, info = env.step(actions)
+        quiet.step(actions)
+        assert contents(env, others) == contents(quiet, others), tick
+        assert not (terminated | truncated)[others].any()
+        if tick == 4:
+            before = info
+        if tick == 5:
+            assert (terminated[2], truncated[2], rewards[2]) == (True, False, 0.0)
+            assert info["failure_code"][2] == DIVERGED[name]
+            assert not seen[2].any()
+            assert not info["term"][2].any()
+            assert all(np.isfinite(value[2]).all() for value in info.values())
+            for told in ("thrust", "joint_torque", "air_force", "energy_wh"):  # the last that is known
+                np.testing.assert_array_equal(info[told][2], before[told][2])
+            mask = np.arange(6) == 2
+            env.reset(options={"reset_mask": mask})
+            quiet.reset(options={"reset_mask": mask})
+            # Its next episode is the one that would have been.
+            others = list(range(6))
+    env.close()
+    quiet.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("name", [HOVER, CRAWL])
+def test_its_next_episode_begins_by_itself(short_of_memory, name, mode):
+    short_of_memory()
+    env, other = NativeVectorEnv(name, 3, autoreset_mode=mode), NativeVectorEnv(name, 3, autoreset_mode="Disabled")
+    env.reset(seed=5)
+    other.reset(seed=5)
+    actions = np.zeros(env.action_space.shape)
+    env.step(actions)
+    sink(env, [1])
+    seen, _, terminated, _, info = env.step(actions)
+    assert terminated.tolist() == [False, True, False]
+    if mode is AutoresetMode.SAME_STEP:
+        assert info["_final_obs"].tolist() == [False, True, False]
+        assert info["final_info"]["failure_code"][1] == DIVERGED[name]
+        assert not info["final_obs"][1].any()
+    else:
+        assert info["failure_code"][1] == DIVERGED[name]
+        seen, _, terminated, _, info = env.step(actions)
+        assert not terminated.any()
+    first, _ = other.reset(options={"reset_mask": np.arange(3) == 1})
+    np.testing.assert_array_equal(seen[1], first[1])
+    assert info["failure_code"].tolist() == [-1, -1, -1]
+    env.close()
+    other.close()
+
+
+def test_what_mujoco_left_half_done_is_in_nobodys_way(short_of_memory):
+    """It keeps what it had taken of its memory: after some robots there would be none left for a sound one."""
+    short_of_memory()
+    env, quiet = (NativeVectorEnv(HOVER, 40, autoreset_mode="Disabled") for _ in range(2))
+    env.reset(seed=0)
+    quiet.reset(seed=0)
+    actions = np.zeros(env.action_space.shape)
+    for _ in range(3):
+        sink(env, np.arange(39))
+        _, _, terminated, _, info = env.step(actions)
+        quiet.step(actions)
+        assert terminated.tolist() == [True] * 39 + [False]
+        assert set(info["failure_code"].tolist()) == {DIVERGED[HOVER], -1}
+        assert contents(env, [39]) == contents(quiet, [39])
+    env.close()
+    quiet.close()
+
+
+@pytest.mark.parametrize("within_a_step", [False, True])
+def test_where_it_gives_up_a_beginning_it_says_so_in_one_line(short_of_memory, within_a_step):
+    short_of_memory()
+    env = NativeVectorEnv(HOVER, 2, autoreset_mode=AutoresetMode.SAME_STEP)
+    env.reset(seed=0)
+    position_w = env._fleet.rules["position_w"]
+    height = position_w[2]
+    position_w[2] = -3.0  # the next episodes begin in the floor
+    with pytest.raises(SpidarError, match=r"^MuJoCo gave up robot 0: [^\n]*stack overflow[^\n]*; valid: [^\n]*$"):
+        env.step(np.zeros(env.action_space.shape)) if within_a_step else env.reset()
+    position_w[2] = height
+    env.reset(seed=0)
+    assert not env.step(np.zeros(env.action_space.shape))[2].any()
+    env.close()

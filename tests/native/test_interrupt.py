@@ -1,0 +1,60 @@
+"""Pins Ctrl-C: it is answered within a second, whatever the engine is at, and the environment can be closed then."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+RUN = """
+import signal, sys, time
+import numpy as np
+from spidar_gym.envs.vector import NativeVectorEnv
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started this may have had it ignored
+env = NativeVectorEnv({name!r}, {robots}, num_threads=2, **{options!r})
+env.reset(seed=0, options={{"reset_mask": np.ones({robots}, bool)}}) if {steps} else None
+actions = np.zeros(env.action_space.shape)
+print("ready", flush=True)
+try:
+    while {steps}:
+        env.step(actions)
+    env.reset(seed=0)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+try:
+    env.reset(seed=1, options={{"disturbances": None}}) if {again} else None
+    env.close()
+    print("closed", flush=True)
+except KeyboardInterrupt:
+    sys.exit("twice")
+"""
+TILES = {"steps": 0.01, "randomization": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "robots", "options", "steps", "again"),
+    [
+        ("spidar_gym/Hover-v0", 2000, {"sensors": True, "randomization": 1.0}, True, True),
+        ("spidar_gym/Crawl-v0", 256, TILES, False, False),
+        ("spidar_gym/Crawl-v0", 96, {**TILES, "max_episode_steps": 1, "autoreset_mode": "SameStep"}, True, False),
+    ],
+    ids=["a step of thousands", "a reset that settles", "a step in which all begin anew"],
+)
+@pytest.mark.slow
+def test_ctrl_c_is_answered_within_a_second_and_nothing_hangs(name, robots, options, steps, again):
+    program = RUN.format(name=name, robots=robots, options=options, steps=steps, again=again)
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout
+            assert process.stdout.readline() == "ready\n"
+            time.sleep(1.0)
+            start = time.monotonic()
+            process.send_signal(signal.SIGINT)
+            assert process.stdout.readline() == "interrupted\n"
+            assert time.monotonic() - start < 1.0
+            assert process.stdout.readline() == "closed\n"
+            assert process.wait(10.0) == 0
+        finally:
+            process.kill()

@@ -1,0 +1,26 @@
+"""Pins threads: a robot that is drawn anew on one of them is the new one on all others."""
+
+import numpy as np
+import pytest
+
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.vector import NativeVectorEnv
+
+
+def visited(name, threads):
+    """Observations of robots of which one begins anew at every tick."""
+    env = NativeVectorEnv(name, 5, num_threads=threads, randomization=1.0, autoreset_mode="Disabled")
+    env.reset(seed=3)
+    rng, seen = np.random.default_rng(1), []
+    for _ in range(60):
+        seen.append(env.step(rng.normal(0.0, 0.3, env.action_space.shape))[0])
+        seen.append(env.reset(options={"reset_mask": np.arange(5) == rng.integers(5)})[0])
+    env.close()
+    return np.array(seen)
+
+
+@pytest.mark.parametrize("name", [HOVER, CRAWL])
+def test_a_robot_that_begins_anew_while_others_go_on_has_the_same_bits_on_every_thread(name):
+    alone = visited(name, 1)
+    for threads in (2, 3):
+        np.testing.assert_array_equal(visited(name, threads), alone)
