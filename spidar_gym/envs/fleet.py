@@ -54,6 +54,10 @@ class Fleet:
         self.goals = np.zeros((robots, goals), layouts["goal"])
         names = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated",
                  "begun", "infos", "final_infos", "goals")  # fmt: skip
+        self.extras: list[np.ndarray] = []
+        """Other arrays with an entry for every robot that belong to what a robot is."""
+        self.task = "the built-in one"
+        """Who judges."""
         for name in names:
             engine.share(name, getattr(self, name))
         engine.record["goal_room"] = goals
@@ -116,6 +120,10 @@ class Fleet:
     def show(self) -> None:
         """Write observations and infos of what is now, where Python judges."""
         self._run("show", None)
+
+    def regard(self, ids: np.ndarray) -> None:
+        """Look at flights with the references that Python has written, where episodes have just begun; show them."""
+        self._run("regard", ids)
 
     def _run(self, job: str, ids: np.ndarray | None, at_once: int = AT_ONCE) -> None:
         failed = self.engine.run(f"sp_{job}_{self.kind}s", ids, at_once=at_once)

@@ -73,7 +73,7 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
 
 def _parts(fleet: Fleet) -> list[np.ndarray]:
     """Arrays with an entry for every robot that are all that there is of them."""
-    parts = [fleet.robots, fleet.goals, fleet.observations, fleet.infos]
+    parts = [fleet.robots, fleet.goals, fleet.observations, fleet.infos, *fleet.extras]
     # Where all robots are alike there is a single copy of what they are, and every fleet of these options has the same.
     return parts + [fleet.engine.copies] * fleet.has_own_copies
 
@@ -84,6 +84,7 @@ def _description(fleet: Fleet) -> dict[str, Any]:
     rules["rules"]["autoreset"] = 0
     return {
         "environment": fleet.kind,
+        "task": fleet.task,
         "version": f"{expected_digest()[:16]}, MuJoCo {mujoco.__version__}",
         "set of options": hashlib.sha256(_content(rules)).hexdigest()[:16],
     }

@@ -16,7 +16,9 @@ from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
+from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.registry import CRAWL, HOVER, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
@@ -44,6 +46,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         num_threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        task: FlightTask | None = None,
         **options: Any,  # noqa: ANN401 - those of the environment
     ) -> None:
         """Build the robots.
@@ -55,6 +58,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
                 `Disabled`.
             max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
+            task: A task of your own in place of the built-in one; for flights only.
             **options: Arguments of the environment; the controller is the core.
 
         Raises:
@@ -89,6 +93,11 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
         self._fleet = single.make_fleet(num_envs, num_threads, autoreset=mode.name.lower(), truncates=ends)
+        self._judge: Judge | None = None
+        if task is not None:
+            if not isinstance(single.task, HoverTask):
+                raise InvalidValueError("task", task, f"no task of your own but in {HOVER}")
+            self._judge = Judge(task, self._fleet, single.task)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
 
@@ -152,7 +161,9 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
                 fleet.seed(k, generators[k])
         self._began = True
         fleet.reset(ids)
-        return fleet.observations.copy(), _masked(told(fleet.infos.copy()), mask.copy())
+        if self._judge is not None:
+            self._judge.begin(ids)
+        return fleet.observations.copy(), self._info(mask.copy())
 
     def _each(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
         """What an option of `reset` is for each robot."""
@@ -208,15 +219,23 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         fleet.actions[:] = given
-        fleet.step()
-        info = _masked(told(fleet.infos.copy()), self._everybody.copy())
+        (fleet if self._judge is None else self._judge).step()
+        info = self._info(self._everybody.copy())
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
             begun = fleet.begun.copy()
             info["final_obs"], info["_final_obs"] = fleet.final_observations.copy(), begun
-            info["final_info"], info["_final_info"] = _masked(told(fleet.final_infos.copy()), begun), begun
+            info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
         return (
             fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
         )  # fmt: skip
+
+    def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
+        """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
+        fleet, judge = self._fleet, self._judge
+        info = told((fleet.final_infos if final else fleet.infos).copy())
+        if judge is not None:
+            info["term"] = (judge.final_terms if final else judge.terms).copy()
+        return info | {f"_{name}": mask for name in info}
 
     def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
         """Pictures of robots, each over its own floor.
@@ -280,7 +299,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self._began = True
         mask = np.zeros(self.num_envs, bool)
         mask[chosen] = True
-        return self._fleet.observations.copy(), _masked(told(self._fleet.infos.copy()), mask)
+        return self._fleet.observations.copy(), self._info(mask)
 
     def _choice(self, ids: Sequence[int] | None) -> list[int]:
         """Robots by number."""
@@ -325,11 +344,6 @@ def _is_seed(value: object) -> bool:
 
 def _start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
     return None if value is None else FlightStart.parse(value)
-
-
-def _masked(info: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """The same with the mask of every entry, which is the same one."""
-    return info | {f"_{name}": mask for name in info}
 
 
 __all__ = ["CRAWL", "HOVER", "NativeVectorEnv", "crawl_vector", "hover_vector"]

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from support.vectors import DRAWN, FLIGHTS
 
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.envs.crawl.env import CrawlEnv
@@ -18,21 +19,6 @@ from spidar_gym.native import engine_structs
 from spidar_gym.native.draws import to_numpy
 from spidar_gym.native.library import STATUS
 
-DRAWN = {"randomization": 1.0, "sensors": True, "battery": True, "disturbances": {"wind": 2.0, "push": 20.0}}
-FLIGHTS = {
-    "mixed": {},
-    "the paper's forms": {"forms": "paper"},
-    "narrow": {"forms": "narrow", "joint_speed": 1.0},
-    "equal": {"forms": "equal", "avoid_interference": False},
-    "joints": {"action_mode": "residual_joint", "forms": "independent"},
-    "both": {"action_mode": "residual", "unrestricted": ((0.2, 0.5),)},
-    "forces": {"action_mode": "residual_force", "forms": "independent"},
-    "drawn": {"preset": "tuned", **DRAWN},
-    "half drawn, no air": {"randomization": 0.5, "wake": False},
-    "a lost thrust": {"forms": "form1", "disturbances": {"lost_rotor": 3, "fault_time": 0.5}},
-    "a stuck module": {"forms": "form2", "disturbances": {"lost_rotor": 6, "fault": "vectoring", "fault_time": 0.5}},
-    "alone": {"action_mode": "direct", "forms": "form1"},
-}
 CRAWLS = {
     "published": {},
     "overlapped, legs pulled": {"preset": "overlapped", "action_mode": "residual_gait_force"},

@@ -70,10 +70,9 @@ static void plan(const sp_hover *h, const sp_goal *goals, double *q)
 
 /* ---- what the controller is asked, and what it makes of a state ---- */
 
-/* What the controller is asked now; where Python judges, it has written that. */
+/* What the controller is asked now. */
 static void refer(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h)
 {
-    if (rules->rules.is_judged) return;
     const sp_disturbances *fault = &h->episode.disturbances;
     sp_reference *r = &h->reference;
     double time = time_of(h);
@@ -209,7 +208,7 @@ static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
 static void take_note(const sp_hover_rules *rules, const sp_goal *goals, const sp_robot *robot, sp_hover *h)
 {
     double before[3];
-    refer(rules, goals, h);
+    if (!rules->rules.is_judged) refer(rules, goals, h);
     update_errors(robot, h);
     sp_copy(before, h->leg_momentum, 3);
     sp_leg_momentum(&h->percept.snapshot, h->joint_velocity, h->leg_momentum);
@@ -360,7 +359,7 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     e->begun[robot] = 0;
     episode->ticks++;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    refer(rules, goals_of(e, robot), h);
+    if (!rules->rules.is_judged) refer(rules, goals_of(e, robot), h); /* else Python has written it */
     if (rules->rules.is_commanded) episode->has_command = 1;
     else act(rules, thread->room, h);
     sp_carry(e, thread, robot);
@@ -382,6 +381,14 @@ static void show_hover(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
+/* Look at what is with the reference that Python has written, where an episode begins. */
+static void regard_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    update_errors(thread->room->robot, (sp_hover *)sp_plant_of(e, robot));
+    show(e, robot);
+}
+
+int sp_regard_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, regard_hover, NULL); }
 int sp_show_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_hover, NULL); }
 int sp_reset_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_hover, NULL); }
 int sp_step_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_hover, NULL); }

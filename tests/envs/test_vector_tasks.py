@@ -1,0 +1,298 @@
+"""Pins tasks in NumPy over many robots: the hover's page is the C one, a user's own is what it says, at its speed."""
+
+import math
+import statistics
+import time
+from dataclasses import replace
+from itertools import cycle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from support.vectors import FLIGHTS
+
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover.flights import FlightTask, length, tolerance
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.native.draws import to_numpy
+
+RATE = 2.0 * math.pi / 12.0
+MODES = ("NextStep", "SameStep", "Disabled")
+
+
+def assert_alike(one, other):
+    """Infos of two vectors: the same but for the order in which the squares of an action are summed."""
+    assert one.keys() == other.keys()
+    for name, value in one.items():
+        if isinstance(value, dict):
+            assert_alike(value, other[name])
+        elif name == "term":
+            np.testing.assert_allclose(value, other[name], rtol=0, atol=1e-15)
+        else:
+            assert np.array_equal(value, other[name]), name
+
+
+@pytest.mark.parametrize(("case", "mode"), [*zip(FLIGHTS, cycle(MODES), strict=False)])
+def test_the_hovers_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
+    options: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 40, **FLIGHTS[case]}
+    vectors: list[Any] = [NativeVectorEnv(HOVER, 3, task=task, **options) for task in (None, FlightTask())]
+    built_in, page = vectors
+    (seen, info), (expected, known) = page.reset(seed=7), built_in.reset(seed=7)
+    rng, size = np.random.default_rng(8), 0.05 if case == "alone" else 0.5
+    for _ in range(85):
+        assert np.array_equal(seen, expected)
+        assert_alike(info, known)
+        actions = rng.normal(0.0, size, (3, page.single_action_space.shape[0])).astype(np.float32)
+        seen, rewards, *ends, info = page.step(actions)
+        expected, due, *others, known = built_in.step(actions)
+        np.testing.assert_allclose(rewards, due, rtol=0, atol=1e-15)
+        assert np.array_equal(ends, others)
+        over = np.logical_or(*ends)
+        if mode == "Disabled" and over.any():
+            seen, info = page.reset(options={"reset_mask": over})
+            expected, known = built_in.reset(options={"reset_mask": over})
+    for vector in (page, built_in):
+        vector.close()
+
+
+def test_the_hovers_page_judges_forms_and_success_as_the_one_in_c_does():
+    options: dict[str, Any] = {"forms": "equal", "joint_speed": 0.6, "horizon_s": 6.0, "autoreset_mode": "SameStep"}
+    built_in, page = (NativeVectorEnv(HOVER, 4, task=task, **options) for task in (None, FlightTask()))
+    page.reset(seed=3)
+    built_in.reset(seed=3)
+    for tick in range(241):
+        *_, truncated, info = page.step(np.zeros((4, 6)))
+        *_, others, known = built_in.step(np.zeros((4, 6)))
+        assert truncated.all() == others.all() == (tick == 239)
+        assert_alike(info, known)
+        if tick == 239:
+            assert known["final_info"]["is_success"].any()
+        goals = page._fleet.goals, built_in._fleet.goals
+        assert np.array_equal(goals[0]["reached"], goals[1]["reached"])
+    page.close()
+    built_in.close()
+
+
+TERMS = {
+    "position": (0.5, "1 / (1 + (‖position error‖ / 0.05 m)²)"),
+    "velocity": (0.5, "1 / (1 + (‖velocity error‖ / 0.1 m/s)²)"),
+}
+FAILURES = {
+    "low": "the torso is below 0.3 m",
+    "off": "the CoG is more than 0.5 m off",
+    "diverged": "no longer finite",
+}
+
+
+class Circles(FlightTask):
+    """Fly circles of a drawn radius, one in 12 s; too low is over."""
+
+    reward_terms, failures = TERMS, FAILURES
+    memory = (("radius", "f8"), ("way_w", "f8", (3,)))
+
+    def draw(self, rng):
+        """A radius [m]."""
+        return {"radius": rng.uniform(0.1, 0.3)}
+
+    def reference(self, flights):
+        """The hover's, moved along the circle."""
+        wanted, angle, radius = super().reference(flights), RATE * flights.time, flights.memory["radius"]
+        wanted["position_w"][:, 0] += radius * (np.cos(angle) - 1.0)
+        wanted["position_w"][:, 1] += radius * np.sin(angle)
+        wanted["velocity_w"][:, 0] = -radius * RATE * np.sin(angle)
+        wanted["velocity_w"][:, 1] = radius * RATE * np.cos(angle)
+        return wanted
+
+    def advance(self, flights):
+        """Sum up velocities."""
+        super().advance(flights)
+        flights.memory["way_w"] += flights.state["velocity_w"]
+
+    def terms(self, flights):
+        """Position and velocity."""
+        return {
+            "position": tolerance(length(flights.position_error), 0.05),
+            "velocity": tolerance(length(flights.error["velocity_w"]), 0.1),
+        }
+
+    def failed(self, flights):
+        """Too low, or too far off."""
+        return {
+            "low": flights.state["position_w"][:, 2] < 0.3,
+            "off": length(flights.position_error) > 0.5,
+        }
+
+    def succeeded(self, flights):
+        """Whoever is still flying at the end."""
+        return flights.ticks >= flights.horizon
+
+
+class CircleEnv(HoverEnv):
+    """The same reference for one robot, of a radius that is given."""
+
+    radius = 0.0
+
+    def reference(self):
+        """The hover's, moved along the circle."""
+        angle, hover = RATE * self.progress.time, super().reference()
+        way = self.radius * np.array([math.cos(angle) - 1.0, math.sin(angle), 0.0])
+        velocity = self.radius * RATE * np.array([-math.sin(angle), math.cos(angle), 0.0])
+        return replace(hover, position_w=hover.position_w + way, velocity_w=velocity)
+
+
+def test_a_users_task_flies_what_a_derived_environment_flies():
+    options: dict[str, Any] = {"forms": "independent", "disturbances": {"lost_rotor": 3, "fault_time": 0.5}}
+    vector: Any = gymnasium.make_vec(HOVER, num_envs=3, task=Circles(), **options)
+    singles = [CircleEnv(control="core", **options) for _ in range(3)]
+    seen, _ = vector.reset(seed=5)
+    for k, single in enumerate(singles):
+        single.radius = vector._judge._memory["radius"][k]
+        assert 0.1 <= single.radius <= 0.3
+        np.testing.assert_allclose(single.reset(seed=5 + k)[0], seen[k], atol=1e-5)
+        # A robot's own generator drew it, after all that the environment draws.
+        assert single.np_random.uniform(0.1, 0.3) == single.radius
+        drawn = to_numpy(vector.robots[k]["episode"]["generator"])
+        assert drawn.bit_generator.state == single.np_random.bit_generator.state
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        actions = rng.normal(0.0, 0.3, (3, 6)).astype(np.float32)
+        seen, rewards, *_, info = vector.step(actions)
+        for k, single in enumerate(singles):
+            expected, *_, told = single.step(actions[k])
+            np.testing.assert_allclose(seen[k], expected, atol=1e-5)
+            np.testing.assert_allclose(info["position_error"][k], told["position_error"], rtol=0, atol=1e-9)
+            near = 1.0 / (1.0 + (np.linalg.norm(told["position_error"]) / 0.05) ** 2)
+            assert info["term"][k, 0] == pytest.approx(near, abs=1e-9)
+            assert rewards[k] == 0.5 * info["term"][k, 0] + 0.5 * info["term"][k, 1]
+    vector.close()
+
+
+def episodes(robots, seeds, mode, threads=1, ticks=60):
+    """What robots with these seeds see and get, episode by episode, under actions of their own."""
+    options: dict[str, Any] = {"action_mode": "direct", "forms": "form1", "max_episode_steps": 25}
+    env = NativeVectorEnv(HOVER, robots, num_threads=threads, task=Circles(), autoreset_mode=mode, **options)
+    seen, _ = env.reset(seed=seeds)
+    visited = [[[row.tobytes()]] for row in seen]
+    generators = [np.random.default_rng(s) for s in seeds]
+    actions, taken, over = np.zeros((robots, 40)), np.zeros(robots, int), np.zeros(robots, bool)
+    words = set()
+    while taken.min() < ticks:
+        begins = over & (mode == "NextStep")
+        for k in np.flatnonzero(~begins):
+            rng = generators[k]
+            actions[k] = np.concatenate([rng.uniform(-0.6, 0.0, 8), rng.normal(0.0, 0.1, 32)])
+        taken += ~begins
+        seen, rewards, terminated, truncated, info = env.step(actions)
+        over = terminated | truncated
+        words |= {*info["failure_code"][over].tolist()}
+        for k in range(robots):
+            if begins[k]:
+                assert rewards[k] == 0.0
+                assert not over[k]
+                visited[k].append([seen[k].tobytes()])
+            elif over[k] and mode == "SameStep":
+                visited[k][-1].append(info["final_obs"][k].tobytes() + info["final_info"]["term"][k].tobytes())
+                visited[k].append([seen[k].tobytes()])
+            else:
+                visited[k][-1].append(seen[k].tobytes() + info["term"][k].tobytes())
+        if mode == "Disabled" and over.any():
+            seen, _ = env.reset(options={"reset_mask": over})
+            for k in np.flatnonzero(over):
+                visited[k].append([seen[k].tobytes()])
+    env.close()
+    return {s: visited[k][:2] for k, s in enumerate(seeds)}
+
+
+def test_a_users_task_gives_the_same_bits_in_any_company_and_way_of_beginning_anew():
+    whole = episodes(9, list(range(9)), "NextStep")
+    assert all(len(visited) == 2 for visited in whole.values())
+    for mode in MODES:
+        assert episodes(9, [8, 0, 3, 7, 1, 2, 6, 5, 4], mode, threads=2) == whole
+        assert episodes(1, [4], mode) == {4: whole[4]}
+
+
+def test_a_users_task_is_saved_with_the_robot_and_stays_itself():
+    one, other = (NativeVectorEnv(HOVER, n, task=Circles(), max_episode_steps=20) for n in (2, 3))
+    one.reset(seed=1)
+    other.reset(seed=9)
+    for _ in range(7):
+        one.step(np.zeros((2, 6)))
+    saved = one.save([1])
+    other.restore(saved, [2])
+    for _ in range(30):
+        seen, rewards, *_, info = one.step(np.zeros((2, 6)))
+        shown, others, *_, told = other.step(np.zeros((3, 6)))
+        assert np.array_equal(seen[1], shown[2])
+        assert rewards[1] == others[2]
+        assert np.array_equal(info["term"][1], told["term"][2])
+    built_in = NativeVectorEnv(HOVER, 1, max_episode_steps=20)
+    built_in.reset()
+    with pytest.raises(SpidarError, match=r"another task: .*Circles; valid here: the built-in one"):
+        built_in.restore(saved, [0])
+    for vector in (one, other, built_in):
+        vector.close()
+
+
+def test_a_robot_that_diverges_is_the_engines_word_in_the_tasks_own_table():
+    env = NativeVectorEnv(HOVER, 2, task=Circles(), autoreset_mode="Disabled")
+    env.reset(seed=0)
+    env.robots["plant"]["row"][1, 40:78] = 1e30
+    seen, rewards, terminated, _, info = env.step(np.zeros((2, 6)))
+    assert terminated.tolist() == [False, True]
+    assert info["failure_code"].tolist() == [-1, 2]
+    assert rewards[1] == 0.0
+    assert not info["term"][1].any()
+    assert not seen[1].any()
+    env.close()
+
+
+class Unweighted(Circles):
+    """Weights of more than 1."""
+
+    reward_terms = TERMS | {"position": (0.7, "")}
+
+
+class Speechless(Circles):
+    """No word for what the engine says."""
+
+    failures = dict.fromkeys(("low", "off"), "")
+
+
+class Forgetful(Circles):
+    """A term that is in the table alone."""
+
+    def terms(self, flights):
+        """One of two."""
+        return {"position": super().terms(flights)["position"]}
+
+
+def test_a_task_that_does_not_fit_is_refused_in_one_line():
+    for task, words in ((Unweighted(), "add up to 1"), (Speechless(), "diverged among them")):
+        with pytest.raises(InvalidValueError, match=words):
+            NativeVectorEnv(HOVER, 1, task=task)
+    env = NativeVectorEnv(HOVER, 1, task=Forgetful())
+    with pytest.raises(InvalidValueError, match="an array for each of position, velocity"):
+        env.reset(seed=0)
+    env.close()
+    with pytest.raises(InvalidValueError, match="Hover-v0"):
+        NativeVectorEnv(CRAWL, 1, task=Circles())
+
+
+@pytest.mark.slow
+def test_a_users_task_runs_at_four_fifths_of_the_built_in_ones_speed():
+    envs = [NativeVectorEnv(HOVER, 64, task=task) for task in (None, Circles())]
+    spent: list[list[float]] = [[], []]
+    for env in envs:
+        env.reset(seed=0)
+    for _ in range(9):  # in turn, so that what else the machine does falls on both
+        for env, seconds in zip(envs, spent, strict=True):
+            start = time.process_time()
+            for _ in range(20):
+                env.step(np.zeros((64, 6)))
+            seconds.append(time.process_time() - start)
+    assert statistics.median(a / b for a, b in zip(*spent, strict=True)) >= 0.8
+    for env in envs:
+        env.close()

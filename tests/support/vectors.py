@@ -1,0 +1,24 @@
+"""Flights that vectors are held to: every way of drawing forms, meaning an action, and being a robot."""
+
+from typing import Any
+
+DRAWN: dict[str, Any] = {
+    "randomization": 1.0,
+    "sensors": True,
+    "battery": True,
+    "disturbances": {"wind": 2.0, "push": 20.0},
+}
+FLIGHTS: dict[str, dict[str, Any]] = {
+    "mixed": {},
+    "the paper's forms": {"forms": "paper"},
+    "narrow": {"forms": "narrow", "joint_speed": 1.0},
+    "equal": {"forms": "equal", "avoid_interference": False},
+    "joints": {"action_mode": "residual_joint", "forms": "independent"},
+    "both": {"action_mode": "residual", "unrestricted": ((0.2, 0.5),)},
+    "forces": {"action_mode": "residual_force", "forms": "independent"},
+    "drawn": {"preset": "tuned", **DRAWN},
+    "half drawn, no air": {"randomization": 0.5, "wake": False},
+    "a lost thrust": {"forms": "form1", "disturbances": {"lost_rotor": 3, "fault_time": 0.5}},
+    "a stuck module": {"forms": "form2", "disturbances": {"lost_rotor": 6, "fault": "vectoring", "fault_time": 0.5}},
+    "alone": {"action_mode": "direct", "forms": "form1"},
+}
