@@ -38,7 +38,7 @@ MUJOCO_STATE = 438
 MAX_BODIES, MAX_MOVING, MAX_GEOMS = 64, 64, 512
 """Bodies, geoms of the robot and geoms in all that there is room for."""
 MAX_WARNING_BYTES = 256
-"""Of MuJoCo's counts of its warnings."""
+"""Bytes of MuJoCo's counts of its warnings that there is room for."""
 MAX_PENDING = 32
 """Commands on their way to the actuators."""
 MAX_FRAMES = 16
