@@ -84,7 +84,7 @@ class Judge:
         task.advance(flights)
         diverged = robots["plant"]["diverged"] != 0
         failure = np.full(len(robots), -1)
-        found = _rows(task.failed(flights), [word for word in self._words if word != "diverged"], "failed")
+        found = _rows(task.failed(flights), [word for word in self._words if word != "diverged"], "failed", len(robots))
         for word, mask in reversed(list(found.items())):
             failure[mask] = self._words.index(word)
         failure[diverged] = self._words.index("diverged")
@@ -112,12 +112,16 @@ class Judge:
             self.begin(ids)
 
     def _terms(self, flights: Flights) -> np.ndarray:
-        return np.stack(list(_rows(self._task.terms(flights), self._task.reward_terms, "terms").values()), axis=1)
+        found = _rows(self._task.terms(flights), self._task.reward_terms, "terms", len(flights))
+        return np.stack(list(found.values()), axis=1)
 
 
-def _rows(given: Any, names: Iterable[str], method: str) -> dict[str, Any]:  # noqa: ANN401 - whatever a task gives
-    """What a task gives by name, in the order of its table."""
+def _rows(given: Any, names: Iterable[str], method: str, robots: int) -> dict[str, np.ndarray]:  # noqa: ANN401
+    """What a task gives by name, an entry for every robot each, in the order of its table."""
     names = list(names)
     if not isinstance(given, dict) or given.keys() != {*names}:
-        raise InvalidValueError(method, list(given), f"an array for each of {', '.join(names)}")
+        raise InvalidValueError(method, given, f"a dictionary with an array for each of {', '.join(names)}")
+    for name in names:
+        if np.shape(given[name]) != (robots,):
+            raise InvalidValueError(f"{method}: {name}", np.shape(given[name]), f"an array of shape ({robots},)")
     return {name: given[name] for name in names}

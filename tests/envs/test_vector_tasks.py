@@ -269,14 +269,28 @@ class Forgetful(Circles):
         return {"position": super().terms(flights)["position"]}
 
 
+class Misshapen(Circles):
+    """A term of all robots together."""
+
+    def terms(self, flights):
+        """A mean in place of an entry for every robot."""
+        terms = super().terms(flights)
+        return {**terms, "velocity": terms["velocity"].mean()}
+
+
 def test_a_task_that_does_not_fit_is_refused_in_one_line():
     for task, words in ((Unweighted(), "add up to 1"), (Speechless(), "diverged among them")):
         with pytest.raises(InvalidValueError, match=words):
             NativeVectorEnv(HOVER, 1, task=task)
-    env = NativeVectorEnv(HOVER, 1, task=Forgetful())
-    with pytest.raises(InvalidValueError, match="an array for each of position, velocity"):
-        env.reset(seed=0)
-    env.close()
+    given: list[tuple[Circles, str]] = [
+        (Forgetful(), "an array for each of position, velocity"), (Misshapen(), r"velocity = .* of shape \(2,\)")
+    ]  # fmt: skip
+    for task, words in given:
+        env = NativeVectorEnv(HOVER, 2, task=task)
+        with pytest.raises(InvalidValueError, match=words) as error:
+            env.reset(seed=0)
+        assert "\n" not in str(error.value)
+        env.close()
     with pytest.raises(InvalidValueError, match="Hover-v0"):
         NativeVectorEnv(CRAWL, 1, task=Circles())
 
