@@ -60,6 +60,7 @@ OWN = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
 """Arrays of the model in which robots differ; the torque limits are written whenever a robot is loaded."""
 FLAT = tuple(name for name in OWN if name not in ("bvh_aabb", "geom_pos", "geom_quat", "geom_sameframe"))
 """The same where the floor is a plane that stays as it is."""
+_VALID = "mujoco>=4.0,<5 from PyPI"
 _SIZES = {"int": 4, "mjtNum": 8, "size_t": 8, "uintptr_t": 8, "mjtSize": 8, "uint64_t": 8, "mjtBool": 1, "float": 4}
 
 
@@ -68,19 +69,24 @@ def library() -> ctypes.CDLL:
     folder = Path(mujoco.__file__).parent
     found = sorted([*folder.glob("libmujoco.so*"), *folder.glob("libmujoco*.dylib"), *folder.glob("mujoco.dll")])
     if not found:
-        raise SpidarError(
-            f"no library of MuJoCo {mujoco.__version__} beside its Python module; valid: mujoco from PyPI"
-        )
+        raise SpidarError(f"no library of MuJoCo {mujoco.__version__} beside its Python module; valid: {_VALID}")
     return ctypes.CDLL(str(found[0]))
+
+
+def _function(own: ctypes.CDLL, name: str) -> Any:  # noqa: ANN401 - of ctypes
+    """A function of MuJoCo's (`SpidarError` where it has none of this name)."""
+    try:
+        return getattr(own, name)
+    except AttributeError:
+        raise SpidarError(f"MuJoCo {mujoco.__version__} has no {name}; valid: {_VALID}") from None
 
 
 @cache
 def functions() -> np.ndarray:
     """`sp_mujoco`: addresses of MuJoCo's functions, numbers of its enumerations."""
     own, numbers = library(), (int(STATE), int(mujoco.mjtDisableBit.mjDSBL_CONTACT))
-    return np.array(
-        [*(ctypes.cast(getattr(own, name), ctypes.c_void_p).value for name in FUNCTIONS), *numbers], np.uint64
-    )
+    addresses = [ctypes.cast(_function(own, name), ctypes.c_void_p).value for name in FUNCTIONS]
+    return np.array([*addresses, *numbers], np.uint64)
 
 
 def _extent(kind: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of MuJoCo's own description
@@ -134,13 +140,18 @@ def _number(address: int, kind: Any = ctypes.c_int32) -> int | float:  # noqa: A
 @cache
 def check() -> None:
     """Hold the offsets to what the bindings read and write (`SpidarError` where MuJoCo is laid out otherwise)."""
+    otherwise = SpidarError(f"MuJoCo {mujoco.__version__} is laid out in another way; valid: {_VALID}")
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
     ball = spec.worldbody.add_body(pos=[0, 0, 0.05])
     ball.add_freejoint()
     ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], mass=1)
     model = spec.compile()
-    data, at = mujoco.MjData(model), offsets()
+    data = mujoco.MjData(model)
+    try:
+        at = offsets()
+    except (KeyError, StopIteration):  # a member or a type that is not there
+        raise otherwise from None
     data.time = 12.5
     mujoco.mj_forward(model, data)
     contact = int(_number(data._address + at["contact"], ctypes.c_uint64)) + at["geom"]
@@ -149,14 +160,14 @@ def check() -> None:
     if (
         _number(data._address + at["time"], ctypes.c_double) != 12.5
         or _number(data._address + at["ncon"]) != data.ncon != 1
-        or [_number(contact), _number(contact + 4)] != data.contact.geom[0].tolist()
         or data.contact.geom.ctypes.data != contact
+        or [_number(contact), _number(contact + 4)] != data.contact.geom[0].tolist()
         or _number(model._address + at["disableflags"]) != 1234567
         or not at["warning_bytes"] <= MAX_WARNING_BYTES
         or _number(data._address + at["warning"] + at["warning_bytes"] - 4) != 7654321
         or mujoco.mj_stateSize(scene(visual=False), STATE) != MUJOCO_STATE
     ):
-        raise SpidarError(f"MuJoCo {mujoco.__version__} is laid out in another way; valid: mujoco>=4.0,<5")
+        raise otherwise
 
 
 class Simulation:
@@ -255,6 +266,8 @@ class Pool:
     def __init__(self, robots: int, threads: int) -> None:
         """Start it."""
         own = library()
+        for name in ("mjb_makeBatch", "mjb_apply", "mjb_status", "mjb_error", "mjb_deleteBatch"):
+            _function(own, name)
         own.mjb_makeBatch.restype = ctypes.c_void_p
         # The pool's own simulations are of an empty world: the engine brings its own.
         self._model = mujoco.MjSpec().compile()

@@ -1,0 +1,173 @@
+"""Pins the engine under sanitizers: no access outside, nothing undefined, no race, and the bits of Python's own run."""
+
+import os
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.native import recipe
+from spidar_gym.native.compiler import compiler
+from spidar_gym.native.mujoco import DATA, FLAT, MODEL, OWN, STATE, library, member_offsets, offsets
+from spidar_gym.native.robot import robot
+
+DRIVER = Path(__file__).with_name("driver.c")
+SANITIZERS = {"address": "-fsanitize=address,undefined", "thread": "-fsanitize=thread"}
+CASES = {
+    "flight": (HOVER, {"forms": "narrow", "joint_speed": 1.0}),
+    "drawn flight": (HOVER, {
+        "randomization": 1.0, "sensors": True, "battery": True, "disturbances": {"wind": 2.0, "push": 20.0},
+    }),
+    "crawl": (CRAWL, {"preset": "robust"}),
+    "drawn crawl": (CRAWL, {"randomization": 1.0, "sensors": True}),
+    "crawl on tiles": (CRAWL, {"steps": 0.01, "slope": 0.05}),
+}  # fmt: skip
+ROBOTS, TICKS = 5, 40
+OF_DATA, OF_MODEL, ITSELF = range(3)
+RACE, OVERFLOW, UNDEFINED = range(1, 4)
+
+
+def compile_objects(sanitizer, folder):
+    """All of the library's sources, and how the driver is compiled with them."""
+    flags = [SANITIZERS[sanitizer], "-fno-sanitize-recover=all", "-O1", "-g", "-ffp-contract=off"]
+    said = subprocess.run(
+        [*compiler(), flags[0], "-x", "c", "-", "-o", str(folder / "none")],
+        input="int main(void) { return 0; }", capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if said.returncode or subprocess.run([folder / "none"], check=False).returncode:
+        pytest.skip(f"the compiler has no {sanitizer} sanitizer, or it does not run here: {said.stderr.strip()[-200:]}")
+    (folder / "spidar_interface.h").write_text(recipe.interface_header(recipe.library_digest()))
+    command = [*compiler(), *flags, "-DSPIDAR_SHARED", *recipe.includes(folder)]
+
+    def compile_one(source):
+        out = folder / f"{Path(source).parent.name}-{Path(source).stem}.o"
+        done = subprocess.run([*command, "-std=c99", "-c", source, "-o", out], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[:2000]
+        return str(out)
+
+    with ThreadPoolExecutor(2) as pool:
+        return command, list(pool.map(compile_one, recipe.sources()))
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory):
+    """Drivers by sanitizer and mistake."""
+    objects, drivers = {}, {}
+
+    def get(sanitizer, broken=0):
+        folder = tmp_path_factory.getbasetemp() / f"{sanitizer}_objects"
+        folder.mkdir(exist_ok=True)
+        if sanitizer not in objects:
+            objects[sanitizer] = compile_objects(sanitizer, folder)
+        if (sanitizer, broken) not in drivers:
+            command, files = objects[sanitizer]
+            out = folder / f"driver{broken}"
+            end = [str(DRIVER), *files, "-o", out, "-lm", "-ldl", "-pthread"]
+            words = [*command, "-std=gnu11", f"-DBROKEN={broken}", *end]
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr[:2000]
+            drivers[sanitizer, broken] = out
+        return drivers[sanitizer, broken]
+
+    return get
+
+
+def members():
+    """Where the members of `sp_sim` are, without the addresses of this process."""
+    data, model, at = member_offsets("mjData"), member_offsets("mjModel"), offsets()
+    table = [
+        (OF_DATA, 0, at["time"]), *((OF_DATA, 1, data[name]) for name in DATA), (OF_DATA, 0, at["ncon"]),
+        (OF_DATA, 0, at["contact"]), (OF_DATA, 0, at["warning"]), *((OF_MODEL, 1, model[name]) for name in MODEL),
+        (OF_MODEL, 0, at["disableflags"]), (ITSELF, 0, at["stride"]), (ITSELF, 0, at["geom"]),
+        (ITSELF, 0, at["warning_bytes"]),
+    ]  # fmt: skip
+    return np.array(table, np.int64)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Files for the driver, and the hash that it has to print, by case."""
+    done = {}
+
+    def get(case):
+        if case not in done:
+            done[case] = write(case, tmp_path_factory.mktemp("written"))
+        return done[case]
+
+    return get
+
+
+def write(case, folder):
+    name, options = CASES[case]
+    env = NativeVectorEnv(name, ROBOTS, autoreset_mode="SameStep", max_episode_steps=15, **options)
+    fleet = env._fleet
+    engine = fleet.engine
+    for k in range(ROBOTS):
+        fleet.seed(k, np.random.default_rng(k))
+    names = OWN if "steps" in options else FLAT
+    model = member_offsets("mjModel")
+    rows = zip(names, engine._pieces[0].tolist(), strict=True)
+    pieces = np.array([(model[piece], *row[1:]) for piece, row in rows], np.int64)
+    actions = np.random.default_rng(9).normal(0.0, 0.4, (TICKS, *fleet.actions.shape))
+    numbers = [
+        ROBOTS, TICKS, name == CRAWL, engine.robots.itemsize, engine.copies.shape[1], engine.record["own_copies"],
+        fleet.actions.shape[1], fleet.observations.shape[1], fleet.infos.itemsize, engine.record["goal_room"],
+        int(STATE), int(mujoco.mjtDisableBit.mjDSBL_CONTACT),
+    ]  # fmt: skip
+    parts = [
+        np.array(numbers, np.int64), engine._world, robot(), fleet.rules, engine.robots, engine.copies,
+        members(), pieces, actions,
+    ]  # fmt: skip
+    assert len(members()) == len(engine.simulations[0].record) - 3
+    with (folder / "data").open("wb") as file:
+        for part in parts:
+            file.write(part.nbytes.to_bytes(8, "little") + part.tobytes())
+    mujoco.mj_saveModel(engine.simulations[0].model, str(folder / "model.mjb"))
+    fleet.reset()
+    seen = [fleet.observations.tobytes()]
+    for action in actions:
+        fleet.actions[:] = action
+        fleet.step()
+        seen.append(fleet.observations.tobytes())
+    env.close()
+    value = 0xCBF29CE484222325
+    for byte in b"".join(seen):
+        value = (value ^ byte) * 0x100000001B3 & 0xFFFFFFFFFFFFFFFF
+    return folder, f"{value:016x}"
+
+
+def drive(driver, folder):
+    # The driver ends with all that it has; what MuJoCo keeps is its own business.
+    calm = {"ASAN_OPTIONS": "detect_leaks=0", "TSAN_OPTIONS": "halt_on_error=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
+    words = [driver, folder / "data", folder / "model.mjb", library()._name]
+    return subprocess.run(words, env={**os.environ, **calm}, capture_output=True, text=True, check=False, timeout=250)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("sanitizer", SANITIZERS)
+def test_no_sanitizer_has_anything_to_say_and_other_threads_give_the_same_bits(build, written, sanitizer, case):
+    driver, (folder, expected) = build(sanitizer), written(case)
+    done = drive(driver, folder)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr[:4000]
+    assert done.stdout.strip() == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sanitizer", "broken", "words"),
+    [
+        ("thread", RACE, "data race"),
+        ("address", OVERFLOW, "heap-buffer-overflow"),
+        ("address", UNDEFINED, "runtime error: shift exponent"),
+    ],
+)
+def test_a_mistake_is_found(build, written, sanitizer, broken, words):
+    done = drive(build(sanitizer, broken), written("flight")[0])
+    assert done.returncode != 0
+    assert words in done.stderr
