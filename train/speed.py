@@ -19,9 +19,8 @@ from spidar_gym.cli.console import named_steps, progress, run_cli
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.errors import require_above
 from spidar_gym.files import json_text
+from spidar_gym.native.plant import Plant, Saved
 from spidar_gym.policies.rollout import rollout
-from spidar_gym.sim.plant import Plant
-from spidar_gym.sim.plant_memory import Saved
 from spidar_gym.state import Command
 from spidar_gym.text import format_table
 from train import residual

@@ -25,6 +25,7 @@ from spidar_gym.envs.hover.task import SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.errors import require_above, require_name
 from spidar_gym.files import json_text, output_folder
+from spidar_gym.native.plant import Plant
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper import tune as tuning
 from spidar_gym.policies.provenance import versions
@@ -32,7 +33,6 @@ from spidar_gym.processes import cpu_count
 from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import FAULTS
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.scene import scene
 from spidar_gym.text import format_table
 

@@ -4,6 +4,7 @@ from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
@@ -13,7 +14,7 @@ CONTROLS = ("python", "core")
 
 
 def make_flight_controller(
-    config: ControllerConfig, control: str, allocator: type[Allocator] | None = None
+    config: ControllerConfig, control: str, allocator: type[Allocator] | None = None, fleet: Fleet | None = None
 ) -> FlightControl:
     """A flight controller.
 
@@ -21,23 +22,35 @@ def make_flight_controller(
         config: Allocation, gains, compensations.
         control: One of `CONTROLS`.
         allocator: A subclass of `Allocator` in place of the QP; the compiled core has its own.
+        fleet: Robots in the engine, of which the first one's controller is looked at.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
         InvalidValueError: For an allocator that is none, or one for the compiled core.
         MissingDependencyError: When the core is not compiled.
     """
+    require_flight_control(control, allocator)
+    if control == "python":
+        return FlightController(config, allocator=allocator or Allocator)
+    if fleet is None:
+        return CoreFlightController(config)
+    return CoreFlightController(config, record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0])
+
+
+def require_flight_control(control: str, allocator: type[Allocator] | None) -> None:
+    """Refuse what `make_flight_controller` refuses."""
     require_name("control", control, CONTROLS)
     if not (allocator is None or (isinstance(allocator, type) and issubclass(allocator, Allocator))):
         raise InvalidValueError("allocator", allocator, "a subclass of Allocator")
-    if control == "python":
-        return FlightController(config, allocator=allocator or Allocator)
-    if allocator is not None:
+    if control == "core" and allocator is not None:
         raise InvalidValueError("allocator", allocator, "None: the core has its own")
-    return CoreFlightController(config)
 
 
-def make_crawler(config: CrawlerConfig, control: str) -> CrawlControl:
-    """A crawler; `control` is one of `CONTROLS` (`UnknownNameError` lists them)."""
+def make_crawler(config: CrawlerConfig, control: str, fleet: Fleet | None = None) -> CrawlControl:
+    """A crawler, or the first one's in the engine; `control` is one of `CONTROLS` (`UnknownNameError` lists them)."""
     require_name("control", control, CONTROLS)
-    return Crawler(config) if control == "python" else CoreCrawler(config)
+    if control == "python":
+        return Crawler(config)
+    if fleet is None:
+        return CoreCrawler(config)
+    return CoreCrawler(config, record=fleet.robots["crawl"][0:1].reshape(()), room=fleet.engine.rooms[0])

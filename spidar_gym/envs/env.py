@@ -1,6 +1,7 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
 import inspect
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,7 +19,7 @@ from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.envs import rules
 from spidar_gym.envs.actions import ActionMode, direct_command
-from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.fleet import Fleet, told
 from spidar_gym.errors import (
     InvalidValueError,
     SpidarError,
@@ -30,13 +31,15 @@ from spidar_gym.errors import (
     require_name,
     require_within,
 )
+from spidar_gym.native.draws import take_back
+from spidar_gym.native.library import STATUS, Core
+from spidar_gym.native.plant import Plant, read_command, read_state
 from spidar_gym.robot import N_JOINTS, ROBOT
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.energy import endurance_min
-from spidar_gym.sim.plant import Plant
-from spidar_gym.sim.randomize import check_strength, randomize
+from spidar_gym.sim.randomize import TABLE, check_strength, randomize
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
 from spidar_gym.state import Command, RobotState
 
@@ -56,6 +59,10 @@ ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl)
 ProgressT = TypeVar("ProgressT")
 
 
+_PAGE = ("reward_terms", "reference", "_begin", "_act", "_advance", "_observation", "_task_info", "_info")
+"""What the engine does itself, unless a subclass has one of its own."""
+
+
 class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT, ProgressT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
@@ -69,8 +76,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """What commands the robot where no action does."""
     reward_terms: Mapping[str, tuple[float, str]]
     """Weight and formula of each term of the reward; the weights add up to 1."""
-    seen: RobotState
-    """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
+    failures: tuple[str, ...]
+    """Why an episode may be over, in the engine's order."""
     reset_options: tuple[str, ...] = ("disturbances",)
     """Names of the options of `reset`."""
 
@@ -80,6 +87,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         layout: tuple[Field, ...],
         *,
         joint_speed: float,
+        control: str,
         idle_thrust: float = 0.0,
         plant: PlantConfig | None = None,
         wake: bool = True,
@@ -98,6 +106,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             mode: What the action means.
             layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
+            control: `python` or `core`.
             idle_thrust: Least commanded thrust of a module [N].
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
             wake: Whether there is air: jets, drag, ground effect.
@@ -137,7 +146,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             actuators=replace(robot.actuators, battery=bool(robot.actuators.battery or battery)),
         )
         self._described = plant is None and randomization == 0.0
-        self.plant = Plant(self._nominal)
+        self._control = control
         self.estimator = Estimator()
         self.sampled_parameters: dict[str, np.ndarray] = {}
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
@@ -148,33 +157,72 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
-        self._state: RobotState | None = None
-        self._progress: ProgressT | None = None
+        self._now: dict[str, Any] = {}
         self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE))
         """Steps after which the episode ends, unless it fails before."""
         self.ticks = 0
         """Steps since the reset."""
+        self._began = False
+        self._command: Command | None = None
+        self._furnish(native=self._is_native())
+
+    # ---- two ways to run: all of it in the engine, or controller and task in Python over the engine's robot ----
+
+    def _is_native(self) -> bool:
+        """Whether the engine does all of it: the core flies, and task and rewards are the built-in ones."""
+        return self._control == "core" and self._is_built_in()
+
+    def _furnish(self, *, native: bool) -> None:
+        """Make robot and controller."""
+        self._fleet = self.make_fleet(1) if native else None
+        self._ruled = self.task
+        self.plant = Plant(self._nominal, engine=None if self._fleet is None else self._fleet.engine)
+        self.controller = self._make_controller()
+        self._now = {}
+
+    def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+        """What is known of this tick; where the engine does it all, it is read when somebody asks."""
+        if name not in self._now:
+            if not self._began:
+                raise SpidarError(f"there is no {name} before reset(); valid: call reset() first")
+            self._now[name] = self._read(name)
+        return self._now[name]
+
+    def _forget(self) -> None:
+        """What was read of the last tick is past."""
+        self._now = {}
+        if isinstance(self.controller, Core):
+            self.controller.forget()
+
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+        """Read what the engine knows: the true state, what is seen of it, the last command."""
+        assert self._fleet is not None
+        if name == "state":
+            return self.plant.state()
+        episode = self._fleet.robots[0]["episode"]
+        return read_state(episode["seen"]) if name == "seen" else read_command(episode["command"])
 
     @property
     def command(self) -> Command:
         """The last command (`SpidarError` before the first step)."""
-        if self._command is None:
+        if not self.ticks:
             raise SpidarError("there is no command before step(); valid: call step() first")
-        return self._command
+        return self._known("command") if self._command is None else self._command
 
     @property
     def state(self) -> RobotState:
         """The true state of the robot (`SpidarError` before the first reset)."""
-        if self._state is None:
-            raise SpidarError("there is no state before reset(); valid: call reset() first")
-        return self._state
+        return self._known("state")
+
+    @property
+    def seen(self) -> RobotState:
+        """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
+        return self._known("seen" if self._nominal.sense else "state")
 
     @property
     def progress(self) -> ProgressT:
         """How far the episode has come (`SpidarError` before the first reset)."""
-        if self._progress is None:
-            raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        return self._progress
+        return self._known("episode")
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -200,21 +248,25 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         super().reset(seed=seed)
         for name, value in chosen.items():
             setattr(self, name, value)
-        self.ticks = 0
-        self._action = np.zeros(self._mode.size)
-        self._command: Command | None = None
-        self._begin(self.np_random)
+        if self._is_native() != (self._fleet is not None):
+            self._furnish(native=self._fleet is None)
+        self.ticks, self._began, self._now = 0, True, {}
+        self._action, self._command = np.zeros(self._mode.size), None
+        if self._fleet is None:
+            self._begin(self.np_random)
+        else:
+            self._begin_native(self._fleet)
         if self._renderer is not None:
             self._renderer.lay(self.plant.config.ground)
         if self.render_mode == "human":
             self.render()
-        info = self._info("")
+        info = self._info("") if self._fleet is None else self._native_info(self._fleet)
         terms = {name.removeprefix("reward_") for name in info if name.startswith("reward_")}
         if terms != self.reward_terms.keys():
             raise InvalidValueError(
                 "reward_terms", sorted(self.reward_terms), f"the terms of the task: {sorted(terms)}"
             )
-        return self._observation(), info
+        return self._observation() if self._fleet is None else self._fleet.observations[0].copy(), info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control period of 25 ms.
@@ -234,18 +286,20 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             raise InvalidValueError("action", action.shape, f"an array of shape ({self._mode.size},)")
         if not np.isfinite(action).all():
             raise InvalidValueError("action", action.tolist(), "finite numbers within −1 … 1")
-        if self._state is None:
+        if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        self.ticks += 1
+        if self._fleet is not None:
+            return self._step_native(self._fleet, action)
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
-        self._command = self._act(self._action)
-        state = self.plant.step(self._command)
+        command = self._act(self._action)
+        self.ticks += 1
+        now = self._now
+        self._command = command
+        now["state"] = self.plant.step(command)
         if self.plant.diverged:
-            # The last state that was one stays for info: a client's sums and networks take no NaN.
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, self._info("diverged")
-        self.seen = self._state = state
         if self._nominal.sense:
-            self.seen = self.estimator.update(self.plant.measure(), self._command.thrust)
+            now["seen"] = self.estimator.update(self.plant.measure(), command.thrust)
         failure = self._advance()
         info = self._info(failure)
         reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in self.reward_terms.items())
@@ -273,26 +327,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         if renderer is not None:
             renderer.close()
         self.controller.close()
+        if self._fleet is not None:
+            self._fleet.close()
 
-    def _draw_robot(self, rng: np.random.Generator) -> None:
-        """Become the robot of this episode, where robots are drawn."""
-        if self._strength > 0.0:
-            config, self.sampled_parameters = randomize(self._nominal, rng, self._strength)
-            self.plant.configure(config)
-
-    def _place(self, rng: np.random.Generator, *pose: np.ndarray) -> None:
-        """Put the robot where an episode starts; the pose is that of `Plant.reset`."""
-        # A generator of its own, so that what the weather draws does not change what the next episode is.
-        self._state = self.plant.reset(*pose, disturbances=self._disturbances, rng=rng.spawn(1)[0])
-
-    def _sense(self) -> None:
-        """What is seen of the first state."""
-        self.seen = self.state
-        if self._nominal.sense:
-            first = self.plant.measure()
-            indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
-            self.estimator.reset(replace(self.state, **indicated))
-            self.seen = self.estimator.update(first, self.state.thrust)
+    # ---- all of it in the engine ----
 
     @abstractmethod
     def make_fleet(
@@ -313,6 +351,95 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             record["rules"], self._nominal, self._mode, self._bound, strength=self._strength, horizon=self.horizon,
             truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
+
+    @abstractmethod
+    def _make_controller(self) -> ControllerT:
+        """The controller; in the engine's memory where the engine does all of it."""
+
+    @abstractmethod
+    def _rule(self, fleet: Fleet) -> None:
+        """Write the task into the engine's rules."""
+
+    @abstractmethod
+    def _is_built_in(self) -> bool:
+        """Whether task and rewards are those that the engine has too."""
+
+    def _keeps_page_of(self, built_in: type["SpidarEnv"]) -> bool:
+        """Whether a subclass has changed nothing of what the engine would do."""
+        kind = type(self)
+        return all(getattr(kind, name) is getattr(built_in, name) for name in _PAGE if hasattr(built_in, name))
+
+    @abstractmethod
+    def _prepare(self, fleet: Fleet) -> None:
+        """Write down what the next episode begins with, where that is given."""
+
+    def _begin_native(self, fleet: Fleet) -> None:
+        if self.task is not self._ruled:
+            self._rule(fleet)
+            self._ruled = self.task
+        fleet.rules["rules"]["horizon"] = self.horizon
+        fleet.disturb(0, self._disturbances)
+        self._prepare(fleet)
+        fleet.seed(0, self.np_random)
+        fleet.reset()
+        take_back(self.np_random, fleet.robots[0]["episode"]["generator"])
+        self.plant.reread()
+        self._forget()
+        self.sampled_parameters = self._read_drawn(fleet)
+
+    def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        fleet.actions[0] = action
+        self._forget()
+        self.ticks += 1
+        fleet.step()
+        info = self._native_info(fleet)
+        if self.render_mode == "human":
+            self.render()
+        return fleet.observations[0].copy(), float(fleet.rewards[0]), bool(fleet.terminated[0]), False, info
+
+    def _read_drawn(self, fleet: Fleet) -> dict[str, np.ndarray]:
+        """What was drawn of the robot, by field."""
+        if self._strength == 0.0:
+            return {}
+        numbers, drawn, at = fleet.robots[0]["episode"]["drawn"], {}, 0
+        for row in TABLE:
+            size = math.prod(row.shape)
+            drawn[row.field] = numbers[at : at + size].reshape(row.shape).copy()
+            at += size
+        return drawn
+
+    def _native_info(self, fleet: Fleet) -> dict[str, Any]:
+        """As `_info`: numbers of the engine in the words of the task."""
+        told_now = told(fleet.infos.copy())
+        info = {name: value[0] if value.ndim > 1 else value.item() for name, value in told_now.items()}
+        status, failure = info.pop("qp_status_code"), info.pop("failure_code")
+        info["qp_status"] = "none" if status < 0 else str(STATUS[status])
+        info["randomization"] = {name: draw.copy() for name, draw in self.sampled_parameters.items()}
+        for name, value in zip(self.reward_terms, info.pop("term").tolist(), strict=True):
+            info[f"reward_{name}"] = value
+        info["failure"] = "" if failure < 0 else self.failures[failure]
+        return info
+
+    # ---- controller and task in Python ----
+
+    def _draw_robot(self, rng: np.random.Generator) -> None:
+        """Become the robot of this episode, where robots are drawn."""
+        if self._strength > 0.0:
+            config, self.sampled_parameters = randomize(self._nominal, rng, self._strength)
+            self.plant.configure(config)
+
+    def _place(self, rng: np.random.Generator, *pose: np.ndarray) -> None:
+        """Put the robot where an episode starts; the pose is that of `Plant.reset`."""
+        # A generator of its own, so that what the weather draws does not change what the next episode is.
+        self._now["state"] = self.plant.reset(*pose, disturbances=self._disturbances, rng=rng.spawn(1)[0])
+
+    def _sense(self) -> None:
+        """What is seen of the first state."""
+        if self._nominal.sense:
+            first = self.plant.measure()
+            indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
+            self.estimator.reset(replace(self.state, **indicated))
+            self._now["seen"] = self.estimator.update(first, self.state.thrust)
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
@@ -370,8 +497,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             "qp_slack": 0.0 if allocation is None else allocation.slack,
             "thrust_factor": self.plant.thrust_factor,
             "air_force": self.plant.air_force,
-            "power_w": self.plant.memory.power,
-            "energy_wh": self.plant.memory.energy_wh,
+            "power_w": self.plant.power,
+            "energy_wh": self.plant.energy_wh,
             "endurance_min": endurance_min(self.plant.mean_power),
             "randomization": {name: draw.copy() for name, draw in self.sampled_parameters.items()},
             **self._task_info(failure),

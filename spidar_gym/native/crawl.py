@@ -13,7 +13,7 @@ from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import MAX_STEPS, PROGRAMS
-from spidar_gym.native.library import Core, LastCommand, Struct, pointer, read_allocation
+from spidar_gym.native.library import Core, LastCommand, Room, Struct, pointer, read_allocation
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_LEGS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
@@ -71,13 +71,31 @@ class CoreCrawlMemory(LastCommand):
 class CoreCrawler(Core[CoreCrawlMemory]):
     """The crawler of the onboard core, a `CrawlControl`."""
 
-    def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
-        """Take the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
-        super().__init__(model)
+    def __init__(
+        self,
+        config: CrawlerConfig | None = None,
+        model: Model | None = None,
+        *,
+        record: np.ndarray | None = None,
+        room: Room | None = None,
+    ) -> None:
+        """Take the core and give it a configuration, or look at a crawler of the engine.
+
+        Args:
+            config: Gait, allocation, margins.
+            model: The robot as described.
+            record: `sp_crawl` of a robot in the engine, which has this configuration already.
+            room: What it works in.
+
+        Raises:
+            MissingDependencyError: When the core is not compiled.
+        """
+        super().__init__(model, room)
         self.config = config or CrawlerConfig()
-        self._crawl, settings = Struct("crawl"), Struct("crawler_config")
+        self._crawl, settings = Struct("crawl", record), Struct("crawler_config")
         fill(settings.record, self.config)
-        self.library.sp_crawl_init(self.room.robot, self._crawl.pointer, settings.pointer)
+        if record is None:
+            self.library.sp_crawl_init(self.room.robot, self._crawl.pointer, settings.pointer)
         self.gait = CoreGait(self._crawl, self.library)
         self.memory = CoreCrawlMemory(self._crawl.inner("memory", "crawl_memory"))
         self._answered = self._crawl.inner("allocation", "allocation")

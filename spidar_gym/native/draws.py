@@ -71,6 +71,16 @@ def to_numpy(record: np.ndarray | np.void) -> np.random.Generator:
     return np.random.Generator(bits)
 
 
+def take_back(rng: np.random.Generator, record: np.ndarray | np.void) -> None:
+    """Let a generator of numpy go on where the library's, made of it by `from_numpy`, has come to."""
+    bits, seeds = rng.bit_generator, rng.bit_generator.seed_seq
+    state: Any = bits.state
+    state["state"]["state"] = _wide(record, "state")
+    state["has_uint32"], state["uinteger"] = int(record["has_half"]), int(record["half"])
+    bits.state = state
+    seeds.spawn(int(record["spawned"]) - seeds.n_children_spawned)  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def _wide(record: np.ndarray | np.void, name: str) -> int:
     return int(record[f"{name}_high"]) * _WORDS + int(record[f"{name}_low"])
 

@@ -11,7 +11,7 @@ from spidar_gym.control.flight.memory import ControlState, FlightRecord
 from spidar_gym.control.flight.observation import FlightObservables
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.model.interference import Interference
-from spidar_gym.native.library import Core, LastCommand, Struct, pointer, read_allocation
+from spidar_gym.native.library import Core, LastCommand, Room, Struct, pointer, read_allocation
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_ROTORS, ROBOT
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
@@ -53,14 +53,32 @@ class CoreMemory(LastCommand):
 class CoreFlightController(Core[CoreMemory]):
     """The flight controller of the onboard core, a `FlightControl`."""
 
-    def __init__(self, config: ControllerConfig | None = None, model: Model | None = None) -> None:
-        """Take the core and give it a configuration (`MissingDependencyError` when it is not compiled)."""
-        super().__init__(model)
+    def __init__(
+        self,
+        config: ControllerConfig | None = None,
+        model: Model | None = None,
+        *,
+        record: np.ndarray | None = None,
+        room: Room | None = None,
+    ) -> None:
+        """Take the core and give it a configuration, or look at a controller of the engine.
+
+        Args:
+            config: Allocation, gains, limits.
+            model: The robot as described.
+            record: `sp_flight` of a robot in the engine, which has this configuration already.
+            room: What it works in.
+
+        Raises:
+            MissingDependencyError: When the core is not compiled.
+        """
+        super().__init__(model, room)
         self.config = config or ControllerConfig()
-        self._flight, self._reference, self._given = Struct("flight"), Struct("reference"), None
+        self._flight, self._reference, self._given = Struct("flight", record), Struct("reference"), None
         self._settings = Struct("controller_config")
         fill(self._settings.record, self.config)
-        self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
+        if record is None:
+            self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
         self._views = ControlStateView(), ControlStateView()
         self._own = ControlStateView(self._flight.views["control"])
         self._turn = 0

@@ -152,16 +152,20 @@ class Core(Generic[M]):
     memory: M
     """What the core remembers: views of it."""
 
-    def __init__(self, model: Model | None) -> None:
-        """Make a room of its own."""
+    def __init__(self, model: Model | None, room: Room | None = None) -> None:
+        """Make a room of its own, or work in somebody else's."""
         self.model = model or Model()
         self.library: Any = load_core()
-        self.room = Room(self.library)
+        self.room = Room(self.library) if room is None else room
         self._state, self._residual, self._command = Struct("robot_state"), Struct("residual"), Struct("command")
         self._observation = np.zeros(MAX_OBSERVATION, np.float32)
         self._seen: RobotState | None = None
         self._solve_time = 0.0
         self._last_step: Any = None
+
+    def forget(self) -> None:
+        """The engine goes on with what this looks at: what was read of the last tick is past, and nobody timed it."""
+        self._last_step, self._solve_time = None, float("nan")
 
     def close(self) -> None:
         """Nothing can be asked of it any more."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.files import whole_file
+from spidar_gym.native.plant import Plant
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.stage import Stage, extent, standing
 from spidar_gym.viz.film import font
 from spidar_gym.viz.style import BLACK

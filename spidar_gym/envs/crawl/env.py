@@ -1,7 +1,7 @@
 """The crawl environment: the paper's gait and allocation on the ground, to which the action adds; a pose to reach."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,17 +11,19 @@ from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import Move, lying_pose
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.observation import CrawlObservables, crawl_layout
-from spidar_gym.control.crawl.pose2 import torso_pose2
+from spidar_gym.control.crawl.phases import PHASES
+from spidar_gym.control.crawl.pose2 import Pose2, torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs import rules
 from spidar_gym.envs.actions import CRAWL_MODES, find_action_mode
-from spidar_gym.envs.controllers import make_crawler
+from spidar_gym.envs.controllers import CONTROLS, make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv, own_robot, solver_settings, split_options
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.errors import require_instance
+from spidar_gym.errors import require_instance, require_name
+from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
@@ -34,6 +36,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     """SPIDAR on the ground; `spidar list spidar_gym/Crawl-v0` prints its page."""
 
     reward_terms = CRAWL_REWARD_TERMS
+    failures = CRAWL_FAILURES
 
     def __init__(
         self,
@@ -67,25 +70,68 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         config = replace(config, allocator=solver_settings(max_iter))
         if task.joint_speed is not None:
             config = replace(config, joint_speed=task.joint_speed)
-        self.controller = make_crawler(config, control)
+        require_name("control", control, CONTROLS)
+        self._config = config
         robot = own_robot(shared.pop("plant", None))
         if task.friction is not None:
             robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
         # A floor of tiles has to be one from the beginning; the heights are drawn at every reset.
         robot = replace(robot, ground=task.ground(np.random.Generator(np.random.PCG64(0)), robot.ground))
         super().__init__(
-            mode, crawl_layout(mode.size), joint_speed=config.joint_speed, plant=robot,
-            **shared,
+            mode, crawl_layout(mode.size), joint_speed=config.joint_speed, control=control, plant=robot, **shared,
         )  # fmt: skip
-        self.way = (0.0, 0.0, 0.0)
+
+    def _make_controller(self) -> CrawlControl:
+        return make_crawler(self._config, self._control, self._fleet)
+
+    @property
+    def way(self) -> tuple[float, float, float]:
         """Where the goal is, seen from the start: x, y [m], yaw [rad]."""
+        return self._known("way") if self._began else (0.0, 0.0, 0.0)
+
+    # ---- all of it in the engine ----
+
+    def _is_built_in(self) -> bool:
+        return type(self.task) is CrawlTask and self._keeps_page_of(CrawlEnv)
+
+    def _rule(self, fleet: Fleet) -> None:
+        fleet.rules[()] = self._rules(truncates=False, autoreset="disabled")
+
+    def _rules(self, *, truncates: bool, autoreset: str) -> np.ndarray:
+        record = rules.crawl_rules(self.task, self._config, SETTLE_TICKS)
+        self._fill_rules(record, truncates=truncates, autoreset=autoreset)
+        return record
+
+    def _prepare(self, fleet: Fleet) -> None:
+        pass
+
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+        assert self._fleet is not None
+        robot = self._fleet.robots[0]
+        if name == "way":
+            return tuple(robot["way"].tolist())
+        if name != "episode":
+            return super()._read(name)
+        values: dict[str, Any] = {}
+        for field in fields(CrawlProgress):
+            value = robot[{"ticks": "crawled"}.get(field.name, field.name)]
+            values[field.name] = value.copy() if value.ndim else value.item()
+        return CrawlProgress(
+            **values | {"goal": Pose2(*robot["goal"].tolist()), "duct_contact": bool(robot["duct_contact"])}
+        )
+
+    def _native_info(self, fleet: Fleet) -> dict[str, Any]:
+        info = super()._native_info(fleet)
+        phase, shortfalls = info.pop("phase_code"), info.pop("shortfalls_code")
+        info["phase"] = PHASES[phase]
+        info["shortfalls"] = ", ".join(name for k, name in enumerate(SHORTFALLS) if shortfalls >> k & 1)
+        return info
 
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
     ) -> Fleet:
         """Robots of this environment in the engine, at no episode yet."""
-        task, record = self.task, rules.crawl_rules(self.task, self.controller.config, SETTLE_TICKS)
-        self._fill_rules(record, truncates=truncates, autoreset=autoreset)
+        task, record = self.task, self._rules(truncates=truncates, autoreset=autoreset)
         alike = not (self._strength > 0.0 or task.steps or task.obstacles)
         fleet = Fleet("crawling", record, self._nominal, robots, threads, alike=alike)
         for robot in range(robots):
@@ -110,17 +156,17 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
                 np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), q, np.full(N_JOINTS, config.joint_torque_limit)
             )
             for _ in range(SETTLE_TICKS):
-                self._state = self.plant.step(still)
+                self._now["state"] = self.plant.step(still)
         self._sense()
-        self.way = (way.x, way.y, way.yaw)
+        self._now["way"] = (way.x, way.y, way.yaw)
         move = Move(way)
         self.controller.reset(self.seen, [move])
         seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
         # The goal is where the controller was told to go from where it believed itself; the error is the true one.
         start = torso_pose2(self.state.position_w, quat_to_matrix(self.state.quat_wb))
-        self._progress = CrawlProgress(start @ way, seconds, np.zeros(3))
+        self._now["episode"] = progress = CrawlProgress(start @ way, seconds, np.zeros(3))
         self._update_errors()
-        self._progress.initial_distance = max(self._progress.distance, 1e-6)
+        progress.initial_distance = max(progress.distance, 1e-6)
 
     def _act(self, action: np.ndarray) -> Command:
         if self._mode.residual is not None:
@@ -160,9 +206,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         return self.controller.observe(observables, bound=self._bound)
 
     def _task_info(self, failure: str) -> dict[str, Any]:
-        progress, touch, memory = self.progress, self._touch, self.plant.memory
+        progress, touch, plant = self.progress, self._touch, self.plant
         slip = max(float(touch.foot_slip.max()), float(touch.peg_slip.max()))
-        terms = self.task.reward_terms(progress, self._tilt, slip, memory.power, self._action)
+        terms = self.task.reward_terms(progress, self._tilt, slip, plant.power, self._action)
         if failure == "diverged":
             terms = dict.fromkeys(terms, 0.0)
         thrust = np.zeros(N_ROTORS) if self._command is None else self._command.thrust
@@ -184,7 +230,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             "thrust_fraction_peak": progress.thrust_peak,
             "tilt_rad": self._tilt,
             "timeouts": progress.timeouts,
-            "cost_of_transport": 3600.0 * memory.energy_wh / (ROBOT.total_mass * GRAVITY * way),
+            "cost_of_transport": 3600.0 * plant.energy_wh / (ROBOT.total_mass * GRAVITY * way),
             **{f"reward_{name}": value for name, value in terms.items()},
             "shortfalls": ", ".join(progress.shortfalls()),
             "is_success": failure == "" and not progress.shortfalls(),

@@ -14,12 +14,14 @@ from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs import rules
 from spidar_gym.envs.actions import find_action_mode
-from spidar_gym.envs.controllers import make_flight_controller
+from spidar_gym.envs.controllers import make_flight_controller, require_flight_control
 from spidar_gym.envs.env import SpidarEnv, solver_settings, split_options
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, HoverTask, Progress
+from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
 from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.native.engine_structs import FLIGHT_FAILURES
+from spidar_gym.native.flight import ControlStateView
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp, log, matrix_to_quat
 from spidar_gym.state import Command, Reference
@@ -34,8 +36,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
 
     reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
-    truth: ControlState
-    """What a controller with the true state would make of it."""
+    failures = FLIGHT_FAILURES
 
     def __init__(
         self,
@@ -69,20 +70,77 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         mode = find_action_mode(action_mode)
         base = controller_config(preset) if controller is None else controller
         require_instance(ControllerConfig, controller=base)
-        config = replace(base, joint_speed=joint_speed, allocator=solver_settings(max_iter))
-        self.controller = make_flight_controller(config, control, allocator)
-        super().__init__(mode, layout(mode.size), joint_speed=joint_speed, **shared)
+        self._config = replace(base, joint_speed=joint_speed, allocator=solver_settings(max_iter))
+        self._allocator = allocator
+        require_flight_control(control, allocator)
         self._start: FlightStart | None = None
+        self._reference: Reference | None = None
+        self._goals: list[FormGoal] | None = None
         self.trim: np.ndarray | None = None
         """Wrench with which the integrals began [N, Nm]; None for the described robot."""
-        self._reference: Reference | None = None
+        super().__init__(mode, layout(mode.size), joint_speed=joint_speed, control=control, **shared)
+
+    def _make_controller(self) -> FlightControl:
+        return make_flight_controller(self._config, self._control, self._allocator, self._fleet)
+
+    @property
+    def truth(self) -> ControlState:
+        """What a controller with the true state would make of it."""
+        return self._known("truth")
+
+    # ---- all of it in the engine ----
+
+    def _is_built_in(self) -> bool:
+        return type(self.task) is HoverTask and self._keeps_page_of(HoverEnv)
+
+    def _rule(self, fleet: Fleet) -> None:
+        if replace(self.task, forms=self._ruled.forms) != self._ruled:
+            fleet.rules[()] = self._rules(truncates=False, autoreset="disabled")
+        fleet.robots["forms"] = rules.sequence(self.task)
+
+    def _rules(self, *, truncates: bool, autoreset: str) -> np.ndarray:
+        record = rules.hover_rules(self.task, self._config, described=self._described)
+        self._fill_rules(record, truncates=truncates, autoreset=autoreset)
+        return record
+
+    def _prepare(self, fleet: Fleet) -> None:
+        robot, start = fleet.robots[0], self._start
+        self._reference = self._goals = None
+        robot["is_given"], robot["has_trim"] = start is not None, start is not None and start.trim is not None
+        if start is None:
+            return
+        robot["goals"], robot["offset"], robot["rotation"] = len(start.goals), start.position, start.rotation
+        robot["trim"] = 0.0 if start.trim is None else start.trim
+        for row, goal in zip(fleet.goals[0], start.goals, strict=False):
+            row["start"], row["deadline"], row["joint_target"] = goal.start, goal.deadline, goal.joint_target
+
+    def _begin_native(self, fleet: Fleet) -> None:
+        super()._begin_native(fleet)
+        given = self._start is not None and self._start.trim is not None
+        self.trim = fleet.robots[0]["trim"].copy() if given or not self._described else None
+
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+        assert self._fleet is not None
+        robot = self._fleet.robots[0]
+        if name == "truth":
+            return ControlStateView(self._fleet.robots["truth"][0:1].reshape(())).control_state
+        if name != "episode":
+            return super()._read(name)
+        rows = self._fleet.goals[0][: int(robot["goals"])]
+        if self._goals is None:
+            self._goals = [
+                FormGoal(float(row["start"]), float(row["deadline"]), row["joint_target"].copy()) for row in rows
+            ]
+        return Progress(
+            self._goals, int(robot["flown"]), int(robot["current"]), float(robot["position_sum"]),
+            float(robot["attitude_sum"]), set(np.flatnonzero(rows["reached"]).tolist()),
+        )  # fmt: skip
 
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
     ) -> Fleet:
         """Robots of this environment in the engine, at no episode yet."""
-        record = rules.hover_rules(self.task, self.controller.config, described=self._described)
-        self._fill_rules(record, truncates=truncates, autoreset=autoreset)
+        record = self._rules(truncates=truncates, autoreset=autoreset)
         goals, alike = rules.most_goals(self.task.horizon_s), self._strength == 0.0
         fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals)
         fleet.robots["forms"] = rules.sequence(self.task)
@@ -98,7 +156,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     def _begin(self, rng: np.random.Generator) -> None:
         self._reference = None
         start = self._start or FlightStart(tuple(self.task.schedule(rng)), *self.task.offset(rng))
-        self._progress = Progress(list(start.goals))
+        self._now["episode"] = Progress(list(start.goals))
         self._draw_robot(rng)
         q = self.progress.goal.joint_target
         R_wb = exp(start.rotation)
@@ -160,9 +218,10 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     def _update_errors(self) -> None:
         """What the controller makes of what it sees, and what is true."""
         self._control_state = self.controller.compute_state(self.seen, self.reference())
-        self.truth = self._control_state
-        if self.seen is not self._state:
-            self.truth = self.controller.compute_state(self.state, self.reference())
+        sees = not self._nominal.sense
+        self._now["truth"] = (
+            self._control_state if sees else self.controller.compute_state(self.state, self.reference())
+        )
 
     def _errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Position error, world [m], and attitude error log(RᵀR_d), torso axes [rad], of the true state.

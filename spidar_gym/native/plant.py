@@ -1,0 +1,277 @@
+"""One simulated robot of an engine, as Python sees it: `step(Command) → RobotState`, with saving and restoring."""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.draws import from_numpy
+from spidar_gym.native.engine import Engine, check_delay
+from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.library import pointer
+from spidar_gym.native.structs import fill, read
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import Touch
+from spidar_gym.sim.scene import TIMESTEP
+from spidar_gym.state import Command, Measurement, RobotState
+
+_LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+_POSE = np.dtype(
+    [("position_w", "f8", 3), ("quat_wb", "f8", 4), ("joint_position", "f8", N_JOINTS),
+     ("vectoring", "f8", 2 * N_ROTORS), ("thrust", "f8", N_ROTORS)]
+)  # fmt: skip
+"""`sp_pose`."""
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A moment of one simulated robot; `Plant.restore` continues from it bit for bit."""
+
+    robot: bytes
+    """Its record."""
+    model: bytes
+    """Its part of MuJoCo's model."""
+
+
+def read_state(record: np.ndarray | np.void) -> RobotState:
+    """A state of the library as a dataclass of its own arrays."""
+    r = record
+    return RobotState(
+        float(r["time"]), r["position_w"].copy(), r["quat_wb"].copy(), r["velocity_w"].copy(), r["omega_b"].copy(),
+        r["joint_position"].copy(), r["joint_velocity"].copy(), r["vectoring"].reshape(N_ROTORS, 2).copy(),
+        r["vectoring_velocity"].reshape(N_ROTORS, 2).copy(), r["thrust"].copy(), r["joint_torque"].copy(),
+    )  # fmt: skip
+
+
+def read_command(record: np.ndarray | np.void) -> Command:
+    """A command of the library as a dataclass of its own arrays."""
+    return Command(
+        record["thrust"].copy(), record["vectoring"].reshape(N_ROTORS, 2).copy(), record["joint_position"].copy(),
+        record["joint_torque_limit"].copy(),
+    )  # fmt: skip
+
+
+class Plant:
+    """One simulated robot over a floor.
+
+    Its joint servos run τ = k_{j,p} (q^d − q) − k_{j,d} q̇ [Zhao2025, Eq. 17] at every physics step, on a setpoint that
+    moves no faster than the joint speed, within their torque limit.
+    """
+
+    def __init__(self, config: PlantConfig | None = None, *, engine: Engine | None = None) -> None:
+        """Make one, or look at the robot of an engine that has just this one.
+
+        Raises:
+            StaleAssetError: Where the model file was edited by hand.
+            InvalidValueError: For a delay that is too long.
+        """
+        given = config or PlantConfig()
+        self._config: PlantConfig | None = given
+        self._engine = engine or Engine("plant", given, 1, 1, alike=False)
+        robots = self._engine.robots
+        self._own = engine is None
+        self._record: Any = robots[0] if self._own else robots[0]["plant"]
+        simulation = self._engine.simulations[0]
+        self.model, self.data = simulation.model, simulation.data
+        self._rng: np.random.Generator | None = None
+        self._pose, self._command = np.zeros(1, _POSE), np.zeros(1, engine_layouts()["command"])
+
+    @property
+    def config(self) -> PlantConfig:
+        """What was chosen about the robot, or drawn."""
+        if self._config is None:
+            self._config = read(PlantConfig, self._record["config"])
+        return self._config
+
+    def reread(self) -> None:
+        """The engine may have made another robot of it."""
+        self._config = None
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return self.config.substeps * TIMESTEP
+
+    def configure(self, config: PlantConfig) -> None:
+        """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
+        if config.ground.uneven != self.config.ground.uneven:
+            raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
+        check_delay(config)
+        configs = np.zeros(1, engine_layouts()["plant_config"])
+        fill(configs[0], config)
+        self._engine.configure(configs)
+        self._config = config
+
+    def reset(
+        self,
+        position_w: Vector3,
+        quat_wb: Quaternion = _LEVEL,
+        joint_position: JointVector | None = None,
+        vectoring: Vectoring | None = None,
+        thrust: RotorVector | None = None,
+        *,
+        disturbances: Disturbances | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> RobotState:
+        """Put the robot somewhere at rest, servos at their setpoints.
+
+        Args:
+            position_w: Origin of the torso [m].
+            quat_wb: Attitude (w, x, y, z).
+            joint_position: q [rad]; zero by default.
+            vectoring: (φ, θ) [rad]; zero by default.
+            thrust: Thrust that the modules already deliver [N]; zero by default.
+            disturbances: What happens to it; nothing by default.
+            rng: Source of noise, wind and pushes; a copy of it draws.
+
+        Raises:
+            InvalidValueError: When something random is to happen and there is no generator.
+        """
+        disturbances = disturbances or Disturbances()
+        random = self.config.sense or self.config.actuators.thrust_noise
+        if rng is None and (random or disturbances.has_weather):
+            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
+        fill(self._record["disturbances"], disturbances)
+        if rng is not None:
+            self._record["generator"] = from_numpy(rng)
+        pose = self._pose[0]
+        pose["position_w"], pose["quat_wb"] = position_w, quat_wb
+        pose["joint_position"] = 0.0 if joint_position is None else joint_position
+        pose["vectoring"] = 0.0 if vectoring is None else vectoring.reshape(-1)
+        pose["thrust"] = 0.0 if thrust is None else thrust
+        self._engine.run("sp_reset_plants", None, self._pose)
+        return self.state()
+
+    def step(self, command: Command) -> RobotState:
+        """Advance by one control period: physics, and what happens in between.
+
+        Args:
+            command: Thrusts are clipped to idle … what the module gives (λ̄, its gain, the battery); joint setpoints to
+                ± 90°, and slewed by the servos.
+
+        Returns:
+            The true state at the end of the period; where it has `diverged`, the last one that was finite.
+        """
+        fill(self._command[0], command)
+        self._engine.run("sp_step_plants", None, self._command)
+        return self.state()
+
+    def state(self) -> RobotState:
+        """The true state."""
+        return read_state(self._record["state"])
+
+    def measure(self) -> Measurement:
+        """What the sensors have said since the last call (`InvalidValueError` where `sense` is off)."""
+        if not self._record["senses"]:
+            raise InvalidValueError("sense", self.config.sense, "True at the reset")
+        found = np.zeros((), engine_layouts()["measurement"])
+        self._engine.library.sp_measure(pointer(self._engine.robots), pointer(found))
+        shapes = {"pose_position_w": (-1, 3), "pose_quat_wb": (-1, 4), "gyro_b": (-1, 3), "specific_force_b": (-1, 3),
+                  "vectoring": (N_ROTORS, 2)}  # fmt: skip
+        values = {}
+        for name in found.dtype.names or ():
+            values[name] = found[name].reshape(shapes[name]) if name in shapes else found[name]
+        numbers = {name: value.item() for name, value in values.items() if value.ndim == 0}
+        return Measurement(**(values | numbers))
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
+        return bool(self._record["diverged"])
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether any part of the robot touches the floor."""
+        return bool(self._record["in_contact"])
+
+    def touch(self) -> Touch:
+        """What touches the floor, and how it slides."""
+        found = np.zeros((), engine_layouts()["touch"])
+        self._engine.library.sp_touching_now(pointer(self._engine.record), pointer(found))
+        balls = found["balls"] != 0
+        return Touch(
+            balls[:N_LEGS], balls[N_LEGS:], bool(found["ducts"]), found["slip"][:N_LEGS], found["slip"][N_LEGS:],
+            float(found["duct_clearance"]),
+        )  # fmt: skip
+
+    def contact_forces(self) -> np.ndarray:
+        """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
+        data, wrench = self.data, np.zeros(6)
+        rows = np.zeros((data.ncon, 6))
+        for k in range(data.ncon):
+            mujoco.mj_contactForce(self.model, data, k, wrench)
+            force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
+            # MuJoCo gives the force on the second geom; the floor only pushes.
+            rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if force[2] >= 0.0 else -force
+        return rows
+
+    @property
+    def thrust_factor(self) -> RotorVector:
+        """Thrust of each module over its thrust in still air."""
+        factor = self._record["air_factor"]
+        return 0.5 * (factor[::2] + factor[1::2])
+
+    @property
+    def air_force(self) -> Vector3:
+        """Force of the air on the whole robot besides its thrust in still air, world [N]."""
+        return self._record["air_force_w"].copy()
+
+    @property
+    def power(self) -> float:
+        """Electrical power now [W]."""
+        return float(self._record["power"])
+
+    @property
+    def energy_wh(self) -> float:
+        """Electrical energy since the reset [Wh]."""
+        return float(self._record["energy_wh"])
+
+    @property
+    def mean_power(self) -> float:
+        """Mean electrical power since the reset [W]."""
+        energy, time = float(self._record["energy_wh"]), float(self._record["state"]["time"])
+        return 3600.0 * energy / time if energy > 0.0 else float(self._record["power"])
+
+    @property
+    def memory(self) -> SimpleNamespace:
+        """What changes about it besides MuJoCo's state, by the names of `sp_plant`: copies."""
+        record = self._record
+        values = {name: record[name].copy() for name in ("noise", "torque_limit", "falling", "loose")}
+        numbers = {name: record[name].item() for name in ("clock", "power", "energy_wh")}
+        weather = {name: record["weather"][name].copy() for name in record["weather"].dtype.names}
+        return SimpleNamespace(
+            **values, **numbers, weather=SimpleNamespace(**weather), pending=int(record["pending_count"]),
+            stuck=record["stuck"].copy() if record["is_stuck"] else None,
+        )  # fmt: skip
+
+    def net_wrench(self) -> tuple[Vector3, Vector3]:
+        """Force, world [N], and torque about the torso's origin, torso axes [Nm], of rotors and weight on the robot.
+
+        At rest, and without the air: what keeps the robot from hovering where it is.
+        """
+        data: Any = self.data  # one of its arrays is declared without a type
+        net = data.qfrc_actuator - data.qfrc_bias
+        return net[:3], net[3:6]
+
+    def save(self) -> Saved:
+        """This moment, all of it; `restore` continues from it bit for bit."""
+        return Saved(self._engine.robots.tobytes(), self._engine.copies.tobytes())
+
+    def restore(self, saved: Saved) -> RobotState:
+        """Return to a saved moment (`InvalidValueError` for another kind of simulation's)."""
+        sizes = self._engine.robots.nbytes, self._engine.copies.nbytes
+        if (len(saved.robot), len(saved.model)) != sizes:
+            given = len(saved.robot), len(saved.model)
+            raise InvalidValueError("saved", given, f"a moment of {sizes[0]} and {sizes[1]} bytes from save()")
+        self._engine.write(np.frombuffer(saved.robot, np.uint8), np.frombuffer(saved.model, np.uint8))
+        self._engine.run("sp_refresh_plants")
+        return self.state()
