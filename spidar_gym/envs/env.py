@@ -388,6 +388,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         self.sampled_parameters = self._read_drawn(fleet)
 
     def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        self.plant.keep()
         fleet.actions[0] = action
         self._forget()
         self.ticks += 1

@@ -74,6 +74,8 @@ class Engine:
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
         """`sp_engine`."""
+        self.address = pointer(self.record)
+        """Where it is for the library."""
         self._kept: dict[str, np.ndarray] = {}
         self.share("world", self._world)
         self.share("threads", self._threads)
@@ -142,7 +144,7 @@ class Engine:
             return [robot for part in parts for robot in self.run(job, part, argument, at_once=at_once)]
         arguments = [] if argument is None else [pointer(argument)]
         where = None if chosen is None else pointer(chosen)
-        if not getattr(self.library, job)(pointer(self.record), where, count, *arguments):
+        if not getattr(self.library, job)(self.address, where, count, *arguments):
             return ()
         failed = self._pool.failed
         return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()

@@ -161,9 +161,14 @@ class Plant:
         Returns:
             The true state at the end of the period; where it has `diverged`, the last one that was finite.
         """
+        self.keep()
         fill(self._command[0], command)
         self._engine.run("sp_step_plants", None, self._command)
         return self.state()
+
+    def keep(self) -> None:
+        """Let the robot be where `data` has it: who writes there moves it."""
+        self._engine.library.sp_keep_now(self._engine.address)
 
     def state(self) -> RobotState:
         """The true state."""
@@ -196,7 +201,7 @@ class Plant:
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
         found = np.zeros((), engine_layouts()["touch"])
-        self._engine.library.sp_touching_now(pointer(self._engine.record), pointer(found))
+        self._engine.library.sp_touching_now(self._engine.address, pointer(found))
         balls = found["balls"] != 0
         return Touch(
             balls[:N_LEGS], balls[N_LEGS:], bool(found["ducts"]), found["slip"][:N_LEGS], found["slip"][N_LEGS:],

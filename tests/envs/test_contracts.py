@@ -17,10 +17,10 @@ from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.envs.hover.task import REWARD_TERMS, SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.model.dynamics import Model
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.randomize import TABLE
 from spidar_gym.so3 import quat_to_matrix
 

@@ -13,10 +13,10 @@ from support.episodes import EVERY, HOVER, assert_same, flight, make, same
 from spidar_gym.envs.docs import page
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import description
 from spidar_gym.sim import plant
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.sensors import SensorConfig
 
 

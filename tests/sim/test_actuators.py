@@ -8,10 +8,11 @@ import pytest
 from support.plants import HIGH, VACUUM, command, floating, tumbled
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import JOINT_NAMES, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.plant import Plant, PlantConfig
 from spidar_gym.sim.randomize import randomize
 from spidar_gym.sim.sensors import ENCODER_STEPS, SensorConfig
 from spidar_gym.state import Command

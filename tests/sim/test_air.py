@@ -8,15 +8,15 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from reference.events import every
 from support.air import HIGH, HOVER, LEVEL, LINKS, NONE, RADIUS, STILL, TORSO, evaluate, posed, world
 from support.states import upright
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim import plant as plant_module
 from spidar_gym.sim.air import AIR_DENSITY, N_DUCTS, Aero, AeroConfig, AirForces
-from spidar_gym.sim.events import every
-from spidar_gym.sim.plant import Plant
 from spidar_gym.so3 import exp, rotation_z
 from spidar_gym.state import Command
 

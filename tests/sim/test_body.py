@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import JOINT_NAMES, ROBOT
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.scene import scene
 from spidar_gym.so3 import exp, matrix_to_quat
 from spidar_gym.state import Command

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from support.plants import ASKEW, ODDITIES, VACUUM, command, dropped, tumbled, witnessed
 
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, GRAVITY, ROBOT
-from spidar_gym.sim.plant import Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
 
 
 def touching(plant: Plant) -> set[str]:

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.native.engine_structs import AIR_STEPS
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, GIMBAL_NAMES, ROBOT
 from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances, Weather
-from spidar_gym.sim.plant import AIR_STEPS, TIMESTEP, Plant, PlantConfig
+from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command
 
 HIGH = np.array([0.0, 0.0, 30.0])

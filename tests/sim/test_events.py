@@ -5,14 +5,14 @@ import inspect
 
 import numpy as np
 import pytest
+from reference.events import NEVER, every, next_arrival
+from reference.plant import EVENTS, Plant
+from reference.plant_memory import PlantMemory
 
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.events import NEVER, every, next_arrival
-from spidar_gym.sim.plant import EVENTS, Plant
-from spidar_gym.sim.plant_memory import PlantMemory
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command
 

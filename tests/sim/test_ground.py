@@ -9,11 +9,12 @@ import pytest
 
 from spidar_gym.control.crawl.footsteps import GaitConfig, lying_pose
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FOOT_SITES, FORMS, N_LEGS, PEG_SITES, ROBOT, ROTOR_SITES
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.ground import TILE, TILE_DEPTH, TILES, GroundConfig, uneven, with_blocks
-from spidar_gym.sim.plant import Plant, PlantConfig
 from spidar_gym.sim.scene import scene
 from spidar_gym.so3 import exp, matrix_to_quat
 from spidar_gym.state import Command

@@ -21,8 +21,10 @@ from support.plants import (
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, ROBOT
-from spidar_gym.sim.plant import TIMESTEP, Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import RobotState
 
 

@@ -9,12 +9,12 @@ import pytest
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.randomize import TABLE, Row, check_strength, randomize
 
 NOMINAL = PlantConfig()

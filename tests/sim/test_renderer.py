@@ -12,9 +12,9 @@ import pytest
 
 from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.errors import SpidarError, UnknownNameError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS
 from spidar_gym.robot.description import CAMERAS
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.renderer import OffscreenRenderer, Window, require_display
 
 HOVER = "spidar_gym/Hover-v0"

@@ -19,8 +19,8 @@ from support.plants import (
 )
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS
-from spidar_gym.sim.plant import Plant
 from spidar_gym.state import RobotState
 
 

@@ -9,10 +9,12 @@ import pytest
 from support.states import resting
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
-from spidar_gym.sim.plant import TIMESTEP, Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.sim.sensors import SensorConfig, Sensors
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command

@@ -9,9 +9,12 @@ from support.parts import rotors
 from support.plants import HIGH, VACUUM, command, floating
 from support.states import model
 
+from spidar_gym.native.engine_structs import AIR_STEPS
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.actuators import NOISE_BANDWIDTH, ActuatorConfig, thrust_noise
-from spidar_gym.sim.plant import AIR_STEPS, TIMESTEP, Plant, PlantConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.so3 import exp, matrix_to_quat
 
 AIR_PERIOD = AIR_STEPS * TIMESTEP

@@ -9,8 +9,8 @@ from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
 from spidar_gym.control.crawl.footsteps import Lift, Move, Stand, lying_pose
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_LEGS, ROBOT
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.scene import scene
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 

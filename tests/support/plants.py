@@ -4,11 +4,12 @@ from dataclasses import asdict
 
 import numpy as np
 
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.plant import Plant, PlantConfig
 from spidar_gym.so3 import exp, matrix_to_quat
 from spidar_gym.state import Command
 

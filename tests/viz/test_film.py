@@ -13,9 +13,9 @@ from spidar_gym.cli.main import main
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.errors import UnknownNameError
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.ground import TILES, GroundConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.sim.stage import Stage, between, extent, standing
 from spidar_gym.viz.film import FPS, SIZE, STRIP, flight_phase, tick_at
 

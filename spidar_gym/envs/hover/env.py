@@ -104,15 +104,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         return record
 
     def _prepare(self, fleet: Fleet) -> None:
-        robot, start = fleet.robots[0], self._start
         self._reference = self._goals = None
-        robot["is_given"], robot["has_trim"] = start is not None, start is not None and start.trim is not None
-        if start is None:
-            return
-        robot["goals"], robot["offset"], robot["rotation"] = len(start.goals), start.position, start.rotation
-        robot["trim"] = 0.0 if start.trim is None else start.trim
-        for row, goal in zip(fleet.goals[0], start.goals, strict=False):
-            row["start"], row["deadline"], row["joint_target"] = goal.start, goal.deadline, goal.joint_target
+        fleet.begin_with(0, self._start)
 
     def _begin_native(self, fleet: Fleet) -> None:
         super()._begin_native(fleet)

@@ -110,6 +110,13 @@ static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
     thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
 }
 
+/* The only robot is what its loaded simulation shows: who writes into MuJoCo's data moves it. */
+void sp_keep_now(const sp_engine *e)
+{
+    sp_plant *p = sp_plant_of(e, 0);
+    if (!p->diverged) sp_leave(&e->threads[0].sim, p);
+}
+
 /* What touches the floor under the only robot, where it was left loaded. */
 void sp_touching_now(const sp_engine *e, sp_touch *touch)
 {

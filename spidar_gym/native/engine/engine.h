@@ -142,6 +142,7 @@ typedef struct {
 int sp_configure_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
 int sp_reset_plants(sp_engine *engine, const int32_t *ids, int n, const sp_pose *poses);
 int sp_step_plants(sp_engine *engine, const int32_t *ids, int n, const sp_command *commands);
+void sp_keep_now(const sp_engine *engine);
 void sp_touching_now(const sp_engine *engine, sp_touch *touch);
 int sp_refresh_plants(sp_engine *engine, const int32_t *ids, int n); /* kinematics and contacts of now in the data */
 

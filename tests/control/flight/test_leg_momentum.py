@@ -16,11 +16,11 @@ from spidar_gym.control.flight.compensation import (
     momentum_torque,
     servo_response,
 )
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, GIMBAL_NAMES, JOINT_NAMES
 from spidar_gym.robot.description import mjcf_path
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.so3 import log
 from spidar_gym.state import Command
 

@@ -15,10 +15,10 @@ from spidar_gym.control.flight.compensation import (
 )
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import controller_config
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, GRAVITY, ROBOT
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 from spidar_gym.so3 import exp
 
 BOUND = np.repeat([0.5 * ROBOT.weight, 10.0], 3)

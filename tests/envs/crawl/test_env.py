@@ -19,9 +19,9 @@ from spidar_gym.envs.actions import CRAWL_MODES
 from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask, arc_astray
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.model.dynamics import Model
+from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.plant import Plant
 
 CRAWL = "spidar_gym/Crawl-v0"
 SHORT = {"distance": 0.15, "direction": 0.0, "turn": 0.0, "schedule": "overlapped", "joint_speed": 0.4}

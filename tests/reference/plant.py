@@ -8,6 +8,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from reference.events import Event, every, next_arrival
+from reference.plant_memory import PlantMemory, Saved
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
@@ -17,9 +19,7 @@ from spidar_gym.sim.air import Aero
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances, Weather
 from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
-from spidar_gym.sim.events import Event, every, next_arrival
 from spidar_gym.sim.ground import GroundWatch, Touch
-from spidar_gym.sim.plant_memory import PlantMemory, Saved
 from spidar_gym.sim.scene import TIMESTEP, quieten, scene
 from spidar_gym.sim.sensors import Sensors
 from spidar_gym.state import Command, Measurement, RobotState

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from spidar_gym.sim.plant_memory import PlantMemory
+from reference.plant_memory import PlantMemory
 
 NEVER = 2**62
 """A physics step that does not come."""
