@@ -102,12 +102,6 @@ class Engine:
         self._threads[:, -1] = 0  # no thread carries a part of a model any more
         self.run("sp_configure_plants", ids, configs)
 
-    def write(self, robots: np.ndarray, copies: np.ndarray) -> None:
-        """Put the bytes of all robots and of their parts of the model where they are."""
-        self.robots.view(np.uint8).reshape(-1)[:] = robots
-        self.copies.reshape(-1)[:] = copies
-        self.forget_copies()
-
     def forget_copies(self) -> None:
         """No thread carries a part of a model any more: for who has written `copies`."""
         self._threads[:, -1] = 0

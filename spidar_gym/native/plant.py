@@ -4,7 +4,6 @@
 # The compiled modules below come without stubs.
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -78,8 +77,9 @@ class Plant:
         self._config: PlantConfig | None = given
         self._engine = engine or Engine("plant", given, 1, 1, alike=False)
         robots = self._engine.robots
-        self._own = engine is None
-        self._record: Any = robots[0] if self._own else robots[0]["plant"]
+        self._records = robots if engine is None else robots["plant"]
+        self.record: Any = self._records[0]
+        """`sp_plant`: what it is, and all that changes about it."""
         simulation = self._engine.simulations[0]
         self.model, self.data = simulation.model, simulation.data
         self._rng: np.random.Generator | None = None
@@ -89,7 +89,7 @@ class Plant:
     def config(self) -> PlantConfig:
         """What was chosen about the robot, or drawn."""
         if self._config is None:
-            self._config = read(PlantConfig, self._record["config"])
+            self._config = read(PlantConfig, self.record["config"])
         return self._config
 
     def reread(self) -> None:
@@ -140,9 +140,9 @@ class Plant:
         random = self.config.sense or self.config.actuators.thrust_noise
         if rng is None and (random or disturbances.has_weather):
             raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
-        fill(self._record["disturbances"], disturbances)
+        fill(self.record["disturbances"], disturbances)
         if rng is not None:
-            self._record["generator"] = from_numpy(rng)
+            self.record["generator"] = from_numpy(rng)
         pose = self._pose[0]
         pose["position_w"], pose["quat_wb"] = position_w, quat_wb
         pose["joint_position"] = 0.0 if joint_position is None else joint_position
@@ -172,11 +172,11 @@ class Plant:
 
     def state(self) -> RobotState:
         """The true state."""
-        return read_state(self._record["state"])
+        return read_state(self.record["state"])
 
     def measure(self) -> Measurement:
         """What the sensors have said since the last call (`InvalidValueError` where `sense` is off)."""
-        if not self._record["senses"]:
+        if not self.record["senses"]:
             raise InvalidValueError("sense", self.config.sense, "True at the reset")
         found = np.zeros((), engine_layouts()["measurement"])
         self._engine.library.sp_measure(pointer(self._engine.robots), pointer(found))
@@ -191,12 +191,12 @@ class Plant:
     @property
     def diverged(self) -> bool:
         """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
-        return bool(self._record["diverged"])
+        return bool(self.record["diverged"])
 
     @property
     def in_contact(self) -> bool:
         """Whether any part of the robot touches the floor."""
-        return bool(self._record["in_contact"])
+        return bool(self.record["in_contact"])
 
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
@@ -222,41 +222,29 @@ class Plant:
     @property
     def thrust_factor(self) -> RotorVector:
         """Thrust of each module over its thrust in still air."""
-        factor = self._record["air_factor"]
+        factor = self.record["air_factor"]
         return 0.5 * (factor[::2] + factor[1::2])
 
     @property
     def air_force(self) -> Vector3:
         """Force of the air on the whole robot besides its thrust in still air, world [N]."""
-        return self._record["air_force_w"].copy()
+        return self.record["air_force_w"].copy()
 
     @property
     def power(self) -> float:
         """Electrical power now [W]."""
-        return float(self._record["power"])
+        return float(self.record["power"])
 
     @property
     def energy_wh(self) -> float:
         """Electrical energy since the reset [Wh]."""
-        return float(self._record["energy_wh"])
+        return float(self.record["energy_wh"])
 
     @property
     def mean_power(self) -> float:
         """Mean electrical power since the reset [W]."""
-        energy, time = float(self._record["energy_wh"]), float(self._record["state"]["time"])
-        return 3600.0 * energy / time if energy > 0.0 else float(self._record["power"])
-
-    @property
-    def memory(self) -> SimpleNamespace:
-        """What changes about it besides MuJoCo's state, by the names of `sp_plant`: copies."""
-        record = self._record
-        values = {name: record[name].copy() for name in ("noise", "torque_limit", "falling", "loose")}
-        numbers = {name: record[name].item() for name in ("clock", "power", "energy_wh")}
-        weather = {name: record["weather"][name].copy() for name in record["weather"].dtype.names}
-        return SimpleNamespace(
-            **values, **numbers, weather=SimpleNamespace(**weather), pending=int(record["pending_count"]),
-            stuck=record["stuck"].copy() if record["is_stuck"] else None,
-        )  # fmt: skip
+        energy, time = float(self.record["energy_wh"]), float(self.record["state"]["time"])
+        return 3600.0 * energy / time if energy > 0.0 else float(self.record["power"])
 
     def net_wrench(self) -> tuple[Vector3, Vector3]:
         """Force, world [N], and torque about the torso's origin, torso axes [Nm], of rotors and weight on the robot.
@@ -269,14 +257,18 @@ class Plant:
 
     def save(self) -> Saved:
         """This moment, all of it; `restore` continues from it bit for bit."""
-        return Saved(self._engine.robots.tobytes(), self._engine.copies.tobytes())
+        self.keep()
+        return Saved(self._records.tobytes(), self._engine.copies.tobytes())
 
     def restore(self, saved: Saved) -> RobotState:
         """Return to a saved moment (`InvalidValueError` for another kind of simulation's)."""
-        sizes = self._engine.robots.nbytes, self._engine.copies.nbytes
+        sizes = self._records.nbytes, self._engine.copies.nbytes
         if (len(saved.robot), len(saved.model)) != sizes:
             given = len(saved.robot), len(saved.model)
             raise InvalidValueError("saved", given, f"a moment of {sizes[0]} and {sizes[1]} bytes from save()")
-        self._engine.write(np.frombuffer(saved.robot, np.uint8), np.frombuffer(saved.model, np.uint8))
+        self._records[:] = np.frombuffer(saved.robot, self._records.dtype)
+        self._engine.copies[0] = np.frombuffer(saved.model, np.uint8)
+        self._engine.forget_copies()
         self._engine.run("sp_refresh_plants")
+        self.reread()
         return self.state()

@@ -159,10 +159,8 @@ class Robot:
         if self.steps % TICK == 0:
             messages.append(Message("flight_state", self.time, {"data": self.flight_state}))
         if self.steps % 20 == 0:
-            memory = self.plant.memory
-            messages.append(
-                Message("battery_voltage_status", self.time, {"data": float(voltage(memory.energy_wh, memory.power))})
-            )
+            volts = voltage(self.plant.energy_wh, self.plant.power)
+            messages.append(Message("battery_voltage_status", self.time, {"data": float(volts)}))
         return messages
 
     def _decide(self) -> None:

@@ -198,7 +198,7 @@ class Session:
         self.run.rows.append(
             Row(
                 robot.time, robot.flight_state, robot.state, _tilt(robot.state),
-                plant.memory.power, plant.memory.energy_wh, plant.air_force, plant.data.qpos.copy(), plant.in_contact,
+                plant.power, plant.energy_wh, plant.air_force, plant.data.qpos.copy(), plant.in_contact,
                 plant.touch() if crawls else None, plant.contact_forces() if crawls else np.zeros((0, 6)),
             )
         )  # fmt: skip

@@ -13,9 +13,9 @@ from support.episodes import EVERY, HOVER, assert_same, flight, make, same
 from spidar_gym.envs.docs import page
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.native import engine
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import description
-from spidar_gym.sim import plant
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.sensors import SensorConfig
 
@@ -176,14 +176,14 @@ def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, m
     text = path.read_text(encoding="utf-8")
     path.unlink() if edit is None else path.write_text(edit(text), encoding="utf-8")
     monkeypatch.setattr(description, "assets_dir", lambda: tmp_path / "assets")
-    plant.scene.cache_clear()
+    engine.scene.cache_clear()
     try:
         with pytest.raises(StaleAssetError, match="spidar assets"):
             gymnasium.make(HOVER)
         with pytest.raises(StaleAssetError, match=r"spidar\.xml"):
             Plant()
     finally:
-        plant.scene.cache_clear()
+        engine.scene.cache_clear()
 
 
 @pytest.mark.parametrize("terms", [{}, {"height": (0.1, "1 where it is high")}])

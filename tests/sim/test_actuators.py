@@ -34,7 +34,7 @@ def loaded(plant: Plant, servo: str, torque: float, told: Command, seconds: floa
 
 def setpoints(plant: Plant) -> np.ndarray:
     """Thrusts, and setpoints of joint and vectoring servos."""
-    return plant.data.act[plant._act].copy()
+    return plant.data.act.copy()
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_robot_that_obeys_late_obeys_every_command_in_turn():
     given = []
     for thrust in told:
         plant.step(command(thrust))
-        given.append(plant.data.ctrl[plant._ctrl[:8]].copy())
+        given.append(plant.data.ctrl[:8].copy())
     # 9 steps: a command reaches the rotors in the middle of the fifth tick after its own.
     assert np.array_equal(given[4:], told[:-4])
     assert not np.any(given[:4])

@@ -8,14 +8,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from reference import plant as plant_module
 from reference.events import every
 from support.air import HIGH, HOVER, LEVEL, LINKS, NONE, RADIUS, STILL, TORSO, evaluate, posed, world
 from support.states import upright
 
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
-from spidar_gym.sim import plant as plant_module
 from spidar_gym.sim.air import AIR_DENSITY, N_DUCTS, Aero, AeroConfig, AirForces
 from spidar_gym.so3 import exp, rotation_z
 from spidar_gym.state import Command
@@ -317,7 +316,7 @@ def test_holding_the_forces_for_25_milliseconds_changes_a_second_of_flight_by_5_
         monkeypatch.setattr(plant_module, "AIR_STEPS", steps)
         events = (replace(e, due=every(steps)) if e.name == "air" else e for e in plant_module.EVENTS)
         monkeypatch.setattr(plant_module, "EVENTS", tuple(events))
-        plant = Plant()
+        plant = plant_module.Plant()
         plant.reset(HIGH, joint_position=FORMS[name], vectoring=vectoring, thrust=thrust)
         for _ in range(40):
             state = plant.step(command)

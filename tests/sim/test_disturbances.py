@@ -220,12 +220,12 @@ def test_a_push_in_mid_air_without_gravity_gives_the_robot_its_force_times_a_fif
     plant = Plant(VACUUM)
     plant.model.opt.gravity[:] = 0.0
     plant.reset(HIGH, disturbances=Disturbances(push=30.0), rng=np.random.default_rng(6))
-    plant.memory.weather.next_push = begin
+    plant.record["weather"]["next_push"] = begin
     force = np.zeros(3)
     while plant.data.time < begin + 0.3:
         plant.step(command())
-        if plant.memory.weather.push_w.any():
-            force = plant.memory.weather.push_w
+        if plant.record["weather"]["push_w"].any():
+            force = plant.record["weather"]["push_w"].copy()
     data = copy.copy(plant.data)
     mujoco.mj_forward(plant.model, data)
     mujoco.mj_subtreeVel(plant.model, data)
@@ -250,7 +250,7 @@ def test_the_same_seed_gives_the_same_flight_in_a_storm_and_another_seed_another
         plant = Plant()
         storm = Disturbances(wind=5.0, push=20.0)
         plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust), disturbances=storm, rng=np.random.default_rng(seed))
-        plant.memory.weather.next_push = 0.1
+        plant.record["weather"]["next_push"] = 0.1
         for _ in range(20):
             state = plant.step(command(ROBOT.hover_thrust))
         ends.append(np.concatenate([state.position_w, state.velocity_w]))
@@ -263,11 +263,10 @@ def test_wind_blows_the_robot_along(wake):
     plant = Plant(PlantConfig(aero=AeroConfig(wake=wake)))
     thrust = np.full(8, ROBOT.hover_thrust)
     plant.reset(HIGH, thrust=thrust, disturbances=Disturbances(wind=5.0), rng=np.random.default_rng(9))
-    weather = plant.memory.weather
-    mean = weather.mean_w.copy()
+    mean = plant.record["weather"]["mean_w"].copy()
     for _ in range(10):
         state = plant.step(command(ROBOT.hover_thrust))
-        np.testing.assert_array_equal(plant.memory.weather.mean_w, mean)
+        np.testing.assert_array_equal(plant.record["weather"]["mean_w"], mean)
     # 31 N of ram drag and some more on 16 kg for a quarter of a second, give or take the gusts.
     assert 0.25 < state.velocity_w @ mean / 5.0 < 0.9
 

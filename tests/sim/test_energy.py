@@ -161,14 +161,14 @@ def test_the_energy_of_a_flight_is_the_integral_of_its_power():
         for _ in range(40):
             told = command(rng.uniform(5.0, 35.0), rng.uniform(-0.5, 0.5))
             for _ in range(10 // substeps):
-                before = plant.memory.energy_wh
+                before = plant.energy_wh
                 state = plant.step(told)
                 if substeps == 1:
                     step = electrical_power(state.thrust, state.joint_torque, state.joint_velocity) * 0.0025 / 3600
-                    np.testing.assert_allclose(plant.memory.energy_wh - before, step, rtol=1e-9)
+                    np.testing.assert_allclose(plant.energy_wh - before, step, rtol=1e-9)
                     integral += step
-        drawn.append(plant.memory.energy_wh)
-        np.testing.assert_allclose(plant.mean_power * 1.0 / 3600, plant.memory.energy_wh, rtol=1e-9)
+        drawn.append(plant.energy_wh)
+        np.testing.assert_allclose(plant.mean_power * 1.0 / 3600, plant.energy_wh, rtol=1e-9)
     np.testing.assert_allclose(drawn[0], integral, rtol=1e-9)
     np.testing.assert_allclose(drawn[1], drawn[0], rtol=0.03)
 
@@ -178,18 +178,18 @@ def test_energy_only_grows_and_starts_anew_with_a_reset():
     plant.reset(HIGH)
     for thrust in (0.0, 20.0, 0.0, 0.0, 40.0):
         plant.step(command(thrust))
-        drawn.append(plant.memory.energy_wh)
+        drawn.append(plant.energy_wh)
     assert np.all(np.diff(drawn) > 60.0 * plant.period / 3600 * 0.999)
     plant.reset(HIGH)
-    assert plant.memory.energy_wh == 0.0
-    assert plant.mean_power == plant.memory.power == 60.0
+    assert plant.energy_wh == 0.0
+    assert plant.mean_power == plant.power == 60.0
 
 
 def full_throttle(energy, *, battery=True, ticks=60) -> Plant:
     """A plant that has drawn an energy [Wh] and then been asked for all there is."""
     plant = Plant(PlantConfig(actuators=ActuatorConfig(battery=battery)))
     plant.reset(HIGH)
-    plant.memory.energy_wh = float(energy)
+    plant.record["energy_wh"] = float(energy)
     for _ in range(ticks):
         plant.step(command(99.0))
     return plant
@@ -205,7 +205,7 @@ def test_the_largest_thrust_falls_during_a_flight_and_only_if_that_is_asked_for(
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_full_throttle_settles_where_the_voltage_under_its_own_load_gives_that_thrust(share):
     plant = full_throttle(share * FLYABLE)
-    energy = plant.memory.energy_wh
+    energy = plant.energy_wh
     expected = brentq(lambda thrust: max_thrust(voltage(energy, lift_power(thrust))) - thrust, 1.0, 42.0)
     np.testing.assert_allclose(plant.state().thrust, expected, rtol=0, atol=0.1)
 
@@ -213,7 +213,7 @@ def test_full_throttle_settles_where_the_voltage_under_its_own_load_gives_that_t
 def test_a_battery_does_not_limit_a_hover():
     plant = Plant(PlantConfig(actuators=ActuatorConfig(battery=True)))
     plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust))
-    plant.memory.energy_wh = FLYABLE
+    plant.record["energy_wh"] = FLYABLE
     for _ in range(10):
         state = plant.step(command(ROBOT.hover_thrust))
     np.testing.assert_allclose(state.thrust, ROBOT.hover_thrust, rtol=1e-9)

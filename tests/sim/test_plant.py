@@ -210,11 +210,11 @@ def test_the_default_robot_flies_in_air_and_the_vacuum_is_a_choice():
     plant = Plant()
     plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust))
     plant.step(command(ROBOT.hover_thrust))
-    assert plant.memory.air is not None
+    assert plant.record["has_air"]
     plant = Plant(PlantConfig(aero=VACUUM))
     plant.reset(HIGH, thrust=np.full(8, ROBOT.hover_thrust))
     plant.step(command(ROBOT.hover_thrust))
-    assert plant.memory.air is None
+    assert not plant.record["has_air"]
     assert np.array_equal(plant.thrust_factor, np.ones(8))
     assert not plant.air_force.any()
 

@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from reference import plant as reference
 from support.parts import rotors
 from support.plants import HIGH, VACUUM, command, floating
 from support.states import model
@@ -163,11 +164,11 @@ def test_a_largest_thrust_above_the_descriptions_is_given():
 def test_with_a_battery_the_largest_thrust_is_the_one_at_the_voltage_under_load(charge_wh):
     """λ̄ = 2 (15.9 + 1.45 (V − 22.2)), V from 25.2 (full) to 22.2 (85 % of 532.8 Wh), minus 10 mΩ times the current."""
     plant = floating(battery=True)
-    plant.memory.energy_wh = charge_wh
+    plant.record["energy_wh"] = charge_wh
     for _ in range(60):
         state = plant.step(command(99.0))
-    rest = 25.2 - 3.0 * plant.memory.energy_wh / (0.85 * 8 * 22.2 * 3.0)
-    volts = rest - 0.010 * plant.memory.power / rest
+    rest = 25.2 - 3.0 * plant.energy_wh / (0.85 * 8 * 22.2 * 3.0)
+    volts = rest - 0.010 * plant.power / rest
     np.testing.assert_allclose(state.thrust, 2.0 * (15.9 + 1.45 * (volts - 22.2)), rtol=5e-4)
     assert 24.0 < state.thrust[0] < 40.5
 
@@ -222,7 +223,7 @@ def test_half_of_the_power_of_the_noise_is_below_its_corner_frequency():
 
 
 def test_the_noise_is_a_force_along_the_thrust_of_that_standard_deviation_and_free_of_drift():
-    sigma, plant = 0.4, floating(thrust_noise=0.4, vectoring=np.tile([0.6, 0.0], (8, 1)))
+    sigma, plant = 0.4, floating(kind=reference.Plant, thrust_noise=0.4, vectoring=np.tile([0.6, 0.0], (8, 1)))
     samples, told = [], command(vectoring=np.array([0.6, 0.0]))
     for _ in range(200):
         plant.step(told)

@@ -50,10 +50,12 @@ def command(thrust=0.0, joints=0.0, vectoring=0.0, limit=7.0) -> Command:
     return Command(*(np.broadcast_to(v, s).astype(float) for v, s in zip(values, shapes, strict=True)))
 
 
-def floating(*, substeps=10, joint_speed=ROBOT.joint_speed, thrust=None, q=None, vectoring=None, **actuators) -> Plant:
-    """A plant at rest without gravity and air."""
+def floating(
+    *, kind=Plant, substeps=10, joint_speed=ROBOT.joint_speed, thrust=None, q=None, vectoring=None, **actuators
+):
+    """A plant, or one of another kind, at rest without gravity and air."""
     config = ActuatorConfig(**actuators)
-    plant = Plant(PlantConfig(substeps=substeps, joint_speed=joint_speed, aero=VACUUM, actuators=config))
+    plant = kind(PlantConfig(substeps=substeps, joint_speed=joint_speed, aero=VACUUM, actuators=config))
     plant.model.opt.gravity[:] = 0.0
     rng = np.random.default_rng(0)
     plant.reset(HIGH, joint_position=q, vectoring=vectoring, thrust=thrust, rng=rng)
@@ -89,10 +91,9 @@ def witnessed(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
     seen = []
     for k in range(ticks):
         motion = tumbled(plant, 1, 100 * seed + k)[0]
-        memory = plant.memory
-        numbers = [memory.power, memory.energy_wh, plant.mean_power, plant.in_contact, plant.state().time]
+        numbers = [plant.power, plant.energy_wh, plant.mean_power, plant.in_contact, plant.state().time]
         parts = [motion, plant.state().joint_torque, numbers, plant.thrust_factor, plant.air_force]
-        if memory.sensors is not None:
+        if plant.record["senses"]:
             parts += [np.ravel(value) for value in asdict(plant.measure()).values()]
         seen.append(np.concatenate(parts))
     return seen

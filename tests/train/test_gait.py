@@ -98,7 +98,7 @@ def test_a_crawl_costs_its_time_its_energy_and_what_is_missing_at_its_end(short)
     assert ticks == 80
     # Not arrived: nearly all that an error at the goal can cost, the failure, its energy, its time.
     inner = course._envs[0].unwrapped
-    progress, energy, config = inner.progress, inner.plant.memory.energy_wh, TINY.cost
+    progress, energy, config = inner.progress, inner.plant.energy_wh, TINY.cost
     known = (
         config.failure + config.hurry * 2.0 / progress.nominal_time + config.energy * energy / progress.initial_distance
     )
