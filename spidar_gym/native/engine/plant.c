@@ -245,6 +245,9 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sim->mujoco->set_state(sim->model, sim->data, world->start, (int)sim->mujoco->state_kind);
     p->clock = 0;
     p->pending_first = p->pending_count = 0;
+    memset(p->pending, 0, sizeof p->pending); /* nothing stays of the episode before: equal robots have equal bytes */
+    memset(&p->sensors, 0, sizeof p->sensors);
+    sp_zero(p->stuck, 2);
     p->diverged = p->is_stuck = 0;
     p->power = p->energy_wh = 0.0;
     sp_zero(p->noise, SP_ROTORS);

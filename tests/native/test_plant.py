@@ -1,0 +1,110 @@
+"""Holds the simulated robot of the library to the readable one, tick by tick, whatever happens to it."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+import reference.plant
+from support.plants import ASKEW, ODDITIES, command
+
+from spidar_gym.native.plant import Plant
+from spidar_gym.robot import FORMS
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.ground import TILES, GroundConfig
+
+FLOORS = {
+    "slope": GroundConfig(slope=0.15, heading=0.7),
+    "tiles": GroundConfig(tiles=np.random.default_rng(3).uniform(0.0, 0.03, (TILES, TILES))),
+}
+
+
+def flat(values) -> np.ndarray:
+    """All numbers of a dataclass."""
+    return np.concatenate([np.ravel(value).astype(float) for value in astuple(values)])
+
+
+def pair(config: PlantConfig) -> tuple[Plant, reference.plant.Plant]:
+    """The library's and the readable one."""
+    return Plant(config), reference.plant.Plant(config)
+
+
+def begun(plants, height: float, disturbances=None) -> None:
+    """Put both above the floor, askew, with a generator each of the same seed."""
+    for plant in plants:
+        rng = np.random.default_rng(5)
+        plant.reset(np.array([0.0, 0.0, height]), ASKEW, FORMS["form1"], disturbances=disturbances, rng=rng)
+
+
+def assert_like(native: Plant, readable: reference.plant.Plant, tolerance: float) -> None:
+    """Everything that anybody sees of them."""
+    # 1e-9 of what a number can be: torques reach 7 Nm, powers 1 kW.
+    assert flat(native.state()) == pytest.approx(flat(readable.state()), rel=tolerance, abs=tolerance)
+    assert native.in_contact == readable.in_contact
+    for name in ("thrust_factor", "air_force", "mean_power"):
+        a, b = getattr(native, name), getattr(readable, name)
+        np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance, err_msg=name)
+    assert native.power == pytest.approx(readable.memory.power, rel=tolerance)
+    assert native.energy_wh == pytest.approx(readable.memory.energy_wh, rel=tolerance)
+
+
+@pytest.mark.parametrize("case", ODDITIES)
+def test_the_plant_does_what_the_readable_one_does_in_the_air_and_when_it_falls_to_the_floor(case):
+    config, disturbances = ODDITIES[case]
+    native, readable = plants = pair(config)
+    begun(plants, 0.6, disturbances)
+    if disturbances.push:
+        native.record["weather"]["next_push"] = readable.memory.weather.next_push = 0.1
+    rng, touched = np.random.default_rng(7), False
+    for _ in range(24):
+        told = command(rng.uniform(0, 25, 8), rng.uniform(-1, 1, 16), rng.uniform(-1, 1, (8, 2)))
+        native.step(told)
+        readable.step(told)
+        touched |= native.in_contact
+        # What a contact makes of a difference in the last bit is the physics' own: a hundredfold each tick at most.
+        assert_like(native, readable, 1e-6 if touched else 1e-9)
+        if config.sense:
+            a, b = flat(native.measure()), flat(readable.measure())
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-6 if touched else 1e-9)
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_both_touch_an_uneven_floor_in_the_same_places(name):
+    native, readable = plants = pair(PlantConfig(ground=FLOORS[name]))
+    begun(plants, 0.35)
+    seen = set()
+    for _ in range(20):
+        for plant in plants:
+            plant.step(command(joints=0.1))
+        a, b = native.touch(), readable.touch()
+        assert (a.feet == b.feet).all()
+        assert (a.pegs == b.pegs).all()
+        assert a.ducts == b.ducts
+        np.testing.assert_allclose(a.foot_slip, b.foot_slip, rtol=0, atol=1e-5)
+        assert a.duct_clearance == pytest.approx(b.duct_clearance, abs=1e-7)
+        np.testing.assert_allclose(native.contact_forces(), readable.contact_forces(), rtol=1e-4, atol=1e-3)
+        seen.add(len(native.contact_forces()) > 0)
+    assert seen == {False, True}
+
+
+def test_what_is_written_into_the_data_moves_the_robot():
+    native, readable = plants = pair(PlantConfig())
+    begun(plants, 2.0)
+    for plant in plants:
+        plant.step(command(10.0))
+        plant.data.qvel[:3] = 1.0, -2.0, 0.5
+        plant.step(command(10.0))
+    assert native.state().velocity_w[0] > 0.9
+    assert_like(native, readable, 1e-9)
+
+
+def test_a_drawn_robot_is_the_one_that_is_read_back():
+    given = ODDITIES["everything"][0]
+    plant = Plant(given)
+    plant.reread()
+    for a, b in zip(astuple(plant.config), astuple(given), strict=True):
+        assert flat_of(a) == pytest.approx(flat_of(b))
+
+
+def flat_of(value) -> list:
+    """Numbers of nested tuples, one after another."""
+    return [x for each in value for x in flat_of(each)] if isinstance(value, tuple) else np.ravel(value).tolist()
