@@ -5,6 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spidar_gym.arrays import JointVector
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.errors import require_name
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.state import Command, Residual
@@ -165,3 +168,16 @@ def direct_command(action: np.ndarray, vectoring: np.ndarray) -> Command:
         ROBOT.joint_limit * joints,
         np.full(N_JOINTS, ROBOT.max_joint_torque),
     )
+
+
+def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -> tuple[Command, JointVector]:
+    """The command of an action that no controller stands behind, and the rate of its setpoints [rad/s].
+
+    The controller is told what the servos' slew limit makes of it within this tick.
+    """
+    memory = controller.memory
+    reach = controller.config.joint_speed / CONTROL_RATE
+    command = direct_command(action, memory.vectoring)
+    step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
+    controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
+    return command, step * CONTROL_RATE

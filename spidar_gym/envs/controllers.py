@@ -8,6 +8,7 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.library import Core
 
 CONTROLS = ("python", "core")
 """Who controls: the readable controller, or the compiled core of the robot."""
@@ -54,3 +55,14 @@ def make_crawler(config: CrawlerConfig, control: str, fleet: Fleet | None = None
     if fleet is None:
         return CoreCrawler(config)
     return CoreCrawler(config, record=fleet.robots["crawl"][0:1].reshape(()), room=fleet.engine.rooms[0])
+
+
+def is_compiled(control: str) -> bool:
+    """Whether the core of the robot controls."""
+    return control == "core"
+
+
+def forget(controller: FlightControl | CrawlControl) -> None:
+    """Let a controller that looks at one in the engine read anew what is asked of it: a tick has passed."""
+    if isinstance(controller, Core):
+        controller.forget()

@@ -1,7 +1,5 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
-import inspect
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,36 +9,29 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from spidar_gym.arrays import JointVector
-from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
-from spidar_gym.envs import rules
-from spidar_gym.envs.actions import ActionMode, direct_command
-from spidar_gym.envs.fleet import Fleet, told
+from spidar_gym.envs import rules, single
+from spidar_gym.envs.actions import ActionMode
+from spidar_gym.envs.controllers import forget, is_compiled
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.options import own_robot
+from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import (
     InvalidValueError,
     SpidarError,
     require_array,
     require_flag,
-    require_instance,
     require_keys,
-    require_least,
-    require_name,
     require_within,
 )
-from spidar_gym.native.draws import take_back
-from spidar_gym.native.library import STATUS, Core
-from spidar_gym.native.plant import Plant, read_command, read_state
-from spidar_gym.robot import N_JOINTS, ROBOT
-from spidar_gym.robot.description import CAMERAS
+from spidar_gym.native.plant import Plant
+from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.energy import endurance_min
-from spidar_gym.sim.randomize import TABLE, check_strength, randomize
-from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
+from spidar_gym.sim.randomize import check_strength, randomize
 from spidar_gym.state import Command, RobotState
 
 
@@ -59,15 +50,11 @@ ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl)
 ProgressT = TypeVar("ProgressT")
 
 
-_PAGE = ("reward_terms", "reference", "_begin", "_act", "_advance", "_observation", "_task_info", "_info")
-"""What the engine does itself, unless a subclass has one of its own."""
-
-
 class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT, ProgressT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
-        "render_modes": ["human", "rgb_array", "depth_array"],
+        "render_modes": [*RENDER_MODES],
         "render_fps": int(CONTROL_RATE),
     }
     task: TaskT
@@ -124,14 +111,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             InvalidValueError: For a value out of range.
             StaleAssetError: When the model file was edited by hand.
         """
-        if render_mode is not None:
-            require_name("render mode", render_mode, self.metadata["render_modes"])
-        require_name("camera", camera, CAMERAS)
+        self.view = View(render_mode, camera, width, height)
+        """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, ROBOT.max_thrust, "N", idle_thrust=idle_thrust)
-        for name, size, most in (("width", width, MAX_WIDTH), ("height", height, MAX_HEIGHT)):
-            if not (isinstance(size, int) and 1 <= size <= most):
-                raise InvalidValueError(name, size, f"a whole number of pixels within 1 … {most}")
         check_strength(randomization)
         self._mode, self.layout = mode, layout
         self._strength = float(randomization)
@@ -151,8 +134,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         self.sampled_parameters: dict[str, np.ndarray] = {}
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         self.render_mode = render_mode
-        self._camera, self._size = camera, (width, height)
-        self._renderer: Any = None
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
         high = self._bound.astype(np.float32)
@@ -170,7 +151,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def _is_native(self) -> bool:
         """Whether the engine does all of it: the core flies, and task and rewards are the built-in ones."""
-        return self._control == "core" and self._is_built_in()
+        return is_compiled(self._control) and self._is_built_in()
 
     def _furnish(self, *, native: bool) -> None:
         """Make robot and controller."""
@@ -191,16 +172,12 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _forget(self) -> None:
         """What was read of the last tick is past."""
         self._now = {}
-        if isinstance(self.controller, Core):
-            self.controller.forget()
+        forget(self.controller)
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
         """Read what the engine knows: the true state, what is seen of it, the last command."""
         assert self._fleet is not None
-        if name == "state":
-            return self.plant.state()
-        episode = self._fleet.robots[0]["episode"]
-        return read_state(episode["seen"]) if name == "seen" else read_command(episode["command"])
+        return self.plant.state() if name == "state" else single.look(self._fleet, name)
 
     @property
     def command(self) -> Command:
@@ -256,8 +233,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             self._begin(self.np_random)
         else:
             self._begin_native(self._fleet)
-        if self._renderer is not None:
-            self._renderer.lay(self.plant.config.ground)
         if self.render_mode == "human":
             self.render()
         info = self._info("") if self._fleet is None else self._native_info(self._fleet)
@@ -309,23 +284,11 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
         """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
-        from spidar_gym.sim import renderer  # OpenGL is loaded by those who draw
-
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() without a render_mode; valid: " + ", ".join(self.metadata["render_modes"]))
-            return None
-        ground = self.plant.config.ground
-        if self.render_mode == "human":
-            self._renderer = self._renderer or renderer.Window(self.plant.period, ground)
-            return self._renderer.render(self.plant.data.qpos)
-        self._renderer = self._renderer or renderer.OffscreenRenderer(self._camera, *self._size, ground)
-        return self._renderer.render(self.plant.data.qpos, depth=self.render_mode == "depth_array")
+        return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
 
     def close(self) -> None:
         """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
-        renderer, self._renderer = self._renderer, None
-        if renderer is not None:
-            renderer.close()
+        self.view.close()
         self.controller.close()
         if self._fleet is not None:
             self._fleet.close()
@@ -364,11 +327,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _is_built_in(self) -> bool:
         """Whether task and rewards are those that the engine has too."""
 
-    def _keeps_page_of(self, built_in: type["SpidarEnv"]) -> bool:
-        """Whether a subclass has changed nothing of what the engine would do."""
-        kind = type(self)
-        return all(getattr(kind, name) is getattr(built_in, name) for name in _PAGE if hasattr(built_in, name))
-
     @abstractmethod
     def _prepare(self, fleet: Fleet) -> None:
         """Write down what the next episode begins with, where that is given."""
@@ -380,12 +338,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         fleet.rules["rules"]["horizon"] = self.horizon
         fleet.disturb(0, self._disturbances)
         self._prepare(fleet)
-        fleet.seed(0, self.np_random)
-        fleet.reset()
-        take_back(self.np_random, fleet.robots[0]["episode"]["generator"])
+        single.begin(fleet, self.np_random)
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = self._read_drawn(fleet)
+        self.sampled_parameters = single.drawn(fleet) if self._strength > 0.0 else {}
 
     def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.plant.keep()
@@ -398,27 +354,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             self.render()
         return fleet.observations[0].copy(), float(fleet.rewards[0]), bool(fleet.terminated[0]), False, info
 
-    def _read_drawn(self, fleet: Fleet) -> dict[str, np.ndarray]:
-        """What was drawn of the robot, by field."""
-        if self._strength == 0.0:
-            return {}
-        numbers, drawn, at = fleet.robots[0]["episode"]["drawn"], {}, 0
-        for row in TABLE:
-            size = math.prod(row.shape)
-            drawn[row.field] = numbers[at : at + size].reshape(row.shape).copy()
-            at += size
-        return drawn
-
     def _native_info(self, fleet: Fleet) -> dict[str, Any]:
         """As `_info`: numbers of the engine in the words of the task."""
-        told_now = told(fleet.infos.copy())
-        info = {name: value[0] if value.ndim > 1 else value.item() for name, value in told_now.items()}
-        status, failure = info.pop("qp_status_code"), info.pop("failure_code")
-        info["qp_status"] = "none" if status < 0 else str(STATUS[status])
+        info = single.info(fleet, self.reward_terms, self.failures)
         info["randomization"] = {name: draw.copy() for name, draw in self.sampled_parameters.items()}
-        for name, value in zip(self.reward_terms, info.pop("term").tolist(), strict=True):
-            info[f"reward_{name}"] = value
-        info["failure"] = "" if failure < 0 else self.failures[failure]
         return info
 
     # ---- controller and task in Python ----
@@ -455,18 +394,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _act(self, action: np.ndarray) -> Command:
         """The command of this tick."""
 
-    def _act_directly(self, action: np.ndarray) -> tuple[Command, JointVector]:
-        """The command of an action that no controller stands behind, and the rate of its setpoints [rad/s].
-
-        The controller is told what the servos' slew limit makes of it within this tick.
-        """
-        controller, memory = self.controller, self.controller.memory
-        reach = controller.config.joint_speed / CONTROL_RATE
-        command = direct_command(action, memory.vectoring)
-        step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
-        controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
-        return command, step * CONTROL_RATE
-
     @abstractmethod
     def _advance(self) -> str:
         """Take note of the new state; why the episode is over, empty while it goes on."""
@@ -481,52 +408,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def _info(self, failure: str) -> dict[str, Any]:
         """The same keys and shapes at every step and at reset; nothing in it is written or handed out again."""
-        state, command, last = self.state, self._command, self.controller.last_step
-        allocation = None if last is None else last.allocation
-        vectoring = state.vectoring if command is None else command.vectoring
         return {
-            "thrust_command": (state.thrust if command is None else command.thrust).copy(),
-            "thrust": state.thrust.copy(),
-            "vectoring_command": vectoring.copy(),
-            "vectoring": state.vectoring.copy(),
-            "joint_torque_allocated": np.zeros(N_JOINTS) if allocation is None else allocation.joint_torques.copy(),
-            "joint_torque": state.joint_torque.copy(),
-            "wrench_allocated": np.zeros(6) if allocation is None else allocation.wrench.copy(),
-            "total_thrust": float(state.thrust.sum()),
-            "qp_status": "none" if allocation is None else str(allocation.status),
-            "qp_iterations": 0 if allocation is None else allocation.iterations,
-            "qp_slack": 0.0 if allocation is None else allocation.slack,
-            "thrust_factor": self.plant.thrust_factor,
-            "air_force": self.plant.air_force,
-            "power_w": self.plant.power,
-            "energy_wh": self.plant.energy_wh,
-            "endurance_min": endurance_min(self.plant.mean_power),
+            **single.readable_info(self.state, self._command, self.controller, self.plant),
             "randomization": {name: draw.copy() for name, draw in self.sampled_parameters.items()},
             **self._task_info(failure),
             "failure": failure,
         }
-
-
-def split_options(env: type[SpidarEnv], task: type, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arguments of the task and of `SpidarEnv` (`UnknownNameError` lists all that the environment takes)."""
-    own = list(inspect.signature(task).parameters)
-    named, shared = (
-        [name for name, p in inspect.signature(kind).parameters.items() if p.default is not p.empty]
-        for kind in (env, SpidarEnv)
-    )
-    for name in options:
-        require_name("option", name, own + named + shared)
-    return {k: v for k, v in options.items() if k in own}, {k: v for k, v in options.items() if k not in own}
-
-
-def own_robot(plant: PlantConfig | None) -> PlantConfig:
-    """The simulated robot that was given, or the nominal one."""
-    plant = PlantConfig() if plant is None else plant
-    require_instance(PlantConfig, plant=plant)
-    return plant
-
-
-def solver_settings(max_iter: int) -> AllocatorConfig:
-    """Settings of the QP solver with an iteration cap of one's own."""
-    require_least(1, max_iter=max_iter)
-    return AllocatorConfig(max_iter=int(max_iter))

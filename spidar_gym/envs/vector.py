@@ -1,6 +1,5 @@
 """Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
 
-import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -12,8 +11,8 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.flights import FlightTask
@@ -75,10 +74,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
         single = HoverEnv(control="core", **options) if name == HOVER else CrawlEnv(control="core", **options)
         self._single = single
-        self._renderer: Any = None
         self.render_mode = single.render_mode
-        shown = inspect.signature(SpidarEnv).parameters
-        self._view: list[Any] = [options.get(name, shown[name].default) for name in ("camera", "width", "height")]
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
         ends = max_episode_steps != -1
         if ends and max_episode_steps is not None and not isinstance(max_episode_steps, RegisteredSteps):
@@ -258,14 +254,9 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         return tuple(self._draw(k) for k in chosen)
 
     def _draw(self, robot: int) -> np.ndarray:
-        from spidar_gym.sim import renderer  # OpenGL is loaded by those who draw
-
         plant = self.robots["plant"][robot]
         ground = read(GroundConfig, plant["config"]["ground"])
-        if self._renderer is None:
-            self._renderer = renderer.OffscreenRenderer(*self._view, ground=ground)
-        self._renderer.lay(ground)
-        return self._renderer.render(plant["row"][1 : 2 + N_DOFS], depth=self.render_mode == "depth_array")
+        return self._single.view.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)
 
     def save(self, ids: Sequence[int] | None = None) -> bytes:
         """All that there is of robots; nothing changes.
@@ -314,8 +305,6 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads, release the OpenGL context."""
-        if self._renderer is not None:
-            self._renderer.close()
         self._fleet.close()
         self._single.close()
 

@@ -17,11 +17,13 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs import rules
-from spidar_gym.envs.actions import CRAWL_MODES, find_action_mode
+from spidar_gym.envs.actions import CRAWL_MODES, act_directly, find_action_mode
 from spidar_gym.envs.controllers import CONTROLS, make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
-from spidar_gym.envs.env import SpidarEnv, own_robot, solver_settings, split_options
+from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.options import own_robot, solver_settings, split_options
+from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance, require_name
 from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
@@ -62,7 +64,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             UnknownNameError: For a mode, preset, schedule, camera or option that does not exist.
             InvalidValueError: For a value out of range.
         """
-        own, shared = split_options(CrawlEnv, CrawlTask, options)
+        own, shared = split_options(SpidarEnv, CrawlEnv, CrawlTask, options)
         self.task = task = CrawlTask(**own)
         mode = find_action_mode(action_mode, CRAWL_MODES)
         config = crawler_config(preset, task.schedule) if controller is None else controller
@@ -92,7 +94,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     # ---- all of it in the engine ----
 
     def _is_built_in(self) -> bool:
-        return type(self.task) is CrawlTask and self._keeps_page_of(CrawlEnv)
+        return type(self.task) is CrawlTask and keeps_page(type(self), CrawlEnv)
 
     def _rule(self, fleet: Fleet) -> None:
         fleet.rules[()] = self._rules(truncates=False, autoreset="disabled")
@@ -171,7 +173,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     def _act(self, action: np.ndarray) -> Command:
         if self._mode.residual is not None:
             return self.controller.step(self.seen, self._mode.residual(action))
-        return self._act_directly(action)[0]
+        return act_directly(self.controller, action)[0]
 
     def _update_errors(self) -> None:
         """What touches the floor, and how far the goal is."""

@@ -13,11 +13,13 @@ from spidar_gym.control.flight.observation import NO_NEXT_FORM, FlightObservable
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs import rules
-from spidar_gym.envs.actions import find_action_mode
+from spidar_gym.envs.actions import act_directly, find_action_mode
 from spidar_gym.envs.controllers import make_flight_controller, require_flight_control
-from spidar_gym.envs.env import SpidarEnv, solver_settings, split_options
+from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
+from spidar_gym.envs.options import solver_settings, split_options
+from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.engine_structs import FLIGHT_FAILURES
@@ -64,7 +66,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             UnknownNameError: For a mode, preset, camera or option that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range.
         """
-        own, shared = split_options(HoverEnv, HoverTask, options)
+        own, shared = split_options(SpidarEnv, HoverEnv, HoverTask, options)
         self.task = HoverTask(**own)
         joint_speed = self.task.joint_speed
         mode = find_action_mode(action_mode)
@@ -91,7 +93,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     # ---- all of it in the engine ----
 
     def _is_built_in(self) -> bool:
-        return type(self.task) is HoverTask and self._keeps_page_of(HoverEnv)
+        return type(self.task) is HoverTask and keeps_page(type(self), HoverEnv)
 
     def _rule(self, fleet: Fleet) -> None:
         if replace(self.task, forms=self._ruled.forms) != self._ruled:
@@ -191,7 +193,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             assert controller.last_step is not None
             self._joint_velocity = controller.last_step.joint_velocity
             return command
-        command, self._joint_velocity = self._act_directly(action)
+        command, self._joint_velocity = act_directly(controller, action)
         return command
 
     def compute_trim(self) -> np.ndarray:

@@ -1,0 +1,76 @@
+"""Pictures of an environment's robot: which there are, and the OpenGL that is loaded by those who draw."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.robot.description import CAMERAS
+from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
+
+RENDER_MODES = ("human", "rgb_array", "depth_array")
+"""A window, a picture, distances."""
+
+
+class View:
+    """How a robot is looked at."""
+
+    def __init__(self, mode: str | None, camera: str, width: int, height: int) -> None:
+        """Choose.
+
+        Args:
+            mode: One of `RENDER_MODES`, or None for no pictures.
+            camera: Camera of the pictures.
+            width: Width of the pictures [px].
+            height: Height of the pictures [px].
+
+        Raises:
+            UnknownNameError: For a mode or camera that does not exist; it lists the valid ones.
+            InvalidValueError: For a size out of range.
+        """
+        if mode is not None:
+            require_name("render mode", mode, RENDER_MODES)
+        require_name("camera", camera, CAMERAS)
+        for name, size, most in (("width", width, MAX_WIDTH), ("height", height, MAX_HEIGHT)):
+            if not (isinstance(size, int) and 1 <= size <= most):
+                raise InvalidValueError(name, size, f"a whole number of pixels within 1 … {most}")
+        self.mode, self._camera, self._size = mode, camera, (width, height)
+        self._renderer: Any = None
+        self._ground: GroundConfig | None = None
+
+    def draw(self, qpos: np.ndarray, ground: GroundConfig, period: float) -> Any:  # noqa: ANN401 - as Gymnasium has it
+        """What is seen of a robot.
+
+        Args:
+            qpos: Generalised positions of MuJoCo's model.
+            ground: The floor under it.
+            period: How long a window shows it [s].
+
+        Returns:
+            A picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human` and without.
+        """
+        from spidar_gym.sim import renderer  # OpenGL is loaded by those who draw
+
+        if self.mode is None:
+            gymnasium.logger.warn("render() without a render_mode; valid: " + ", ".join(RENDER_MODES))
+            return None
+        if self._renderer is None:
+            is_shown = self.mode == "human"
+            self._renderer = (
+                renderer.Window(period, ground) if is_shown else
+                renderer.OffscreenRenderer(self._camera, *self._size, ground)
+            )  # fmt: skip
+        elif ground is not self._ground:
+            self._renderer.lay(ground)
+        self._ground = ground
+        if self.mode == "human":
+            return self._renderer.render(qpos)
+        return self._renderer.render(qpos, depth=self.mode == "depth_array")
+
+    def close(self) -> None:
+        """Release window or OpenGL context; a second call does nothing."""
+        renderer, self._renderer = self._renderer, None
+        if renderer is not None:
+            renderer.close()
