@@ -11,16 +11,17 @@ from spidar_gym.benchmark.content import check_times
 from spidar_gym.benchmark.metrics import METRICS, check_metrics
 from spidar_gym.benchmark.resume import code_digest, digest_of, finish
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
-from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario
+from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario, play_scenarios
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.border import require_form
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.policies.load import load_policy
-from spidar_gym.policies.policy import Policy, policy_digest, policy_name
+from spidar_gym.policies.policy import Policy, acts_in_batches, policy_digest, policy_name
 
 BEHAVIOUR = (
     "so3.py", "state.py", "robot", "model", "control", "native", "sim", "envs",
-    "policies/rollout.py", "benchmark/scenario.py", "benchmark/scoring.py", "benchmark/track.py",
+    "policies/rollout.py", "benchmark/scenario.py", "benchmark/scoring.py", "benchmark/tally.py",
+    "benchmark/track.py",
 )  # fmt: skip
 """Files and folders of the package on which the numbers of an episode rest."""
 RESULT = {"metrics": dict, "timing": {"act_s": [float, float], "step_s": [float, float], "wall_s": float}}
@@ -82,10 +83,20 @@ class Shard:
         return digest_of(*words, code_digest(*BEHAVIOUR))[:24]
 
 
-def play_shard(shard: Shard) -> dict[str, Any]:
-    """Do one piece of work, with a policy that has seen nothing before."""
-    policy = load_policy(shard.policy)
-    return play_scenario(policy, shard.track, shard.scenario, act_limit_s=shard.act_limit_s, control=shard.control)
+def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
+    """Do pieces of work of one policy on one track, each with a policy that has seen nothing before: at once or not."""
+    first = shards[0]
+    how: dict[str, Any] = {"act_limit_s": first.act_limit_s, "control": first.control}
+    if acts_in_batches(load_policy(first.policy)):
+        return play(load_policy(first.policy), first.track, [shard.scenario for shard in shards], **how)
+    return [play(load_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
+
+
+def play(policy: Policy, track: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401
+    """Let a policy play scenarios of a track, side by side where it can; `how` and results as in `play_scenario`."""
+    if len(scenarios) > 1 and acts_in_batches(policy):
+        return play_scenarios(policy, track, scenarios, **how)
+    return [play_scenario(policy, track, scenario, **how) for scenario in scenarios]
 
 
 def evaluate(
@@ -136,9 +147,11 @@ def evaluate(
         if workers > 1 or folder is not None or ray is not None:
             raise InvalidValueError("policy", policy, "module:Class for more than one process, a folder, or Ray")
         results = []
-        for scenario in chosen:
-            results.append(play_scenario(policy, track, scenario, act_limit_s=act_limit_s))
-            on_scenario()
+        parts = [chosen] if acts_in_batches(policy) else [[scenario] for scenario in chosen]
+        for part in parts:
+            results += play(policy, track, part, act_limit_s=act_limit_s)
+            for _ in part:
+                on_scenario()
     columns = {name: [result["metrics"][name] for result in results] for name in METRICS}
     return Score(track, split, digest, tuple(indices), columns, [result["timing"] for result in results])
 
@@ -189,9 +202,10 @@ def run_shards(
         own, digest = names[shard.policy]
         return f"{own}/{shard.track}/{shard.key(digest)}"
 
+    together = [(shard.policy, shard.track, shard.split, shard.control, shard.act_limit_s) for shard in shards]
     return finish(
-        play_shard, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
-        label=lambda k: str(shards[k]), on_done=on_done,
+        play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
+        label=lambda k: str(shards[k]), on_done=on_done, together=together,
     )  # fmt: skip
 
 

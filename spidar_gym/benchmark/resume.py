@@ -3,8 +3,9 @@
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from spidar_gym.processes import Pool
 
 PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package's code."""
+CODE = (".py", ".c", ".h")
+"""How the names of its files end."""
 
 
 @cache
@@ -22,7 +25,8 @@ def code_digest(*names: str) -> str:
     """Digest of files and folders of the package, all of it by default: another code's pieces are none of ours."""
     digest = hashlib.sha256()
     for path in [PACKAGE / name for name in names] or [PACKAGE]:
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+        files = (file for file in path.rglob("*") if file.suffix in CODE) if path.is_dir() else (path,)
+        for file in sorted(files):
             digest.update(str(file.relative_to(PACKAGE)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
@@ -44,6 +48,7 @@ def finish(
     check: Callable[[Any, Any], object] = lambda item, result: None,
     label: Callable[[int], str] = lambda k: f"piece {k + 1}",
     on_done: Callable[[int, Any], object] = lambda k, result: None,
+    together: Sequence[Hashable] | None = None,
 ) -> list[Any]:
     """Do what is not done yet, in whatever order.
 
@@ -58,6 +63,8 @@ def finish(
         check: Called with an item and what is kept of it; raises where that cannot be its result.
         label: Index of an item → what it is called when it is lost.
         on_done: Called with the index and result of each piece, as soon as it is there.
+        together: Which pieces may be done at once, those with the same entry: `call` is given lists of them then, as
+            long as leaves work for all workers, and gives a list of results, each the same as of a list of one.
 
     Returns:
         Results in the order of the items, the same whether they were kept or have just been made.
@@ -80,13 +87,27 @@ def finish(
         else:
             on_done(k, results[k])
     rest = {k: item for k, item in enumerate(items) if k not in results}
-    for k, made in _on_ray(call, rest, workers, ray) if ray else _in_processes(call, rest, workers, label):
-        if k in files:
-            # The digest binds the result to this file.
-            write_text(files[k], json.dumps({"result": made, "sha256": digest_of(files[k].stem, made)}))
-        results[k] = json.loads(json.dumps(made))
-        on_done(k, results[k])
+    lists = [[k] for k in rest] if together is None else _lists(list(rest), together, workers)
+    work = {ks[0]: items[ks[0]] if together is None else [items[k] for k in ks] for ks in lists}
+    members = {ks[0]: ks for ks in lists}
+    for first, made in _on_ray(call, work, workers, ray) if ray else _in_processes(call, work, workers, label):
+        for k, own in zip(members[first], [made] if together is None else made, strict=True):
+            if k in files:
+                # The digest binds the result to this file.
+                write_text(files[k], json.dumps({"result": own, "sha256": digest_of(files[k].stem, own)}))
+            results[k] = json.loads(json.dumps(own))
+            on_done(k, results[k])
     return [results[k] for k in range(len(items))]
+
+
+def _lists(ks: Sequence[int], together: Sequence[Hashable], workers: int) -> list[list[int]]:
+    """Pieces that are done at once: neighbours with the same entry, in as many lists as give each worker its share."""
+    lists = []
+    for _, group in groupby(ks, key=lambda k: together[k]):
+        own = list(group)
+        most = -(-len(own) // workers)
+        lists += [own[at : at + most] for at in range(0, len(own), most)]
+    return lists
 
 
 def _read(file: Path) -> Any:  # noqa: ANN401 - JSON

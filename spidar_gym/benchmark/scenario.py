@@ -102,7 +102,7 @@ def draw_scenario(name: str, split: str, index: int) -> Scenario:
         if disturbances:
             trim[:3] -= _mean_air_force(track, scenario)
         start["trim"] = trim.round(3).tolist()
-    return Scenario(index, seed, options, start, disturbances, robot_digest(env))
+    return Scenario(index, seed, options, start, disturbances, robot_digest(env.sampled_parameters))
 
 
 def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
@@ -120,9 +120,8 @@ def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     return round(float(rng.uniform(*bounds)), 6)
 
 
-def robot_digest(env: SpidarEnv) -> str:
-    """Digest of the numbers of the drawn robot, to four digits; empty where none is drawn."""
-    draws = env.sampled_parameters
+def robot_digest(draws: Mapping[str, np.ndarray]) -> str:
+    """Digest of the numbers of a drawn robot, to four digits; empty where none is drawn."""
     if not draws:
         return ""
     text = " ".join(f"{x:.4g}" for name in sorted(draws) for x in np.ravel(draws[name]))
@@ -211,9 +210,9 @@ def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
     return Scenario(**entry)
 
 
-def check_robot(env: SpidarEnv, scenario: Scenario, place: str) -> None:
+def check_drawn(draws: Mapping[str, np.ndarray], scenario: Scenario, place: str) -> None:
     """Refuse to compare on another robot than the scenario's, as another version of numpy might draw it."""
-    if robot_digest(env) != scenario.robot:
+    if robot_digest(draws) != scenario.robot:
         raise SpidarError(
             f"{place}: the drawn robot is not the scenario's; valid: a numpy whose generators draw as they did, "
             f"or scenarios of one's own by `spidar scenarios`"

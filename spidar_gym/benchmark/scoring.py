@@ -1,34 +1,31 @@
-"""One scenario from its beginning to its end: what a policy did, in numbers with units."""
+"""Scenarios from their beginning to their end: what a policy did, in numbers with units."""
 
-import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.utils.seeding import np_random
 
-from spidar_gym.benchmark.metrics import METRICS
-from spidar_gym.benchmark.scenario import Scenario, check_robot, make_env, reset_options
-from spidar_gym.benchmark.track import REST_S, SETTLE_S, find_track, flight_error, ground_error
-from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.benchmark.scenario import Scenario, check_drawn, make_env, reset_options
+from spidar_gym.benchmark.tally import EnvWatch, FleetWatch, Look, Tally
+from spidar_gym.benchmark.track import REST_S, Track, find_track
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.hover.task import FlightStart, Progress
+from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
-from spidar_gym.model.rotor import nominal_vectoring
 from spidar_gym.policies.actor import Actor
-from spidar_gym.policies.policy import Policy, policy_arguments
+from spidar_gym.policies.policy import BatchPolicy, Policy, policy_arguments
 from spidar_gym.policies.rollout import rollout
-from spidar_gym.robot import ROBOT
+from spidar_gym.sim.disturbances import Disturbances
 
 ACT_LIMIT_S = 10.0
 """How long a policy may think about one action [s]."""
-CONTROL = "python"
-"""With which rows are made."""
-INTERFERENCE_TOLERANCE = 0.05
-"""A rotor that turns this far beyond the bound that keeps it off another one breaks the constraint [rad]."""
+CONTROL = "core"
+"""With which rows are made, but for those of an allocator of one's own, which the readable controllers call."""
 
 
 def play_scenario(
@@ -47,7 +44,8 @@ def play_scenario(
         name: Track.
         scenario: Which episode.
         act_limit_s: How long the policy may think about one action [s].
-        control: `python`, with which rows are made, or `core`, which is faster and equal to some 1e-12.
+        control: `core`, with which rows are made, or `python`, which is slower and equal to some 1e-12; with an
+            allocator of the policy's own it is always `python`.
         on_tick: Called with the `info` of each tick.
 
     Returns:
@@ -58,151 +56,139 @@ def play_scenario(
         PolicyError: When the policy raises, answers with what is no action, or takes too long.
         InvalidValueError: When it is not defined on this track.
     """
-    track = find_track(name)
-    arguments = policy_arguments(policy, track.env_id)
-    if arguments is None:
-        raise InvalidValueError("track", name, "a track on which the policy is defined")
     begin = time.perf_counter()
-    env = make_env(track, scenario, {**arguments, "control": control})
+    track = find_track(name)
+    env = make_env(track, scenario, _arguments(policy, name, track, control))
     place = f"{name}, scenario {scenario.index}"
     actor = Actor(policy, env.action_space.shape or (), place, limit_s=act_limit_s)
     steps = rollout(
-        env, actor, seed=scenario.seed, options=reset_options(scenario), ticks=round(track.seconds * CONTROL_RATE),
-        until_finished=False,
-    )  # fmt: skip
-    check_robot(env, scenario, place)
-    tally = _Tally(env)
+        env, actor, seed=scenario.seed, options=reset_options(scenario), ticks=_ticks(track), until_finished=False
+    )
+    check_drawn(env.sampled_parameters, scenario, place)
+    look, tally = _watch(env), Tally(1, flies=track.flies)
     times: list[float] = []
     info: dict[str, Any] = {}
-    rest = round(REST_S * CONTROL_RATE)
+    rest, only = round(REST_S * CONTROL_RATE), np.zeros(1, int)
     for step in steps:
         info = step.info
         times.append(step.seconds)
-        tally.count(info)
+        tally.count(look(info), only)
         on_tick(info)
         rest -= step.finished
         if rest <= 0:
             break
-    metrics: dict[str, Any] = {**dict.fromkeys(METRICS), **tally.flight(info), **tally.crawl(info), **tally.both(info)}
-    # What a simulation that diverged leaves behind is no number.
-    metrics = {k: None if isinstance(v, float) and not v <= METRICS[k].most else v for k, v in metrics.items()}
+    metrics = tally.metrics(0, info, env.progress)
     env.close()
-    timing = {
-        "act_s": np.percentile(actor.times, [50, 99]).tolist(),
-        "step_s": np.percentile(times, [50, 99]).tolist(),
-        "wall_s": time.perf_counter() - begin,
+    return {"metrics": metrics, "timing": _timing(actor.times, times, time.perf_counter() - begin, 1)}
+
+
+def play_scenarios(
+    policy: BatchPolicy,
+    name: str,
+    scenarios: Sequence[Scenario],
+    *,
+    act_limit_s: float = ACT_LIMIT_S,
+    control: str = CONTROL,
+) -> list[dict[str, Any]]:
+    """Play scenarios of a track side by side in the engine, with the same bits as one by one.
+
+    Args:
+        policy: Who acts, for all of them at once.
+        name: Track.
+        scenarios: Which episodes.
+        act_limit_s: How long the policy may think about one action of each [s].
+        control: As in `play_scenario`; what is not of the engine alone is played one by one.
+
+    Returns:
+        For each what `play_scenario` gives, its timing the scenario's share.
+
+    Raises:
+        PolicyError: When the policy raises, answers with what are no actions, or takes too long.
+        InvalidValueError: When it is not defined on this track.
+    """
+    begin = time.perf_counter()
+    track, count = find_track(name), len(scenarios)
+    arguments = _arguments(policy, name, track, control)
+    # Where no option is a scenario's own, one environment knows what all of them are.
+    own = bool(track.ranges)
+    envs = [make_env(track, scenario, arguments) for scenario in (scenarios if own else scenarios[:1])]
+    env = envs[0]
+    if env.fleet is None:
+        return [play_scenario(policy, name, one, act_limit_s=act_limit_s, control=control) for one in scenarios]
+    rules = np.stack([each.rules() for each in envs]) if own else None
+    for each in envs:
+        each.close()
+    fleet = env.make_fleet(count, rules=rules)
+    place = f"{name}, scenarios {scenarios[0].index} … {scenarios[-1].index}"
+    actor = Actor(policy, (count, *(env.action_space.shape or ())), place, limit_s=act_limit_s * count)
+    for k, scenario in enumerate(scenarios):
+        options = reset_options(scenario)
+        fleet.disturb(k, Disturbances.parse(options["disturbances"]))
+        if "start" in options:
+            fleet.begin_with(k, FlightStart.parse(options["start"]))
+        fleet.seed(k, np_random(scenario.seed)[0])
+    fleet.reset()
+    for k, scenario in enumerate(scenarios):
+        draws = drawn(fleet, k) if track.options.get("randomization") else {}
+        check_drawn(draws, scenario, f"{name}, scenario {scenario.index}")
+    actor.reset_batch([scenario.seed for scenario in scenarios])
+    tally, times = _fly(fleet, FleetWatch(fleet, env.failures), actor, _ticks(track), flies=track.flies)
+    metrics = [tally.metrics(k, env.tell(fleet, k), _progress(fleet, k)) for k in range(count)]
+    fleet.close()
+    wall = time.perf_counter() - begin
+    return [{"metrics": own, "timing": _timing(actor.times, times, wall, count)} for own in metrics]
+
+
+def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, ticks: int, *, flies: bool) -> tuple[Tally, list[float]]:
+    """Step robots until everyone's episode is over; what was counted, and how long the steps took."""
+    count = len(fleet.robots)
+    tally, times = Tally(count, flies=flies), list[float]()
+    rest, ids = np.full(count, round(REST_S * CONTROL_RATE)), np.arange(count)
+    for _ in range(ticks):
+        # A copy: what a policy does to its observations changes nothing.
+        fleet.actions[:] = actor.act_batch(fleet.observations.copy())
+        begin = time.perf_counter()
+        fleet.step(ids)
+        times.append(time.perf_counter() - begin)
+        look = watch.look(ids)
+        tally.count(look, ids)
+        rest[ids] -= look.finished
+        ids = ids[(rest[ids] > 0) & ~fleet.terminated[ids]]
+        if not ids.size:
+            break
+    return tally, times
+
+
+def _arguments(policy: Policy, name: str, track: Track, control: str) -> dict[str, Any]:
+    """Arguments of the environment that are the policy's choice, and who controls."""
+    arguments = policy_arguments(policy, track.env_id)
+    if arguments is None:
+        raise InvalidValueError("track", name, "a track on which the policy is defined")
+    return {**arguments, "control": "python" if "allocator" in arguments else control}
+
+
+def _ticks(track: Track) -> int:
+    return round(track.seconds * CONTROL_RATE)
+
+
+def _watch(env: SpidarEnv) -> Callable[[dict[str, Any]], Look]:
+    """What looks at the robot of an environment, wherever it is simulated."""
+    if env.fleet is None:
+        return EnvWatch(env).look
+    watch, only = FleetWatch(env.fleet, env.failures), np.zeros(1, int)
+    return lambda _: watch.look(only)
+
+
+def _progress(fleet: Fleet, robot: int) -> Progress | CrawlProgress:
+    """How far a robot's episode has come."""
+    record = fleet.robots[robot]
+    return Progress.read(record, fleet.goals[robot]) if fleet.kind == "hover" else CrawlProgress.read(record)
+
+
+def _timing(acts: Sequence[float], steps: Sequence[float], wall: float, share: int) -> dict[str, Any]:
+    """How long it took, of what so many scenarios took together [s]."""
+    return {
+        "act_s": (np.percentile(acts, [50, 99]) / share).tolist(),
+        "step_s": (np.percentile(steps, [50, 99]) / share).tolist(),
+        "wall_s": wall / share,
     }
-    return {"metrics": metrics, "timing": timing}
-
-
-class _Tally:
-    """What is counted, tick by tick."""
-
-    def __init__(self, env: SpidarEnv) -> None:
-        self.env = env
-        self.position: list[float] = []
-        self.attitude: list[float] = []
-        self.joints: list[float] = []
-        self.thrust = 0.0
-        self.torque = 0.0
-        self.violations = 0
-        self.unsolved = 0
-        self.ticks = 0
-        self._bounds: Interference = no_interference()
-        self._config = InterferenceConfig()
-
-    def count(self, info: dict[str, Any]) -> None:
-        """Count one tick."""
-        env = self.env
-        self.ticks += 1
-        if info["failure"] == "diverged":
-            return  # nothing in it is a number
-        limit = env.plant.config.actuators.max_joint_torque
-        self.torque = max(self.torque, float(np.abs(info["joint_torque"]).max()) / limit)
-        self.unsolved += info["qp_status"] not in (*ANSWERED, "none")
-        broken = float(np.abs(info["joint_torque_allocated"]).max()) > ROBOT.max_joint_torque + 1e-3
-        if isinstance(env, HoverEnv):
-            position, attitude = info["position_error"], info["attitude_error"]
-            self.position.append(float(position @ position))
-            self.attitude.append(float(attitude @ attitude))
-            wanted = env.progress.plan()
-            broken = broken or self._interferes(env)
-        else:
-            assert isinstance(env, CrawlEnv)
-            self.attitude.append(info["tilt_rad"] ** 2)
-            last = env.controller.last_step
-            broken = broken and last is not None and last.mode != "rest"  # where the floor carries the legs
-            wanted = env.controller.memory.joint_position
-        off = wanted - env.state.joint_position
-        self.joints.append(float(off @ off) / len(off))
-        if not info.get("finished", False):
-            self.thrust += float(info["thrust_command"].sum()) / ROBOT.weight
-            self.violations += broken
-
-    def _interferes(self, env: HoverEnv) -> bool:
-        """Whether a thrusting rotor points where its jet meets another rotor or the torso."""
-        state = env.state
-        snapshot = env.truth.snapshot
-        nominal = nominal_vectoring(snapshot.R_bl, state.vectoring)
-        bounds = self._bounds = find_interference(snapshot, nominal, self._bounds, config=self._config)
-        theta = state.vectoring[:, 1]
-        beyond = np.maximum(bounds.lower - theta, theta - bounds.upper)
-        return bool((bounds.restricted & (beyond > INTERFERENCE_TOLERANCE) & (state.thrust > 1.0)).any())
-
-    def flight(self, info: dict[str, Any]) -> dict[str, Any]:
-        """What only flights have."""
-        if not isinstance(self.env, HoverEnv):
-            return {}
-        position, attitude = self._rms(self.position), self._rms(self.attitude)
-        late = len(self.env.progress.overdue())
-        failed = bool(info["failure"]) or late > 0
-        return {
-            "error": flight_error(position, attitude, failed=failed),
-            "failed": failed,
-            "failure": info["failure"] or ("late" if late else ""),
-            "position_rms_m": position,
-            "late_forms": late,
-            "duration_s": self.ticks / CONTROL_RATE,
-        }
-
-    def crawl(self, info: dict[str, Any]) -> dict[str, Any]:
-        """What only crawls have."""
-        if not isinstance(self.env, CrawlEnv):
-            return {}
-        progress = self.env.progress
-        x, y, yaw = info["goal_error"].tolist()
-        failed = bool(info["failure"]) or not info["finished"]
-        return {
-            "error": ground_error(progress.distance, info["energy_wh"] / progress.initial_distance, failed=failed),
-            "failed": failed,
-            "failure": info["failure"] or info["shortfalls"],
-            "final_error_m": math.hypot(x, y),
-            "final_yaw_rad": abs(yaw),
-            "drift": progress.distance / progress.initial_distance,
-            "slip_m": info["foot_slip_m"],
-            "duration_s": float(info["time_s"]),
-            "cost_of_transport": info["cost_of_transport"],
-        }
-
-    def both(self, info: dict[str, Any]) -> dict[str, Any]:
-        """What every episode has."""
-        counted = self.ticks
-        if isinstance(self.env, CrawlEnv) and self.env.progress.finished:
-            counted = max(1, round(self.env.progress.finished * CONTROL_RATE))
-        return {
-            "success": bool(info["is_success"]),
-            "attitude_rms_rad": self._rms(self.attitude),
-            "joint_rms_rad": self._rms(self.joints),
-            "energy_wh": info["energy_wh"],
-            "endurance_min": info["endurance_min"],
-            "thrust_mean": self.thrust / counted,
-            "torque_share": self.torque,
-            "violations": self.violations / counted,
-            "unsolved": self.unsolved,
-        }
-
-    @staticmethod
-    def _rms(squares: list[float]) -> float:
-        """Over the episode after its first second; over all of one that is shorter."""
-        counted = squares[round(SETTLE_S * CONTROL_RATE) :] or squares
-        return math.sqrt(sum(counted) / len(counted)) if counted else 0.0

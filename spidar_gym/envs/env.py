@@ -155,9 +155,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def _furnish(self, *, native: bool) -> None:
         """Make robot and controller."""
-        self._fleet = self.make_fleet(1) if native else None
+        self.fleet = self.make_fleet(1) if native else None
+        """Its robot in the engine, where that does all of it."""
         self._ruled = self.task
-        self.plant = Plant(self._nominal, engine=None if self._fleet is None else self._fleet.engine)
+        self.plant = Plant(self._nominal, engine=None if self.fleet is None else self.fleet.engine)
         self.controller = self._make_controller()
         self._now = {}
 
@@ -176,8 +177,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
         """Read what the engine knows: the true state, what is seen of it, the last command."""
-        assert self._fleet is not None
-        return self.plant.state() if name == "state" else single.look(self._fleet, name)
+        assert self.fleet is not None
+        return self.plant.state() if name == "state" else single.look(self.fleet, name)
 
     @property
     def command(self) -> Command:
@@ -225,23 +226,23 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         super().reset(seed=seed)
         for name, value in chosen.items():
             setattr(self, name, value)
-        if self._is_native() != (self._fleet is not None):
-            self._furnish(native=self._fleet is None)
+        if self._is_native() != (self.fleet is not None):
+            self._furnish(native=self.fleet is None)
         self.ticks, self._began, self._now = 0, True, {}
         self._action, self._command = np.zeros(self._mode.size), None
-        if self._fleet is None:
+        if self.fleet is None:
             self._begin(self.np_random)
         else:
-            self._begin_native(self._fleet)
+            self._begin_native(self.fleet)
         if self.render_mode == "human":
             self.render()
-        info = self._info("") if self._fleet is None else self._native_info(self._fleet)
+        info = self._info("") if self.fleet is None else self.tell(self.fleet)
         terms = {name.removeprefix("reward_") for name in info if name.startswith("reward_")}
         if terms != self.reward_terms.keys():
             raise InvalidValueError(
                 "reward_terms", sorted(self.reward_terms), f"the terms of the task: {sorted(terms)}"
             )
-        return self._observation() if self._fleet is None else self._fleet.observations[0].copy(), info
+        return self._observation() if self.fleet is None else self.fleet.observations[0].copy(), info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control period of 25 ms.
@@ -263,8 +264,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             raise InvalidValueError("action", action.tolist(), "finite numbers within −1 … 1")
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        if self._fleet is not None:
-            return self._step_native(self._fleet, action)
+        if self.fleet is not None:
+            return self._step_native(self.fleet, action)
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
         command = self._act(self._action)
         self.ticks += 1
@@ -290,15 +291,16 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
         self.view.close()
         self.controller.close()
-        if self._fleet is not None:
-            self._fleet.close()
+        if self.fleet is not None:
+            self.fleet.close()
 
     # ---- all of it in the engine ----
 
     @abstractmethod
     def make_fleet(
-        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
-    ) -> Fleet:
+        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
+        rules: np.ndarray | None = None,
+    ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet.
 
         Args:
@@ -306,7 +308,13 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             threads: How many threads carry them.
             autoreset: What happens at the end of an episode: one of `AUTORESETS`.
             truncates: Whether an episode ends at the horizon.
+            rules: For each robot those of an environment of its own of this kind, from its `rules`; their floors are
+                all even or all of tiles. Those of this one for all by default.
         """
+
+    @abstractmethod
+    def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
+        """What this environment is to the engine; arguments as in `make_fleet`."""
 
     def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
         """Write what every environment has into its rules."""
@@ -349,16 +357,15 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         self._forget()
         self.ticks += 1
         fleet.step()
-        info = self._native_info(fleet)
+        info = self.tell(fleet)
         if self.render_mode == "human":
             self.render()
         return fleet.observations[0].copy(), float(fleet.rewards[0]), bool(fleet.terminated[0]), False, info
 
-    def _native_info(self, fleet: Fleet) -> dict[str, Any]:
-        """As `_info`: numbers of the engine in the words of the task."""
-        info = single.info(fleet, self.reward_terms, self.failures)
-        info["randomization"] = {name: draw.copy() for name, draw in self.sampled_parameters.items()}
-        return info
+    def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
+        """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
+        draws = single.drawn(fleet, robot) if self._strength > 0.0 else {}
+        return single.info(fleet, self.reward_terms, self.failures, robot) | {"randomization": draws}
 
     # ---- controller and task in Python ----
 

@@ -33,7 +33,8 @@ class Fleet:
 
         Args:
             kind: `hover` or `crawling`.
-            rules: `sp_hover_rules` or `sp_crawl_rules`.
+            rules: `sp_hover_rules` or `sp_crawl_rules`, one for all or one for every robot: then each is simulated as
+                its own say, on floors of the same kind.
             plant: The simulated robot, or the one that others are drawn around.
             robots: How many.
             threads: How many threads, the caller's included.
@@ -42,11 +43,11 @@ class Fleet:
         """
         layouts, common = engine_layouts(), rules["rules"]
         self.kind, self.rules, self.has_own_copies = kind, rules, not alike
-        self.engine = engine = Engine(kind, plant, robots, threads, alike=alike)
+        self.engine = engine = Engine(kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
         self.robots = engine.robots
         """All that there is of the robots: records of `sp_hover` or `sp_crawling`."""
-        info, size = layouts[f"{kind}_info"], int(common["size"])
-        self.actions = np.zeros((robots, int(common["mode"]["size"])))
+        info, size = layouts[f"{kind}_info"], int(common["size"].flat[0])
+        self.actions = np.zeros((robots, int(common["mode"]["size"].flat[0])))
         self.observations, self.final_observations = (np.zeros((robots, size), np.float32) for _ in range(2))
         self.rewards = np.zeros(robots)
         self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
@@ -60,6 +61,9 @@ class Fleet:
         """Who judges."""
         for name in names:
             engine.share(name, getattr(self, name))
+        if rules.ndim:
+            engine.record["rules_bytes"] = rules.itemsize
+            engine.configure(np.ascontiguousarray(common["plant"]))
         engine.record["goal_room"] = goals
         self._settles = plant.ground.uneven
 
@@ -99,8 +103,8 @@ class Fleet:
         """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""
         self._run("reset", ids, _SETTLING_AT_ONCE if self._settles else AT_ONCE)
 
-    def step(self) -> None:
-        """One control period of all robots, with `actions`.
+    def step(self, ids: np.ndarray | None = None) -> None:
+        """One control period of robots, with `actions`; of all if not said which, in rising order.
 
         Where MuJoCo gives up a robot, its episode ends as one that has diverged, and nobody else's is changed; `reset`
         begins its next. Where it does so while an episode begins by itself, that is an error.
@@ -109,13 +113,17 @@ class Fleet:
             SpidarError: For a robot that MuJoCo cannot put where its next episode begins.
         """
         if not self._settles:
-            self._run("step", None)
+            self._run("step", ids)
             return
         episode, horizon = self.robots["episode"], self.rules["rules"]["horizon"]
         begins = (episode["over"] > 0) | (episode["ticks"] + 1 >= horizon)
-        for ids, at_once in ((np.flatnonzero(~begins), AT_ONCE), (np.flatnonzero(begins), _SETTLING_AT_ONCE)):
-            if ids.size:
-                self._run("step", ids, at_once)
+        everybody = np.arange(len(begins)) if ids is None else ids
+        for some, at_once in (
+            (everybody[~begins[everybody]], AT_ONCE),
+            (everybody[begins[everybody]], _SETTLING_AT_ONCE),
+        ):
+            if some.size:
+                self._run("step", some, at_once)
 
     def show(self) -> None:
         """Write observations and infos of what is now, where Python judges."""

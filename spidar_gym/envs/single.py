@@ -38,9 +38,9 @@ def look(fleet: Fleet, name: str) -> RobotState | Command:
     return read_state(episode["seen"]) if name == "seen" else read_command(episode["command"])
 
 
-def drawn(fleet: Fleet) -> dict[str, np.ndarray]:
-    """What was drawn of the robot, by field of `PlantConfig`."""
-    numbers, draws, at = fleet.robots[0]["episode"]["drawn"], dict[str, np.ndarray](), 0
+def drawn(fleet: Fleet, robot: int = 0) -> dict[str, np.ndarray]:
+    """What was drawn of a robot, by field of `PlantConfig`."""
+    numbers, draws, at = fleet.robots[robot]["episode"]["drawn"], dict[str, np.ndarray](), 0
     for row in TABLE:
         size = math.prod(row.shape)
         draws[row.field] = numbers[at : at + size].reshape(row.shape).copy()
@@ -48,15 +48,16 @@ def drawn(fleet: Fleet) -> dict[str, np.ndarray]:
     return draws
 
 
-def info(fleet: Fleet, terms: Iterable[str], failures: Sequence[str]) -> dict[str, Any]:
-    """What is told of the robot, an array, a number or a word each.
+def info(fleet: Fleet, terms: Iterable[str], failures: Sequence[str], robot: int = 0) -> dict[str, Any]:
+    """What is told of a robot, an array, a number or a word each.
 
     Args:
-        fleet: It.
+        fleet: It and others.
         terms: Names of the terms of the reward, in the engine's order.
         failures: Why an episode may be over, in the engine's order.
+        robot: Its number.
     """
-    now = told(fleet.infos.copy())
+    now = told(fleet.infos[robot : robot + 1].copy())
     found = {name: value[0] if value.ndim > 1 else value.item() for name, value in now.items()}
     status, failure = found.pop("qp_status_code"), found.pop("failure_code")
     found["qp_status"] = "none" if status < 0 else str(STATUS[status])

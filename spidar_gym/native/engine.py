@@ -24,6 +24,7 @@ _POINTERS = (
     "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
     "own_copies", "job", "argument", "rules", "goals", "actions", "observations", "final_observations", "rewards",
     "terminated", "truncated", "begun", "infos", "final_infos", "goal_room",
+    "rules_bytes",
 )  # fmt: skip
 """Members of `sp_engine`, eight bytes each."""
 
@@ -35,7 +36,8 @@ class Engine:
     its entry of `copies`, are all that there is of it.
     """
 
-    def __init__(self, struct: str, config: PlantConfig, robots: int, threads: int, *, alike: bool) -> None:
+    def __init__(self, struct: str, config: PlantConfig, robots: int, threads: int, *, alike: bool, floors: bool = False
+    ) -> None:  # fmt: skip
         """Make them, all of one configuration.
 
         Args:
@@ -44,6 +46,7 @@ class Engine:
             robots: How many.
             threads: How many threads, the caller's included.
             alike: Whether they stay as they are configured here; else each has its own part of MuJoCo's model.
+            floors: Whether planes under them differ, as tiles always do.
 
         Raises:
             InvalidValueError: For a number of robots or threads below 1, and for a delay that is too long.
@@ -61,7 +64,7 @@ class Engine:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
         self.rooms = [Room(self.library) for _ in range(threads)]
         self.robots = np.zeros(robots, layouts[struct])
-        names = OWN if uneven else FLAT
+        names = OWN if uneven or floors else FLAT
         pieces = [simulation.pieces(names) for simulation in self.simulations]
         _, size, offset = pieces[0][-1].tolist()
         self.copies = np.zeros((1 if alike else robots, offset + -(-size // 8) * 8), np.uint8)

@@ -289,6 +289,13 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("restricted_rotors", "b1", (N_ROTORS,), ""),
         ("is_success", "b1", (), ""),
     )),
+    CStruct("watch", "What is looked at in a flight besides what is told.", (
+        ("config", "interference_config", (), ""),
+        ("bounds", "interference", (), "of now, and of the last look before it"),
+        ("tolerance thrust", "f8", (), "how far beyond [rad] and with more than which thrust [N] one interferes"),
+        ("planned", "f8", (N_JOINTS,), "joint angles of the schedule now [rad]"),
+        ("interferes", "i4", (), "whether a rotor does"),
+    )),
     CStruct("crawl_rules", "The task of a crawl.", (
         ("rules", "rules", (), ""),
         ("controller", "crawler_config", (), ""),

@@ -3,12 +3,12 @@
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 
-from spidar_gym.policies.policy import Policy, policy_name
+from spidar_gym.policies.policy import BatchPolicy, Policy, policy_name
 from spidar_gym.policies.source import PolicyError
 
 
@@ -24,18 +24,32 @@ class Actor:
         begin = getattr(policy, "begin", None)
         if begin is not None:
             with self._care("begin"):
-                begin(shape[0])
+                begin(shape[-1])
 
     def reset(self, seed: int) -> None:
         """Begin an episode."""
         with self._care("reset"):
             self.policy.reset(seed)
 
+    def reset_batch(self, seeds: Sequence[int]) -> None:
+        """Begin an episode of each robot."""
+        assert isinstance(self.policy, BatchPolicy)
+        with self._care("reset_batch"):
+            self.policy.reset_batch(seeds)
+
     def act(self, observation: np.ndarray) -> np.ndarray:
         """A valid action (`PolicyError` if it is none)."""
+        return self._act("act", self.policy.act, observation)
+
+    def act_batch(self, observations: np.ndarray) -> np.ndarray:
+        """Valid actions of all robots (`PolicyError` if one is none)."""
+        assert isinstance(self.policy, BatchPolicy)
+        return self._act("act_batch", self.policy.act_batch, observations)
+
+    def _act(self, what: str, call: Callable[[np.ndarray], np.ndarray], seen: np.ndarray) -> np.ndarray:
         start = time.perf_counter()
-        with self._care("act"):
-            action = np.asarray(self.policy.act(observation))
+        with self._care(what):
+            action = np.asarray(call(seen))
         self.times.append(time.perf_counter() - start)
         if action.shape != self._shape or action.dtype.kind not in "fiu":
             self._fail(f"gave {action.dtype} of shape {action.shape}; valid: numbers of shape {self._shape}")

@@ -1,7 +1,7 @@
 """The artifact of a learned policy: one file with network, normaliser, arguments and origin, and who refuses it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,9 +74,9 @@ class Washout:
         """Share of the way to the action that its low-pass goes in a tick."""
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the actions so far."""
-        self.low_passed = np.zeros(len(self.share))
+    def reset(self, *robots: int) -> None:
+        """Forget the actions so far, of one robot or of so many."""
+        self.low_passed = np.zeros((*robots, len(self.share)))
         """The actions, low-passed."""
 
     def __call__(self, action: np.ndarray) -> np.ndarray:
@@ -151,12 +151,16 @@ class Artifact:
         require_not_negative(washout=float(self.washout.min(initial=0.0)))
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The network's answer, in [−1, 1], in single precision as it was learned."""
+        """The network's answer, in [−1, 1], in single precision as it was learned.
+
+        Args:
+            observation: Shape (…, size): each row is answered as it would be alone, bit for bit.
+        """
         x = (observation - self.mean) / np.sqrt(self.variance)
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
         last = len(self.weights) - 1
         for k, (w, b) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = w @ x + b
+            x = np.matmul(w, x[..., None])[..., 0] + b  # a product for each row: their number changes no bit
             if k < last:
                 x = ACTIVATIONS[self.activation](x)
         return np.tanh(x) if self.output == "tanh" else np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
@@ -292,3 +296,11 @@ class LearnedPolicy:
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, washed out."""
         return self.washout(self.artifact.act(observation))
+
+    def reset_batch(self, seeds: Sequence[int]) -> None:
+        """Forget what the washout has seen of each robot."""
+        self.washout.reset(len(seeds))
+
+    def act_batch(self, observations: np.ndarray) -> np.ndarray:
+        """The network's answers, washed out."""
+        return self.act(observations)

@@ -2,9 +2,10 @@
 
 import inspect
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
@@ -35,6 +36,38 @@ class Policy(Protocol):
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The action, in [−1, 1]."""
         ...
+
+
+@runtime_checkable
+class BatchPolicy(Policy, Protocol):
+    """What a policy has that can act for many robots at once, each as it would for that one alone, bit for bit.
+
+    NumPy's matrix products do not promise that, as their order of summation may change with the number of rows:
+    `np.matmul(W, x[..., None])[..., 0]` does each row by itself.
+    """
+
+    def reset_batch(self, seeds: Sequence[int]) -> None:
+        """Begin an episode of each robot; whatever the policy draws for it comes from its seed."""
+
+    def act_batch(self, observations: np.ndarray) -> np.ndarray:
+        """The actions (robots, size), in [−1, 1], at observations (robots, size).
+
+        Rows of robots whose episode is over go on being asked for; they mean nothing.
+        """
+        ...
+
+
+def acts_in_batches(policy: Policy) -> TypeGuard[BatchPolicy]:
+    """Whether a policy can act for many robots, as it acts for one: who changes the one way has to say the other."""
+    for one, many in (("reset", "reset_batch"), ("act", "act_batch")):
+        for level in (vars(policy) if hasattr(policy, "__dict__") else {}, *map(vars, type(policy).__mro__)):
+            if many in level:
+                break
+            if one in level:
+                return False
+        else:
+            return False
+    return True
 
 
 def policy_name(policy: Policy) -> str:

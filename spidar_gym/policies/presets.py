@@ -1,6 +1,6 @@
 """Policies that are a controller of the environments: the base class of the classical baselines."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,3 +31,10 @@ class PresetPolicy:
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Zero."""
         return np.zeros(self._size)
+
+    def reset_batch(self, seeds: Sequence[int]) -> None:
+        """Nothing to forget."""
+
+    def act_batch(self, observations: np.ndarray) -> np.ndarray:
+        """Zeros."""
+        return np.zeros((len(observations), self._size))

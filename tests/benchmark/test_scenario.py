@@ -14,7 +14,7 @@ from spidar_gym.benchmark import TRACKS, load_scenarios, scenario
 from spidar_gym.benchmark.scenario import (
     OFFSET,
     PINS,
-    check_robot,
+    check_drawn,
     draw_scenario,
     make_env,
     reset_options,
@@ -237,21 +237,21 @@ def begun(name, index=0, *, seed=None):
 @pytest.mark.parametrize("name", ["flight-randomised", "ground-uneven"])
 def test_a_scenarios_robot_is_known_and_another_seeds_is_refused(name):
     env, one = begun(name)
-    check_robot(env, one, "here")
-    assert robot_digest(env) == one.robot
+    check_drawn(env.sampled_parameters, one, "here")
+    assert robot_digest(env.sampled_parameters) == one.robot
     env, one = begun(name, seed=one.seed + 1)
     with pytest.raises(SpidarError, match=f"{name}, scenario 0: the drawn robot is not the scenario's"):
-        check_robot(env, one, f"{name}, scenario 0")
+        check_drawn(env.sampled_parameters, one, f"{name}, scenario 0")
 
 
 def test_where_no_robot_is_drawn_every_seed_will_do_but_no_drawn_robot():
     env, one = begun("flight-fast5", seed=1)
-    check_robot(env, one, "here")
+    check_drawn(env.sampled_parameters, one, "here")
     with pytest.raises(SpidarError):
-        check_robot(env, replace(one, robot="0" * 16), "here")
+        check_drawn(env.sampled_parameters, replace(one, robot="0" * 16), "here")
     env, _ = begun("flight-randomised")
     with pytest.raises(SpidarError):
-        check_robot(env, one, "here")
+        check_drawn(env.sampled_parameters, one, "here")
 
 
 def test_the_robot_rests_on_the_seed_alone_and_not_on_what_a_policy_may_choose():
@@ -260,7 +260,7 @@ def test_the_robot_rests_on_the_seed_alone_and_not_on_what_a_policy_may_choose()
     for arguments in ({}, {"preset": "tuned", "action_mode": "residual"}, {"action_mode": "direct"}):
         env = make_env(TRACKS["flight-randomised"], one, arguments)
         env.reset(seed=one.seed, options=reset_options(one))
-        digests.add(robot_digest(env))
+        digests.add(robot_digest(env.sampled_parameters))
     assert digests == {one.robot}
 
 

@@ -24,6 +24,7 @@ CRAWLS = {
     "overlapped, legs pulled": {"preset": "overlapped", "action_mode": "residual_gait_force"},
     "drawn": {"preset": "robust", **DRAWN},
     "a slope of tiles": {"preset": "robust", "slope": 0.1, "slope_direction": 1.0, "steps": 0.01},
+    "drawn robots on tiles": {"steps": 0.01, "randomization": 0.5, "sensors": True},
     "obstacles": {"obstacles": ((1.0, 0.0, 0.2),), "distance": 0.3},
     "alone": {"action_mode": "direct"},
 }

@@ -1,7 +1,7 @@
 """The crawl environment: the paper's gait and allocation on the ground, to which the action adds; a pose to reach."""
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,17 @@ from spidar_gym.control.crawl.footsteps import Move, lying_pose
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.observation import CrawlObservables, crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
-from spidar_gym.control.crawl.pose2 import Pose2, torso_pose2
+from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
-from spidar_gym.envs import rules
 from spidar_gym.envs.actions import CRAWL_MODES, act_directly, find_action_mode
 from spidar_gym.envs.controllers import CONTROLS, make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import own_robot, solver_settings, split_options
+from spidar_gym.envs.rules import crawl_rules
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance, require_name
 from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
@@ -84,7 +84,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         )  # fmt: skip
 
     def _make_controller(self) -> CrawlControl:
-        return make_crawler(self._config, self._control, self._fleet)
+        return make_crawler(self._config, self._control, self.fleet)
 
     @property
     def way(self) -> tuple[float, float, float]:
@@ -97,10 +97,11 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         return type(self.task) is CrawlTask and keeps_page(type(self), CrawlEnv)
 
     def _rule(self, fleet: Fleet) -> None:
-        fleet.rules[()] = self._rules(truncates=False, autoreset="disabled")
+        fleet.rules[()] = self.rules()
 
-    def _rules(self, *, truncates: bool, autoreset: str) -> np.ndarray:
-        record = rules.crawl_rules(self.task, self._config, SETTLE_TICKS)
+    def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
+        """`sp_crawl_rules`."""
+        record = crawl_rules(self.task, self._config, SETTLE_TICKS)
         self._fill_rules(record, truncates=truncates, autoreset=autoreset)
         return record
 
@@ -108,33 +109,28 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         pass
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
-        assert self._fleet is not None
-        robot = self._fleet.robots[0]
+        assert self.fleet is not None
+        robot = self.fleet.robots[0]
         if name == "way":
             return tuple(robot["way"].tolist())
-        if name != "episode":
-            return super()._read(name)
-        values: dict[str, Any] = {}
-        for field in fields(CrawlProgress):
-            value = robot[{"ticks": "crawled"}.get(field.name, field.name)]
-            values[field.name] = value.copy() if value.ndim else value.item()
-        return CrawlProgress(
-            **values | {"goal": Pose2(*robot["goal"].tolist()), "duct_contact": bool(robot["duct_contact"])}
-        )
+        return CrawlProgress.read(robot) if name == "episode" else super()._read(name)
 
-    def _native_info(self, fleet: Fleet) -> dict[str, Any]:
-        info = super()._native_info(fleet)
+    def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
+        """As `SpidarEnv.tell`."""
+        info = super().tell(fleet, robot)
         phase, shortfalls = info.pop("phase_code"), info.pop("shortfalls_code")
         info["phase"] = PHASES[phase]
         info["shortfalls"] = ", ".join(name for k, name in enumerate(SHORTFALLS) if shortfalls >> k & 1)
         return info
 
     def make_fleet(
-        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
-    ) -> Fleet:
+        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
+        rules: np.ndarray | None = None,
+    ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
-        task, record = self.task, self._rules(truncates=truncates, autoreset=autoreset)
-        alike = not (self._strength > 0.0 or task.steps or task.obstacles)
+        task = self.task
+        alike = not (self._strength > 0.0 or task.steps or task.obstacles) and rules is None
+        record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         fleet = Fleet("crawling", record, self._nominal, robots, threads, alike=alike)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)

@@ -1,7 +1,8 @@
 """The crawl task on a page: constants with units, goals, reward terms, failure, metrics, success."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -271,6 +272,15 @@ class CrawlProgress:
     """Largest tilt while the legs are lifted [rad]."""
     tilt_torso: float = 0.0
     """Largest tilt while the torso moves [rad]."""
+
+    @classmethod
+    def read(cls, record: Any) -> "CrawlProgress":  # noqa: ANN401 - numpy's row
+        """That of a robot in the engine, an `sp_crawling`."""
+        values: dict[str, Any] = {}
+        for each in fields(cls):
+            value = record[{"ticks": "crawled"}.get(each.name, each.name)]
+            values[each.name] = value.copy() if value.ndim else value.item()
+        return cls(**values | {"goal": Pose2(*record["goal"].tolist()), "duct_contact": bool(record["duct_contact"])})
 
     def update_errors(self, position_w: Vector3, R_wb: Matrix3) -> None:
         """Measure how far the goal is."""

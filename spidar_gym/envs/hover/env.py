@@ -12,13 +12,13 @@ from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.flight.observation import NO_NEXT_FORM, FlightObservables, layout
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
-from spidar_gym.envs import rules
 from spidar_gym.envs.actions import act_directly, find_action_mode
 from spidar_gym.envs.controllers import make_flight_controller, require_flight_control
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
 from spidar_gym.envs.options import solver_settings, split_options
+from spidar_gym.envs.rules import hover_rules, most_goals, sequence
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
@@ -83,7 +83,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         super().__init__(mode, layout(mode.size), joint_speed=joint_speed, control=control, **shared)
 
     def _make_controller(self) -> FlightControl:
-        return make_flight_controller(self._config, self._control, self._allocator, self._fleet)
+        return make_flight_controller(self._config, self._control, self._allocator, self.fleet)
 
     @property
     def truth(self) -> ControlState:
@@ -97,11 +97,12 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
 
     def _rule(self, fleet: Fleet) -> None:
         if replace(self.task, forms=self._ruled.forms) != self._ruled:
-            fleet.rules[()] = self._rules(truncates=False, autoreset="disabled")
-        fleet.robots["forms"] = rules.sequence(self.task)
+            fleet.rules[()] = self.rules()
+        fleet.robots["forms"] = sequence(self.task)
 
-    def _rules(self, *, truncates: bool, autoreset: str) -> np.ndarray:
-        record = rules.hover_rules(self.task, self._config, described=self._described)
+    def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
+        """`sp_hover_rules`."""
+        record = hover_rules(self.task, self._config, described=self._described)
         self._fill_rules(record, truncates=truncates, autoreset=autoreset)
         return record
 
@@ -115,30 +116,25 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self.trim = fleet.robots[0]["trim"].copy() if given or not self._described else None
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
-        assert self._fleet is not None
-        robot = self._fleet.robots[0]
+        assert self.fleet is not None
+        robot = self.fleet.robots[0]
         if name == "truth":
-            return ControlStateView(self._fleet.robots["truth"][0:1].reshape(())).control_state
+            return ControlStateView(self.fleet.robots["truth"][0:1].reshape(())).control_state
         if name != "episode":
             return super()._read(name)
-        rows = self._fleet.goals[0][: int(robot["goals"])]
-        if self._goals is None:
-            self._goals = [
-                FormGoal(float(row["start"]), float(row["deadline"]), row["joint_target"].copy()) for row in rows
-            ]
-        return Progress(
-            self._goals, int(robot["flown"]), int(robot["current"]), float(robot["position_sum"]),
-            float(robot["attitude_sum"]), set(np.flatnonzero(rows["reached"]).tolist()),
-        )  # fmt: skip
+        progress = Progress.read(robot, self.fleet.goals[0], self._goals)
+        self._goals = progress.goals
+        return progress
 
     def make_fleet(
-        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False
-    ) -> Fleet:
+        self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
+        rules: np.ndarray | None = None,
+    ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
-        record = self._rules(truncates=truncates, autoreset=autoreset)
-        goals, alike = rules.most_goals(self.task.horizon_s), self._strength == 0.0
+        goals, alike = most_goals(self.task.horizon_s), self._strength == 0.0 and rules is None
+        record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals)
-        fleet.robots["forms"] = rules.sequence(self.task)
+        fleet.robots["forms"] = sequence(self.task)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)
         return fleet

@@ -282,6 +282,23 @@ class Progress:
     reached: set[int] = field(default_factory=set)
     """Goals reached in time."""
 
+    @classmethod
+    def read(cls, record: Any, rows: np.ndarray, goals: list[FormGoal] | None = None) -> "Progress":  # noqa: ANN401
+        """That of a robot in the engine.
+
+        Args:
+            record: `sp_hover`.
+            rows: Its `sp_goal`.
+            goals: They, if they are read already.
+        """
+        rows = rows[: int(record["goals"])]
+        if goals is None:
+            goals = [FormGoal(float(row["start"]), float(row["deadline"]), row["joint_target"].copy()) for row in rows]
+        return cls(
+            goals, int(record["flown"]), int(record["current"]), float(record["position_sum"]),
+            float(record["attitude_sum"]), set(np.flatnonzero(rows["reached"]).tolist()),
+        )  # fmt: skip
+
     @property
     def time(self) -> float:
         """Time flown [s]."""

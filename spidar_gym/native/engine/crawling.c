@@ -84,9 +84,8 @@ static double to_goal(const sp_crawl_rules *rules, const double *error)
 }
 
 /* What touches the floor, how the torso lies, and how far the goal is, of a loaded robot. */
-static void update_errors(const sp_engine *e, const sp_sim *sim, sp_crawling *c)
+static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const sp_sim *sim, sp_crawling *c)
 {
-    const sp_crawl_rules *rules = e->rules;
     const double *floor = c->plant.floor_R, *position = c->plant.state.position_w;
     double R[9];
     sp_from_quat(c->plant.state.quat_wb, R);
@@ -131,7 +130,7 @@ static double lying_height(const sp_robot *robot, const sp_crawling *c)
 
 static void begin(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_crawl_rules *rules = e->rules;
+    const sp_crawl_rules *rules = sp_rules_of(e, robot);
     const sp_robot *numbers = thread->room->robot;
     const sp_sim *sim = &thread->sim;
     sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
@@ -172,7 +171,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_pose2 here = {c->plant.state.position_w[0], c->plant.state.position_w[1], atan2(R[3], R[0])};
     c->goal = then(here, c->way);
     start_counting(c);
-    update_errors(e, sim, c);
+    update_errors(e, rules, sim, c);
     c->initial_distance = sp_max(c->distance, 1e-6);
     sp_leave(sim, &c->plant);
 }
@@ -324,7 +323,7 @@ static void observe(const sp_crawl_rules *rules, const sp_crawling *c, float *ob
 
 static void show(sp_engine *e, int robot)
 {
-    const sp_crawl_rules *rules = e->rules;
+    const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
     tell(rules, e->world, c, (sp_crawling_info *)e->infos + robot);
     observe(rules, c, e->observations + (int64_t)robot * rules->rules.size);
@@ -341,14 +340,14 @@ static void reset_crawling(sp_engine *e, sp_thread *thread, int robot)
 /* What follows upon a tick's physics, of a robot that is still loaded or has diverged. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_crawl_rules *rules = e->rules;
+    const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
     if (c->plant.diverged) {
         episode->failure = SP_CRAWL_DIVERGED;
     } else {
         sp_look(thread->room->robot, &c->plant, episode);
-        update_errors(e, &thread->sim, c);
+        update_errors(e, rules, &thread->sim, c);
         advance(rules, thread->room->robot, c);
         if (!rules->rules.is_judged) episode->failure = failure(rules, c);
     }
@@ -364,7 +363,7 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
 
 static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_crawl_rules *rules = e->rules;
+    const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
     if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {

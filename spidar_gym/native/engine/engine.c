@@ -3,6 +3,8 @@
 
 sp_plant *sp_plant_of(const sp_engine *e, int robot) { return (sp_plant *)(e->first + robot * e->stride); }
 
+const void *sp_rules_of(const sp_engine *e, int robot) { return (const char *)e->rules + robot * e->rules_bytes; }
+
 /* The thread that MuJoCo's pool knows by one of its own datas. */
 static sp_thread *seat_of(const sp_engine *e, const void *pool_data)
 {

@@ -125,11 +125,12 @@ typedef struct sp_engine {
     double *rewards;
     uint8_t *terminated, *truncated, *begun; /* begun: the step was a reset */
     char *infos, *final_infos;
-    int64_t goal_room;
+    int64_t goal_room, rules_bytes; /* from one robot's rules to the next one's; 0 where all have the same */
 } sp_engine;
 
 int sp_run(sp_engine *engine, const int32_t *ids, int n, void (*job)(sp_engine *, sp_thread *, int), void *argument);
 sp_plant *sp_plant_of(const sp_engine *engine, int robot);
+const void *sp_rules_of(const sp_engine *engine, int robot);
 void sp_carry(const sp_engine *engine, sp_thread *thread, int robot);
 
 void sp_become(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
@@ -151,6 +152,7 @@ int sp_show_hovers(sp_engine *engine, const int32_t *ids, int n);
 int sp_reset_hovers(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_hovers(sp_engine *engine, const int32_t *ids, int n);
 int sp_lose_hovers(sp_engine *engine, const int32_t *ids, int n);
+int sp_watch_hovers(sp_engine *engine, const int32_t *ids, int n, sp_watch *watches);
 
 /* crawling.c */
 int sp_show_crawlings(sp_engine *engine, const int32_t *ids, int n);

@@ -1,10 +1,9 @@
 /* What flights and crawls share of an episode: the robot that is drawn, what the action means, what is seen. */
 #include "episode.h"
 
-/* Draw this episode's robot around the nominal one; as many numbers at every strength. */
+/* Have a configuration be that of this episode's robot, drawn around it; as many numbers at every strength. */
 void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn)
 {
-    *config = rules->plant;
     for (int k = 0; k < rules->draws; k++) {
         const sp_draw *row = &rules->draw[k];
         double *value = (double *)((char *)config + row->at);

@@ -129,7 +129,7 @@ static sp_goal *goals_of(const sp_engine *e, int robot) { return e->goals + robo
 
 static void begin(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_hover_rules *rules = e->rules;
+    const sp_hover_rules *rules = sp_rules_of(e, robot);
     const sp_robot *numbers = thread->room->robot;
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
@@ -150,6 +150,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     h->current = h->flown = 0;
     h->position_sum = h->attitude_sum = 0.0;
     if (rules->rules.strength > 0.0) {
+        config = rules->rules.plant;
         sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
         sp_become(e, thread, robot, &config);
     } else {
@@ -304,7 +305,7 @@ static void observe(const sp_hover_rules *rules, const sp_hover *h, float *obser
 
 static void show(sp_engine *e, int robot)
 {
-    const sp_hover_rules *rules = e->rules;
+    const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     const sp_goal *goals = goals_of(e, robot);
     tell(rules, goals, h, (sp_hover_info *)e->infos + robot);
@@ -323,7 +324,7 @@ static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
 /* What follows upon a tick's physics. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_hover_rules *rules = e->rules;
+    const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
     sp_goal *goals = goals_of(e, robot);
@@ -349,7 +350,7 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
 
 static void step_hover(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_hover_rules *rules = e->rules;
+    const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
     if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
@@ -386,6 +387,31 @@ static void regard_hover(sp_engine *e, sp_thread *thread, int robot)
 {
     update_errors(thread->room->robot, (sp_hover *)sp_plant_of(e, robot));
     show(e, robot);
+}
+
+/* Where the schedule has the joints now, and whether a thrusting rotor blows on another one or the torso. */
+static void watch_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_hover *h = (const sp_hover *)sp_plant_of(e, robot);
+    const sp_robot_state *state = &h->plant.state;
+    sp_watch *watch = (sp_watch *)e->argument + robot;
+    sp_interference before = watch->bounds;
+    double nominal[2 * SP_ROTORS];
+    (void)thread;
+    plan(h, goals_of(e, robot), watch->planned);
+    sp_nominal_vectoring(&h->truth.snapshot, state->vectoring, nominal);
+    sp_find_interference(&h->truth.snapshot, nominal, &before, &watch->config, &watch->bounds);
+    watch->interferes = 0;
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double theta = state->vectoring[2 * i + 1];
+        double beyond = sp_max(watch->bounds.lower[i] - theta, theta - watch->bounds.upper[i]);
+        watch->interferes |= watch->bounds.restricted[i] && beyond > watch->tolerance && state->thrust[i] > watch->thrust;
+    }
+}
+
+int sp_watch_hovers(sp_engine *e, const int32_t *ids, int n, sp_watch *watches)
+{
+    return sp_run(e, ids, n, watch_hover, watches);
 }
 
 int sp_regard_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, regard_hover, NULL); }

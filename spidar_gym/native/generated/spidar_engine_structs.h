@@ -403,6 +403,15 @@ typedef struct {
     uint8_t is_success;
 } sp_hover_info;
 
+/* What is looked at in a flight besides what is told. */
+typedef struct {
+    sp_interference_config config;
+    sp_interference bounds; /* of now, and of the last look before it */
+    double tolerance, thrust; /* how far beyond [rad] and with more than which thrust [N] one interferes */
+    double planned[16]; /* joint angles of the schedule now [rad] */
+    int32_t interferes; /* whether a rotor does */
+} sp_watch;
+
 /* The task of a crawl. */
 typedef struct {
     sp_rules rules;

@@ -1,0 +1,237 @@
+"""What is counted of episodes, tick by tick: of an environment's, or of many side by side in the engine."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.metrics import METRICS
+from spidar_gym.benchmark.track import SETTLE_S, flight_error, ground_error
+from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl.task import CrawlProgress
+from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover.task import Progress
+from spidar_gym.model.interference import InterferenceConfig, find_interference, no_interference
+from spidar_gym.model.rotor import nominal_vectoring
+from spidar_gym.native.constants import PROGRAMS
+from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.library import STATUS
+from spidar_gym.native.structs import fill
+from spidar_gym.robot import ROBOT
+
+INTERFERENCE_TOLERANCE = 0.05
+"""A rotor that turns this far beyond the bound that keeps it off another one breaks the constraint [rad]."""
+INTERFERENCE_THRUST = 1.0
+"""One with less thrust than this blows on nobody [N]."""
+ALLOCATED_MOST = ROBOT.max_joint_torque + 1e-3
+"""An allocation that asks for more than this of a servo breaks the constraint [Nm]."""
+_NO_ANSWER = [code for code, status in enumerate(STATUS) if status not in ANSWERED]
+_REST = PROGRAMS.index("rest")
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is seen of N robots after a tick."""
+
+    diverged: np.ndarray
+    """Whether nothing in it is a number (N,)."""
+    finished: np.ndarray
+    """Whether a crawl has arrived (N,)."""
+    position: np.ndarray
+    """Position error of a flight, world (N, 3) [m]; zeros on the ground."""
+    attitude: np.ndarray
+    """Attitude error of a flight (N, 3), tilt of a crawl (N, 1) [rad]."""
+    joints: np.ndarray
+    """Planned less true joint angles (N, 16) [rad]."""
+    joint_torque: np.ndarray
+    """Of the servos (N, 16) [Nm]."""
+    torque_limit: np.ndarray
+    """What they can give at most (N,) [Nm]."""
+    thrust_command: np.ndarray
+    """Commanded thrust (N, 8) [N]."""
+    unsolved: np.ndarray
+    """Whether the allocation has no answer (N,)."""
+    breaks: np.ndarray
+    """Whether a constraint is broken (N,)."""
+
+
+class EnvWatch:
+    """Looks at the robot of an environment whose controller and task are in Python."""
+
+    def __init__(self, env: SpidarEnv) -> None:
+        """Take it."""
+        self.env = env
+        self._bounds, self._config = no_interference(), InterferenceConfig()
+
+    def look(self, info: dict[str, Any]) -> Look:
+        """What is seen now, N = 1, of which this was told."""
+        env, state = self.env, self.env.state
+        broken = float(np.abs(info["joint_torque_allocated"]).max()) > ALLOCATED_MOST
+        position, finished = np.zeros(3), False
+        if isinstance(env, HoverEnv):
+            position, attitude = info["position_error"], info["attitude_error"]
+            wanted = env.progress.plan()
+            broken = broken or (info["failure"] != "diverged" and self._interferes(env))
+        else:
+            assert isinstance(env, CrawlEnv)
+            attitude, finished = np.array([info["tilt_rad"]]), info["finished"]
+            last = env.controller.last_step
+            broken = broken and last is not None and last.mode != "rest"  # where the floor carries the legs
+            wanted = env.controller.memory.joint_position
+        seen = {
+            "diverged": info["failure"] == "diverged", "finished": finished, "position": position,
+            "attitude": attitude, "joints": wanted - state.joint_position, "joint_torque": info["joint_torque"],
+            "torque_limit": env.plant.config.actuators.max_joint_torque, "thrust_command": info["thrust_command"],
+            "unsolved": info["qp_status"] not in (*ANSWERED, "none"), "breaks": broken,
+        }  # fmt: skip
+        return Look(**{name: np.asarray(value)[None] for name, value in seen.items()})
+
+    def _interferes(self, env: HoverEnv) -> bool:
+        """Whether a thrusting rotor points where its jet meets another rotor or the torso."""
+        state = env.state
+        snapshot = env.truth.snapshot
+        nominal = nominal_vectoring(snapshot.R_bl, state.vectoring)
+        bounds = self._bounds = find_interference(snapshot, nominal, self._bounds, config=self._config)
+        theta = state.vectoring[:, 1]
+        beyond = np.maximum(bounds.lower - theta, theta - bounds.upper)
+        blows = bounds.restricted & (beyond > INTERFERENCE_TOLERANCE) & (state.thrust > INTERFERENCE_THRUST)
+        return bool(blows.any())
+
+
+class FleetWatch:
+    """Looks at robots in the engine."""
+
+    def __init__(self, fleet: Fleet, failures: Sequence[str]) -> None:
+        """Take them, and why an episode may be over, in the engine's order."""
+        self.fleet, self._diverged = fleet, failures.index("diverged")
+        self._watches = np.zeros(len(fleet.robots), engine_layouts()["watch"])
+        self._watches["tolerance"], self._watches["thrust"] = INTERFERENCE_TOLERANCE, INTERFERENCE_THRUST
+        for watch in self._watches:
+            fill(watch["config"], InterferenceConfig())
+            fill(watch["bounds"], no_interference())
+
+    def look(self, ids: np.ndarray) -> Look:
+        """What is seen now of some of them."""
+        fleet = self.fleet
+        robots, infos = fleet.robots, fleet.infos[ids]
+        common, plant = infos["info"], robots["plant"]
+        diverged = common["failure_code"] == self._diverged
+        breaks = np.abs(common["joint_torque_allocated"]).max(axis=1) > ALLOCATED_MOST
+        if fleet.kind == "hover":
+            fleet.engine.run("sp_watch_hovers", ids[~diverged], self._watches)
+            position, attitude, finished = infos["position_error"], infos["attitude_error"], np.zeros(len(ids), bool)
+            wanted = self._watches["planned"][ids]
+            breaks |= self._watches["interferes"][ids] > 0
+        else:
+            crawl = robots["crawl"]
+            position, attitude, finished = np.zeros((len(ids), 3)), infos["tilt_rad"][:, None], infos["finished"]
+            wanted = crawl["memory"]["joint_position"][ids]
+            breaks &= (crawl["ticked"][ids] > 0) & (crawl["memory"]["mode"][ids] != _REST)
+        return Look(
+            diverged, finished, position, attitude, wanted - plant["state"]["joint_position"][ids],
+            common["joint_torque"], plant["config"]["actuators"]["max_joint_torque"][ids], common["thrust_command"],
+            np.isin(common["qp_status_code"], _NO_ANSWER), breaks,
+        )  # fmt: skip
+
+
+class Tally:
+    """Counts N episodes: what one adds up to depends neither on N nor on the others."""
+
+    def __init__(self, robots: int, *, flies: bool) -> None:
+        """Begin at nothing."""
+        self._flies = flies
+        self.ticks = np.zeros(robots, int)
+        self._numbers = np.zeros(robots, int)
+        self._squares: list[tuple[np.ndarray, ...]] = []
+        self._thrust, self._torque = np.zeros(robots), np.zeros(robots)
+        self._violations, self._unsolved = np.zeros(robots, int), np.zeros(robots, int)
+
+    def count(self, look: Look, ids: np.ndarray) -> None:
+        """Count a tick of some of them, which all those before it were counted of."""
+        self.ticks[ids] += 1
+        good = ~look.diverged
+        if not good.all():
+            ids, look = ids[good], Look(**{f.name: getattr(look, f.name)[good] for f in fields(look)})
+        robots = len(self.ticks)
+        rows = tuple(np.zeros(robots) for _ in range(3))
+        for row, errors in zip(rows, (look.position, look.attitude, look.joints), strict=True):
+            row[ids] = _sum(errors * errors)
+        rows[2][ids] /= look.joints.shape[1]
+        self._squares.append(rows)
+        self._numbers[ids] += 1
+        share = np.abs(look.joint_torque).max(axis=1, initial=0.0) / look.torque_limit
+        self._torque[ids] = np.maximum(self._torque[ids], share)
+        self._unsolved[ids] += look.unsolved
+        under_way = ~look.finished
+        self._thrust[ids] += np.where(under_way, _sum(look.thrust_command) / ROBOT.weight, 0.0)
+        self._violations[ids] += under_way & look.breaks
+
+    def metrics(self, robot: int, info: dict[str, Any], progress: Progress | CrawlProgress) -> dict[str, Any]:
+        """The `METRICS` by name (None where one has no meaning) of an episode that is over, from its last `info`."""
+        own = self._flight(robot, info, progress) if isinstance(progress, Progress) else _crawl(info, progress)
+        counted = int(self.ticks[robot])
+        if isinstance(progress, CrawlProgress) and progress.finished:
+            counted = max(1, round(progress.finished * CONTROL_RATE))
+        both = {
+            "success": bool(info["is_success"]),
+            "attitude_rms_rad": self._rms(1, robot),
+            "joint_rms_rad": self._rms(2, robot),
+            "energy_wh": info["energy_wh"],
+            "endurance_min": info["endurance_min"],
+            "thrust_mean": float(self._thrust[robot]) / counted,
+            "torque_share": float(self._torque[robot]),
+            "violations": int(self._violations[robot]) / counted,
+            "unsolved": int(self._unsolved[robot]),
+        }
+        found: dict[str, Any] = {**dict.fromkeys(METRICS), **own, **both}
+        # What a simulation that diverged leaves behind is no number.
+        return {k: None if isinstance(v, float) and not v <= METRICS[k].most else v for k, v in found.items()}
+
+    def _flight(self, robot: int, info: dict[str, Any], progress: Progress) -> dict[str, Any]:
+        """What only flights have."""
+        position, attitude = self._rms(0, robot), self._rms(1, robot)
+        late = len(progress.overdue())
+        failed = bool(info["failure"]) or late > 0
+        return {
+            "error": flight_error(position, attitude, failed=failed),
+            "failed": failed,
+            "failure": info["failure"] or ("late" if late else ""),
+            "position_rms_m": position,
+            "late_forms": late,
+            "duration_s": int(self.ticks[robot]) / CONTROL_RATE,
+        }
+
+    def _rms(self, which: int, robot: int) -> float:
+        """Over the episode after its first second; over all of one that is shorter."""
+        squares = [rows[which][robot].item() for rows in self._squares[: self._numbers[robot]]]
+        counted = squares[round(SETTLE_S * CONTROL_RATE) :] or squares
+        return math.sqrt(sum(counted) / len(counted)) if counted else 0.0
+
+
+def _crawl(info: dict[str, Any], progress: CrawlProgress) -> dict[str, Any]:
+    """What only crawls have."""
+    x, y, yaw = info["goal_error"].tolist()
+    failed = bool(info["failure"]) or not info["finished"]
+    return {
+        "error": ground_error(progress.distance, info["energy_wh"] / progress.initial_distance, failed=failed),
+        "failed": failed,
+        "failure": info["failure"] or info["shortfalls"],
+        "final_error_m": math.hypot(x, y),
+        "final_yaw_rad": abs(yaw),
+        "drift": progress.distance / progress.initial_distance,
+        "slip_m": info["foot_slip_m"],
+        "duration_s": float(info["time_s"]),
+        "cost_of_transport": info["cost_of_transport"],
+    }
+
+
+def _sum(rows: np.ndarray) -> np.ndarray:
+    """Sum of each row, one entry after the other: the same bits however many rows there are."""
+    return reduce(np.add, np.moveaxis(rows, -1, 0))
