@@ -193,16 +193,20 @@ def run_shards(
 ) -> list[dict[str, Any]]:
     """Do pieces of work; arguments and results are those of `finish`."""
     require_least(1, workers=workers)
+    policies = {spec: load_policy(spec) for spec in dict.fromkeys(shard.policy for shard in shards)}
     names: dict[str, tuple[str, str]] = {}
     if folder is not None:
-        policies = {spec: load_policy(spec) for spec in {shard.policy for shard in shards}}
         names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
 
     def name(shard: Shard) -> str:
         own, digest = names[shard.policy]
         return f"{own}/{shard.track}/{shard.key(digest)}"
 
-    together = [(shard.policy, shard.track, shard.split, shard.control, shard.act_limit_s) for shard in shards]
+    batches = {spec: acts_in_batches(policy) for spec, policy in policies.items()}
+    together = [
+        (shard.policy, shard.track, shard.split, shard.control, shard.act_limit_s) if batches[shard.policy] else k
+        for k, shard in enumerate(shards)
+    ]
     return finish(
         play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
         label=lambda k: str(shards[k]), on_done=on_done, together=together,

@@ -78,7 +78,7 @@ def other_conditions(row: Row, control: str = CONTROL) -> str:
         if present.get(package, "") != number
     ]
     words += [row.content["processor"]] if row.content["processor"] != processor() else []
-    words += ["python"] if control != CONTROL else []
+    words += [CONTROL] if control != CONTROL else []
     return ", ".join(words)
 
 
@@ -100,7 +100,7 @@ def verify(
         rng: Source of the draws.
         workers: Processes.
         trust: Whether code from outside the package and the checkout's baselines may run.
-        control: `python`, with which rows are made, or `core`, whose rounding is another one.
+        control: `core`, with which rows are made, or `python`, whose rounding is another one.
         on_check: Called with what came out of each scenario, as soon as it has.
 
     Raises:

@@ -212,7 +212,7 @@ def verify(
         workers: Processes.
         trust: Run policies from outside the package and the checkout's baselines too: their code is whoever's the rows
             are, so read it first.
-        control: python, with which rows are made, or the compiled core, whose rounding is another one.
+        control: core, with which rows are made, or the readable python, whose rounding is another one.
     """
     require_least(1, sample=sample, workers=workers)
     require_least(0, seed=seed)

@@ -30,21 +30,28 @@ def make_flight_controller(
         InvalidValueError: For an allocator that is none, or one for the compiled core.
         MissingDependencyError: When the core is not compiled.
     """
-    require_flight_control(control, allocator)
-    if control == "python":
+    if choose_control(control, allocator) == "python":
         return FlightController(config, allocator=allocator or Allocator)
     if fleet is None:
         return CoreFlightController(config)
     return CoreFlightController(config, record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0])
 
 
-def require_flight_control(control: str, allocator: type[Allocator] | None) -> None:
-    """Refuse what `make_flight_controller` refuses."""
+def choose_control(control: str | None, allocator: type[Allocator] | None) -> str:
+    """Who controls: what was chosen, or by default the core unless an allocator of one's own is to be asked.
+
+    Raises:
+        UnknownNameError: For a control that does not exist; it lists the valid ones.
+        InvalidValueError: For an allocator that is none, or one for the compiled core.
+    """
+    if control is None:
+        control = "core" if allocator is None else "python"
     require_name("control", control, CONTROLS)
     if not (allocator is None or (isinstance(allocator, type) and issubclass(allocator, Allocator))):
         raise InvalidValueError("allocator", allocator, "a subclass of Allocator")
     if control == "core" and allocator is not None:
         raise InvalidValueError("allocator", allocator, "None: the core has its own")
+    return control
 
 
 def make_crawler(config: CrawlerConfig, control: str, fleet: Fleet | None = None) -> CrawlControl:

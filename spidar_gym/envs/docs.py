@@ -219,7 +219,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
         "controller": f"a `{own.controller}` of one's own in place of a preset",
         "allocator": "a subclass of `Allocator` of one's own in place of the QP",
-        "control": "`python`, the readable controller, or `core`, compiled for the robot",
+        "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",

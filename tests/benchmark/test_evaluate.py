@@ -88,13 +88,13 @@ def short(monkeypatch):
 @pytest.fixture
 def played(monkeypatch):
     """The indices that are really played, in order."""
-    indices, play_shard = [], module.play_shard
+    indices, play_shards = [], module.play_shards
 
-    def spy(shard):
-        indices.append(shard.scenario.index)
-        return play_shard(shard)
+    def spy(shards):
+        indices.extend(shard.scenario.index for shard in shards)
+        return play_shards(shards)
 
-    monkeypatch.setattr(module, "play_shard", spy)
+    monkeypatch.setattr(module, "play_shards", spy)
     return indices
 
 
@@ -226,10 +226,10 @@ def test_what_has_been_played_is_not_played_again(short, here, monkeypatch):
     first = evaluate("mine:Zero", TRACK, 3, folder=here / "kept")
     assert len(kept(here / "kept")) == 3
 
-    def never(shard):
+    def never(shards):
         raise AssertionError
 
-    monkeypatch.setattr(module, "play_shard", never)
+    monkeypatch.setattr(module, "play_shards", never)
     again = evaluate("mine:Zero", TRACK, 3, folder=here / "kept", on_scenario=lambda: done.append(1))
     assert again == first
     assert len(done) == 3
@@ -241,19 +241,19 @@ def test_keeping_changes_no_number(short, here):
 
 
 def test_an_interrupted_evaluation_goes_on_where_it_was(short, here, played, monkeypatch):
-    folder, spied = here / "kept", module.play_shard
+    folder, spied = here / "kept", module.play_shards
 
-    def interrupted(shard):
+    def interrupted(shards):
         if len(played) == 2:
             raise KeyboardInterrupt
-        return spied(shard)
+        return spied(shards)
 
-    monkeypatch.setattr(module, "play_shard", interrupted)
+    monkeypatch.setattr(module, "play_shards", interrupted)
     with pytest.raises(KeyboardInterrupt):
         evaluate("mine:Zero", TRACK, 4, folder=folder)
     assert len(kept(folder)) == 2
     assert all(path.suffix == ".json" for path in kept(folder))
-    monkeypatch.setattr(module, "play_shard", spied)
+    monkeypatch.setattr(module, "play_shards", spied)
     score = evaluate("mine:Zero", TRACK, 4, folder=folder)
     assert played == [0, 1, 2, 3]
     assert score.metrics == evaluate("mine:Zero", TRACK, 4).metrics

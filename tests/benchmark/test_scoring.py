@@ -13,8 +13,10 @@ from spidar_gym.benchmark.metrics import METRICS
 from spidar_gym.benchmark.scenario import reset_options
 from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import CAP, flight_error, ground_error
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.native.library import STATUS
 from spidar_gym.robot import ROBOT
 
 FLIGHT_ONLY = ("position_rms_m", "late_forms")
@@ -149,21 +151,21 @@ def test_the_errors_of_a_flight_are_those_of_a_rollout_by_hand_after_the_first_s
 
 
 def test_ticks_without_an_optimum_and_ticks_that_break_a_limit_are_counted(short, monkeypatch):
-    step, ticks = HoverEnv.step, []
+    step, ticks = Fleet.step, []
 
-    def spoiled(env, action):
-        observation, reward, terminated, truncated, info = step(env, action)
+    def spoiled(fleet, ids=None):
+        step(fleet, ids)
         ticks.append(1)
+        info = fleet.infos["info"]
         if len(ticks) in (10, 11, 12, 13):
-            info["qp_status"] = {10: "projected", 11: "softened"}.get(len(ticks), "held")
+            info["qp_status_code"] = STATUS.index({10: "projected", 11: "softened"}.get(len(ticks), "held"))
         if len(ticks) in (20, 21):
-            info["joint_torque_allocated"] = np.full(16, ROBOT.max_joint_torque + (0.1 if len(ticks) == 20 else 0.0))
+            info["joint_torque_allocated"] = ROBOT.max_joint_torque + (0.1 if len(ticks) == 20 else 0.0)
         if len(ticks) == 30:
-            info["joint_torque"] = np.append(np.zeros(15), -5.0 * ROBOT.max_joint_torque)
-        return observation, reward, terminated, truncated, info
+            info["joint_torque"][..., -1] = -5.0 * ROBOT.max_joint_torque
 
     clean = metrics_of(Paper())
-    monkeypatch.setattr(HoverEnv, "step", spoiled)
+    monkeypatch.setattr(Fleet, "step", spoiled)
     metrics = metrics_of(Paper())
     assert len(ticks) == 60
     assert (clean["unsolved"], clean["violations"]) == (0, 0.0)

@@ -244,7 +244,7 @@ def test_the_summary_says_by_which_measure_each_row_was_held(tmp_path, replay):
     here, there = flight(), elsewhere(flight(), tmp_path, lambda c: c.update(processor="another"))
     assert other_conditions(here) == ""
     assert other_conditions(there) == "another"
-    assert other_conditions(here, "core") == "python"
+    assert other_conditions(here, "python") == "core"
     replay(here)
     (same,) = verify({"qp": here}, 1, draw())
     (other,) = verify({"qp": there}, 1, draw())
@@ -255,12 +255,12 @@ def test_the_summary_says_by_which_measure_each_row_was_held(tmp_path, replay):
     assert largest_differences(verify({"qp": there}, 2, draw())) == "energy_wh 50.00%"
 
 
-def test_the_compiled_core_is_held_to_the_tolerance_for_its_rounding_is_another_one(tmp_path, replay):
+def test_the_readable_controllers_are_held_to_the_tolerance_for_their_rounding_is_another_one(tmp_path, replay):
     row = flight()
     asked = replay(row, lambda metrics: metrics.update(energy_wh=10.5 + 5e-7))
-    (check,) = verify({"qp": row}, 1, draw(), control="core")
+    (check,) = verify({"qp": row}, 1, draw(), control="python")
     assert check.passes
-    assert asked[0][0][0].control == "core"
+    assert asked[0][0][0].control == "python"
     (check,) = verify({"qp": row}, 1, draw())
     assert not check.passes
 

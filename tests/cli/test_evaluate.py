@@ -167,10 +167,10 @@ def test_the_command_in_a_row_gives_the_row_again(rows, here, capfd):
 def test_where_the_policys_scenarios_are_kept_it_is_played_only_once(rows, here, monkeypatch, capfd):
     before = read_row(rows / "push.json").content
 
-    def never(shard):
+    def never(shards):
         raise AssertionError
 
-    monkeypatch.setattr(module, "play_shard", never)
+    monkeypatch.setattr(module, "play_shards", never)
     evaluate(policy="mine:Push", out="again")
     assert read_row(here / "again" / "push.json").content["sha256"] == before["sha256"]
 
@@ -255,10 +255,10 @@ def test_other_rows_stay_as_they_are(rows, here, capfd):
 def test_bad_input_is_refused_in_one_line_and_nothing_is_played_or_written(arguments, valid, capfd, here, monkeypatch):
     before = files(here)
 
-    def never(shard):
+    def never(shards):
         raise AssertionError("played")
 
-    monkeypatch.setattr(module, "play_shard", never)
+    monkeypatch.setattr(module, "play_shards", never)
     workers = [] if "--workers" in arguments else ["--workers", "1"]
     assert valid in refused(capfd, main, ["eval", *arguments, *workers])
     assert files(here) == before
@@ -283,15 +283,15 @@ def test_what_a_policy_raised_is_put_on_one_line(here, capfd):
 
 
 def test_ctrl_c_leaves_what_is_finished_and_no_half_of_anything(rows, here, capfd, monkeypatch):
-    before, play_shard, played = files(rows), module.play_shard, []
+    before, play_shards, played = files(rows), module.play_shards, []
 
-    def interrupt(shard):
+    def interrupt(shards):
         if len(played) == 1:
             raise KeyboardInterrupt
-        played.append(shard)
-        return play_shard(shard)
+        played.extend(shards)
+        return play_shards(shards)
 
-    monkeypatch.setattr(module, "play_shard", interrupt)
+    monkeypatch.setattr(module, "play_shards", interrupt)
     with pytest.raises(SystemExit) as stop:
         evaluate("--cache", "kept", policy="mine:Push", scenarios=3)
     assert stop.value.code == 130
@@ -299,7 +299,7 @@ def test_ctrl_c_leaves_what_is_finished_and_no_half_of_anything(rows, here, capf
     assert files(rows) == before
     assert len(files(here / "kept")) == 1
     assert all(name.endswith(".json") and ".part" not in name for name in files(here / "kept"))
-    monkeypatch.setattr(module, "play_shard", lambda shard: played.append(shard) or play_shard(shard))
+    monkeypatch.setattr(module, "play_shards", lambda shards: played.extend(shards) or play_shards(shards))
     evaluate("--cache", "kept", policy="mine:Push", scenarios=3)
     assert [shard.scenario.index for shard in played] == [0, 1, 2]
     assert read_row(rows / "push.json").scenarios(TRACK) == [0, 1, 2]

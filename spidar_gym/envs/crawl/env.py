@@ -46,7 +46,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         action_mode: str = "residual_gait",
         preset: str = "published",
         controller: CrawlerConfig | None = None,
-        control: str = "python",
+        control: str = "core",
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -56,7 +56,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             action_mode: What the action means.
             preset: Which crawler: gait, allocation, margins.
             controller: A crawler of one's own in place of a preset; the task's joint speed goes before its own.
-            control: `python`, the readable crawler, or `core`, the one that is compiled for the robot.
+            control: `core`, the crawler that is compiled for the robot, or `python`, the readable one.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 

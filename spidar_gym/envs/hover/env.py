@@ -13,7 +13,7 @@ from spidar_gym.control.flight.observation import NO_NEXT_FORM, FlightObservable
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.actions import act_directly, find_action_mode
-from spidar_gym.envs.controllers import make_flight_controller, require_flight_control
+from spidar_gym.envs.controllers import choose_control, make_flight_controller
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
@@ -47,7 +47,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         preset: str = "paper",
         controller: ControllerConfig | None = None,
         allocator: type[Allocator] | None = None,
-        control: str = "python",
+        control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -58,7 +58,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             preset: Which controller: allocation, gains, compensations.
             controller: A configuration of one's own in place of a preset's; its joint speed is the task's.
             allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
-            control: `python`, the readable controller, or `core`, the one that is compiled for the robot.
+            control: `core`, the controller that is compiled for the robot, or `python`, the readable one; by default
+                the core, unless an allocator is given.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -74,7 +75,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         require_instance(ControllerConfig, controller=base)
         self._config = replace(base, joint_speed=joint_speed, allocator=solver_settings(max_iter))
         self._allocator = allocator
-        require_flight_control(control, allocator)
+        control = choose_control(control, allocator)
         self._start: FlightStart | None = None
         self._reference: Reference | None = None
         self._goals: list[FormGoal] | None = None
