@@ -51,7 +51,7 @@ class Look:
     joints: np.ndarray
     """Planned less true joint angles (N, 16) [rad]."""
     joint_torque: np.ndarray
-    """Of the servos (N, 16) [Nm]."""
+    """Torque of the servos (N, 16) [Nm]."""
     torque_limit: np.ndarray
     """What they can give at most (N,) [Nm]."""
     thrust_command: np.ndarray

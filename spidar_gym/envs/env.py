@@ -19,14 +19,7 @@ from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import own_robot
 from spidar_gym.envs.view import RENDER_MODES, View
-from spidar_gym.errors import (
-    InvalidValueError,
-    SpidarError,
-    require_array,
-    require_flag,
-    require_keys,
-    require_within,
-)
+from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_keys, require_within
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig

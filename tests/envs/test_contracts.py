@@ -17,6 +17,7 @@ from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.envs.hover.task import REWARD_TERMS, SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.model.dynamics import Model
+from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.air import AeroConfig
@@ -219,11 +220,14 @@ def test_infos_have_the_same_keys_and_shapes_at_reset_at_every_step_and_when_div
     ],
     ids=named,
 )
-def test_the_zero_action_is_bit_for_bit_the_controller_alone(mode, preset, options):
-    env = make(action_mode=mode, preset=preset, forms="independent", **options)
+@pytest.mark.parametrize(
+    ("control", "kind"), [("python", FlightController), ("core", CoreFlightController)], ids=["python", "core"]
+)
+def test_the_zero_action_is_bit_for_bit_the_controller_alone(mode, preset, options, control, kind):
+    env = make(action_mode=mode, preset=preset, forms="independent", control=control, **options)
     env.reset(seed=EARLY)
     start, q = env.state, env.reference().joint_target
-    controller, bare = FlightController(controller_config(preset)), Plant(PlantConfig(aero=AeroConfig(**options)))
+    controller, bare = kind(controller_config(preset)), Plant(PlantConfig(aero=AeroConfig(**options)))
     state = bare.reset(start.position_w, start.quat_wb, start.joint_position, start.vectoring, start.thrust)
     controller.reset(state, q)
     for _ in range(60):

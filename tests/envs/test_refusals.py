@@ -11,6 +11,7 @@ import pytest
 from support.episodes import EVERY, HOVER, assert_same, flight, make, same
 
 from spidar_gym.envs.docs import page
+from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
 from spidar_gym.native import engine
@@ -187,9 +188,13 @@ def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, m
 
 
 @pytest.mark.parametrize("terms", [{}, {"height": (0.1, "1 where it is high")}])
-def test_weights_of_a_reward_that_are_not_those_of_its_terms_are_refused_at_the_reset(terms, monkeypatch):
-    env = make(HOVER)
-    monkeypatch.setattr(type(env.unwrapped), "reward_terms", terms)
+def test_weights_of_a_reward_that_are_not_those_of_its_terms_are_refused_at_the_reset(terms):
+    class Other(HoverEnv):
+        """A task with another table of its reward."""
+
+        reward_terms = terms
+
+    env = Other()
     with pytest.raises(
         InvalidValueError,
         match="expected the terms of the task: " + re.escape("['action', 'attitude', 'joints', 'position']"),

@@ -19,6 +19,7 @@ from spidar_gym.envs.actions import CRAWL_MODES
 from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask, arc_astray
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.model.dynamics import Model
+from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
@@ -76,13 +77,14 @@ def test_the_phases_come_in_the_papers_order():
 
 
 @pytest.mark.parametrize("mode", [mode for mode in EVERY_MODE if mode != "direct"])
-def test_the_zero_action_is_the_crawler_bit_for_bit(mode):
-    env = make(**SHORT, action_mode=mode, wake=False)
+@pytest.mark.parametrize(("control", "kind"), [("python", Crawler), ("core", CoreCrawler)], ids=["python", "core"])
+def test_the_zero_action_is_the_crawler_bit_for_bit(mode, control, kind):
+    env = make(**SHORT, action_mode=mode, wake=False, control=control)
     env.reset(seed=0)
     plant = Plant(env.plant.config)
     q = lying_pose(env.controller.config.gait)
     state = plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]), joint_position=q)
-    crawler = Crawler(env.controller.config)
+    crawler = kind(env.controller.config)
     crawler.reset(state, [Move(Pose2(0.15, 0.0, 0.0))])
     for _ in range(120):
         state = plant.step(crawler.step(state))

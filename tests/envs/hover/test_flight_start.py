@@ -214,7 +214,7 @@ def test_an_allocator_of_ones_own_is_asked_at_every_tick():
 
     flights = []
     for allocator in (Mine, None):
-        env = begun(made(allocator=allocator, max_iter=77), START)
+        env = begun(made(allocator=allocator, max_iter=77, control="python"), START)
         flights.append([env.step(np.zeros(6))[0].tolist() for _ in range(6)])
     assert asked == ["flight"] * 6
     assert flights[0] == flights[1]

@@ -39,7 +39,7 @@ USABLE_WH = 0.85 * 8 * 22.2 * 3.0
 
 @pytest.mark.parametrize(("forms", "speed", "ticks"), [("form2", 0.2, 240), ("paper", 0.8, 260)])
 def test_no_locked_phi_turns_by_more_than_the_slew_while_the_errors_stay_small(forms, speed, ticks):
-    env = make(forms=forms, joint_speed=speed, perturbation=0.0)
+    env = make(forms=forms, joint_speed=speed, perturbation=0.0, control="python")
     env.reset(seed=0)
     before, locked = env.controller.memory.vectoring[:, 0], np.zeros(8, bool)
     for _ in range(ticks):

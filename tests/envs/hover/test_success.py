@@ -86,7 +86,7 @@ def test_a_form_is_reached_when_every_joint_is_within_50_mrad_half_a_second_afte
 def test_a_flight_that_fails_at_its_last_tick_is_no_success(monkeypatch):
     words = iter([""] * 29 + ["tilt"])
     monkeypatch.setattr(HoverTask, "failed", lambda *_: next(words))
-    env = make(forms="form1", horizon_s=30 / 40)
+    env = make(forms="form1", horizon_s=30 / 40, control="python")
     *_, (_, _, terminated, info) = flight(env, np.zeros((30, 6)), seed=0)
     assert terminated
     assert (info["failure"], info["is_success"]) == ("tilt", False)
