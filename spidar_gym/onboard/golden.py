@@ -97,7 +97,10 @@ def _finished(log: Log, env: HoverEnv | CrawlEnv, steps: Iterable[object]) -> Lo
 
 def record_flight(ticks: int = FLIGHT_TICKS) -> Log:
     """A flight of the readable controller, at the robot's iteration cap."""
-    env = HoverEnv(preset="tuned", forms="independent", joint_speed=1.0, sensors=True, max_iter=ONBOARD_ITERATIONS)
+    env = HoverEnv(
+        preset="tuned", forms="independent", joint_speed=1.0, sensors=True, control="python",
+        max_iter=ONBOARD_ITERATIONS,
+    )  # fmt: skip
     log = Log(LogKind.FLIGHT, env.controller.config, "controller_config")
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
     log.start(env.seen, env.progress.goal.joint_target, env.trim)
@@ -106,7 +109,10 @@ def record_flight(ticks: int = FLIGHT_TICKS) -> Log:
 
 def record_crawl(ticks: int = CRAWL_TICKS) -> Log:
     """A crawl of the readable controller, at the robot's iteration cap."""
-    env = CrawlEnv(preset="published", distance=0.2, direction=0.3, turn=0.2, sensors=True, max_iter=ONBOARD_ITERATIONS)
+    env = CrawlEnv(
+        preset="published", distance=0.2, direction=0.3, turn=0.2, sensors=True, control="python",
+        max_iter=ONBOARD_ITERATIONS,
+    )  # fmt: skip
     log = Log(LogKind.CRAWL, env.controller.config, "crawler_config")
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
     log.move(env.seen, tuple(env.way))

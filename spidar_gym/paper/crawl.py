@@ -133,6 +133,7 @@ def crawl_paper(
         controller=config,
         plant=crawl_robot(np.random.Generator(np.random.PCG64(seed))) if noise else None,
         horizon_s=LIMIT,
+        control="python",  # it measures how long its QP takes
     )
     rows: list[dict[str, Any]] = []
     contacts: list[np.ndarray] = []

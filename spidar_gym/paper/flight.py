@@ -131,6 +131,7 @@ def fly_paper(
         unrestricted=UNRESTRICTED,
         plant=noisy_robot(np.random.Generator(np.random.PCG64(seed))) if noise else None,
         horizon_s=FLIGHT_SECONDS,
+        control="python",  # it measures how long its QP takes
     )
     rows: list[dict[str, Any]] = []
     for step in rollout(env, seed=seed, ticks=FLIGHT_TICKS):
