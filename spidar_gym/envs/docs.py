@@ -174,8 +174,8 @@ def page(name: str) -> str:
         ),
         "## Info",
         markdown_rows("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
-        'Solve times are not in `info`, because the same seed gives the same `info`. With `control="python"` they are in\n'
-        "`env.unwrapped.controller.last_step.allocation.solve_time`; the engine measures none.",
+        "Solve times are not in `info`, because the same seed gives the same `info`. The engine measures none;\n"
+        'with `control="python"` they are in `env.unwrapped.controller.last_step.allocation.solve_time`.',
         "## Starting State",
         own.start,
         "## Episode End",
