@@ -1,0 +1,154 @@
+"""Pins scenarios side by side in the engine: the bits of one by one, whatever their number, and only where they may."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spidar_gym.benchmark import CRAWL, HOVER, TRACKS, PolicyError, PresetPolicy, load_scenarios
+from spidar_gym.benchmark.evaluate import play
+from spidar_gym.benchmark.scoring import play_scenario, play_scenarios
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.native.engine import Engine
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import BatchPolicy, acts_in_batches
+
+LEARNED = Path(__file__).resolve().parents[2] / "baselines" / "learned"
+
+
+class Tuned(PresetPolicy):
+    """The tuned controllers."""
+
+    presets = {HOVER: {"preset": "tuned"}, CRAWL: {"preset": "overlapped"}}  # noqa: RUF012 - a constant, as policies are written
+
+
+class Pushes(Tuned):
+    """Pushes one robot at a time."""
+
+    def act(self, observation):
+        return np.full(self._size, 0.1)
+
+
+class PushesAll(Pushes):
+    """The same for many."""
+
+    def act_batch(self, observations):
+        return np.full((len(observations), self._size), 0.1)
+
+
+def shorten(monkeypatch, track, seconds):
+    monkeypatch.setitem(TRACKS, track, replace(TRACKS[track], seconds=seconds))
+
+
+def metrics(results):
+    return [result["metrics"] for result in results]
+
+
+@pytest.mark.parametrize("track", TRACKS)
+def test_scenarios_give_the_same_bits_side_by_side_as_one_by_one(track, monkeypatch):
+    shorten(monkeypatch, track, 0.5)
+    scenarios = load_scenarios(track)[0][:3]
+    together = play_scenarios(Tuned(), track, scenarios)
+    assert metrics(together) == [play_scenario(Tuned(), track, one)["metrics"] for one in scenarios]
+    assert len({str(one) for one in metrics(together)}) == 3
+    assert all(set(one["timing"]) == {"act_s", "step_s", "wall_s"} for one in together)
+
+
+@pytest.mark.parametrize(
+    ("artifact", "track"),
+    [("ppo_tuned/seed0.npz", "flight-fast5"), ("supervised_paper/seed1.npz", "flight-randomised"),
+     ("ppo_direct/seed0.npz", "flight-paper"), ("learned_gait/seed2.npz", "ground-randomised")],
+)  # fmt: skip
+def test_a_network_answers_each_robot_as_if_it_were_alone(artifact, track, monkeypatch):
+    shorten(monkeypatch, track, 0.3)
+    scenarios = load_scenarios(track)[0]
+    policy = load_policy(str(LEARNED / artifact))
+    assert acts_in_batches(policy)
+    fifty = metrics(play_scenarios(policy, track, scenarios))
+    assert metrics(play_scenarios(policy, track, scenarios[20:27])) == fifty[20:27]
+    assert play_scenario(policy, track, scenarios[20])["metrics"] == fifty[20]
+
+
+def test_episodes_that_end_early_stop_alone_and_change_nobody(monkeypatch):
+    class Falls(Tuned):
+        """Lets the robots of some seeds go."""
+
+        presets = {HOVER: {"action_mode": "direct"}}  # noqa: RUF012 - a constant, as policies are written
+
+        def reset(self, seed):
+            self.falls = np.array([seed % 2])
+
+        def reset_batch(self, seeds):
+            self.falls = np.array(seeds) % 2
+
+        def act(self, observation):
+            return self.act_batch(observation[None])[0]
+
+        def act_batch(self, observations):
+            return np.where(self.falls[:, None], -1.0, 0.2) * np.ones((1, self._size))
+
+    shorten(monkeypatch, "flight-fast3", 2.0)
+    scenarios = load_scenarios("flight-fast3")[0][:6]
+    together = metrics(play_scenarios(Falls(), "flight-fast3", scenarios))
+    assert together == [play_scenario(Falls(), "flight-fast3", one)["metrics"] for one in scenarios]
+    assert len({one["duration_s"] for one in together}) > 2
+
+
+def test_who_changes_how_one_robot_is_answered_has_to_say_it_for_many(monkeypatch):
+    shorten(monkeypatch, "flight-fast5", 0.5)
+    assert acts_in_batches(Tuned())
+    assert isinstance(Tuned(), BatchPolicy)
+    assert not acts_in_batches(Pushes())
+    assert acts_in_batches(PushesAll())
+    changed = Tuned()
+    changed.act = lambda observation: np.zeros(6)
+    assert not acts_in_batches(changed)
+    scenarios = load_scenarios("flight-fast5")[0][:2]
+    pushed = metrics(play(Pushes(), "flight-fast5", scenarios))
+    assert pushed == metrics(play(PushesAll(), "flight-fast5", scenarios))
+    assert pushed != metrics(play(Tuned(), "flight-fast5", scenarios))
+
+
+def test_the_robots_of_a_track_are_in_one_engine(monkeypatch):
+    made, make = [], Engine.__init__
+    monkeypatch.setattr(Engine, "__init__", lambda *given, **named: made.append(given[3]) or make(*given, **named))
+    shorten(monkeypatch, "flight-wind", 0.1)
+    play(Tuned(), "flight-wind", load_scenarios("flight-wind")[0])
+    assert made == [1, 50]
+
+
+def test_what_is_no_array_of_actions_of_all_robots_is_refused_with_its_place(monkeypatch):
+    shorten(monkeypatch, "flight-fast5", 0.1)
+    policy = PushesAll()
+    policy.act_batch = lambda observations: np.zeros(6)
+    with pytest.raises(PolicyError, match=r"scenarios 0 … 2, tick 0: gave float64 of shape \(6,\); valid: .*\(3, 6\)"):
+        play_scenarios(policy, "flight-fast5", load_scenarios("flight-fast5")[0][:3])
+
+
+@pytest.mark.parametrize("track", ["flight-fast5", "flight-narrow"])
+def test_the_engine_sees_the_same_rotors_blow_on_others_as_python_does(track, monkeypatch):
+    class Unrestricted(PresetPolicy):
+        """Asks of no rotor to keep off another."""
+
+        presets = {HOVER: {"preset": "paper", "avoid_interference": False}}  # noqa: RUF012 - a constant, as policies are written
+
+    shorten(monkeypatch, track, 6.0)
+    scenario = load_scenarios(track)[0][9]
+    readable, native = (
+        play_scenario(Unrestricted(), track, scenario, control=control)["metrics"] for control in ("python", "core")
+    )
+    assert readable["violations"] == native["violations"]
+    assert native["violations"] > 0.05
+
+
+def test_a_flight_without_an_engine_of_its_own_is_played_one_by_one(monkeypatch):
+    shorten(monkeypatch, "flight-fast5", 0.1)
+    asked, step = [], HoverEnv.step
+    monkeypatch.setattr(HoverEnv, "step", lambda env, action: asked.append(env.fleet) or step(env, action))
+    scenarios = load_scenarios("flight-fast5")[0][:2]
+    readable = metrics(play_scenarios(Tuned(), "flight-fast5", scenarios, control="python"))
+    assert asked == [None] * 8
+    for one, other in zip(readable, metrics(play_scenarios(Tuned(), "flight-fast5", scenarios)), strict=True):
+        assert one["error"] == pytest.approx(other["error"], rel=1e-6)
+        assert one["violations"] == other["violations"]
