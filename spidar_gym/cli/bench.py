@@ -118,7 +118,9 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
 
 
 def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
-    wrapped = gymnasium.make("spidar_gym/Hover-v0", forms=form, preset=preset_name, max_episode_steps=10**6)
+    wrapped = gymnasium.make(
+        "spidar_gym/Hover-v0", forms=form, preset=preset_name, control="python", max_episode_steps=10**6
+    )
     env = wrapped.unwrapped
     assert isinstance(env, HoverEnv)
     for _ in rollout(wrapped, seed=0, ticks=80):
