@@ -103,6 +103,17 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         return self._fleet.robots
 
     @property
+    def buffers(self) -> dict[str, np.ndarray]:
+        """What `reset`, `step` and `advance` write anew, by name, each an entry for every robot; not to be written.
+
+        `observations`, `rewards`, `terminated`, `truncated`; `begun`, whether the step began an episode;
+        `final_observations` and `final_infos`, where it did so in the same step; `infos`, records.
+        """
+        names = ("observations", "rewards", "terminated", "truncated", "begun", "final_observations", "final_infos",
+                 "infos")  # fmt: skip
+        return {name: getattr(self._fleet, name) for name in names}
+
+    @property
     def spec(self) -> EnvSpec | None:
         """The specification that `gymnasium.make_vec` gave, with the steps after which an episode really ends."""
         return self._spec
@@ -206,6 +217,19 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             SpidarError: When `reset` was never called.
         """
         fleet = self._fleet
+        self.advance(actions)
+        info = self._info(self._everybody.copy())
+        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
+            begun = fleet.begun.copy()
+            info["final_obs"], info["_final_obs"] = fleet.final_observations.copy(), begun
+            info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
+        return (
+            fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
+        )  # fmt: skip
+
+    def advance(self, actions: np.ndarray) -> None:
+        """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told."""
+        fleet = self._fleet
         shape = fleet.actions.shape
         given = require_array("actions", actions, f"numbers of shape {shape}")
         if given.shape != shape:
@@ -216,14 +240,6 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         fleet.actions[:] = given
         (fleet if self._judge is None else self._judge).step()
-        info = self._info(self._everybody.copy())
-        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
-            begun = fleet.begun.copy()
-            info["final_obs"], info["_final_obs"] = fleet.final_observations.copy(), begun
-            info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
-        return (
-            fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
-        )  # fmt: skip
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""

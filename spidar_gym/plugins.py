@@ -1,0 +1,148 @@
+"""Clients in learning frameworks: a vector for Stable-Baselines3, and torch tensors over the memory of the robots."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import InvalidValueError, MissingDependencyError
+
+try:
+    import torch
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as error:
+    raise MissingDependencyError(
+        "torch or Stable-Baselines3, which spidar_gym.plugins is for,", "pip install 'spidar-gym[train]'"
+    ) from error
+
+
+class StableVecEnv(VecEnv):
+    """Robots of a native vector, as Stable-Baselines3 has its environments.
+
+    An `info` is a dictionary that is empty until an episode ends; then it holds `terminal_observation`,
+    `TimeLimit.truncated`, and `is_success`. What else is told of robots is in the vector: `vector.buffers["infos"]`.
+    """
+
+    def __init__(self, vector: NativeVectorEnv) -> None:
+        """Take a vector whose episodes begin in the step in which the last one ends.
+
+        Args:
+            vector: What `gymnasium.make_vec(…, autoreset_mode="SameStep")` gives.
+
+        Raises:
+            InvalidValueError: For a vector of another mode.
+        """
+        mode = vector.metadata["autoreset_mode"]
+        if mode is not AutoresetMode.SAME_STEP:
+            raise InvalidValueError("autoreset_mode", mode.value, AutoresetMode.SAME_STEP.value)
+        self.vector = vector
+        self._actions = np.zeros(0)
+        super().__init__(vector.num_envs, vector.single_observation_space, vector.single_action_space)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode of every robot, with the seeds of `seed` and the options of `set_options`, used once."""
+        robots = range(self.num_envs)
+        names = {name for each in self._options for name in each}
+        options = {name: [each.get(name) for each in self._options] for name in sorted(names)}
+        for name, values in options.items():
+            if any(name not in self._options[k] for k in robots):
+                raise InvalidValueError("options", name, "an option that all robots have, or none")
+            options[name] = values
+        observations, _ = self.vector.reset(seed=self._seeds, options=options)
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = [{} for _ in robots]
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Say what all robots are to do."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """One control period: observations, rewards in single precision, who is done, infos."""
+        self.vector.advance(self._actions)
+        now = self.vector.buffers
+        done = now["terminated"] | now["truncated"]
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for k in np.flatnonzero(done).tolist():
+            infos[k] = {
+                "terminal_observation": now["final_observations"][k].copy(),
+                "TimeLimit.truncated": bool(now["truncated"][k] and not now["terminated"][k]),
+                "is_success": bool(now["final_infos"]["is_success"][k]),
+            }
+        return now["observations"].copy(), now["rewards"].astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Stop the threads; a second call does nothing."""
+        self.vector.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """A picture of every robot."""
+        return self.vector.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - Stable-Baselines3's signature
+        """An attribute of the vector, which all robots have in common."""
+        value = self.num_envs if attr_name == "num_envs" else getattr(self.vector, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ANN401 - as above
+        """Refused: robots of a vector are alike; make it with other options."""
+        raise InvalidValueError(attr_name, value, "an option of make_vec or of reset: robots of a vector are alike")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401
+        """Refused, but for `render`: there is no environment of each robot to be called."""
+        if method_name != "render":
+            raise InvalidValueError("env_method", method_name, "render; what else there is, the vector has")
+        chosen = list(self._get_indices(indices))
+        return list(self.vector.render(chosen, *args, **kwargs) or [None] * len(chosen))
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401
+        """No robot has a wrapper."""
+        return [False for _ in self._get_indices(indices)]
+
+
+class TorchVector:
+    """Robots of a native vector as tensors that share its memory: nothing is copied between simulator and learner.
+
+    Every tick overwrites what the tensors show: a learner that keeps a tick clones it.
+    """
+
+    def __init__(self, vector: NativeVectorEnv) -> None:
+        """Take a vector, of any mode."""
+        self.vector = vector
+        buffers = vector.buffers
+        tensors = {name: torch.from_numpy(array) for name, array in buffers.items() if array.dtype.names is None}
+        self.observations: torch.Tensor = tensors["observations"]
+        """What the robots see, (robots, size) float32."""
+        self.rewards: torch.Tensor = tensors["rewards"]
+        """Rewards, (robots,) float64."""
+        self.terminated: torch.Tensor = tensors["terminated"]
+        """Whether an episode ended in a failure, (robots,)."""
+        self.truncated: torch.Tensor = tensors["truncated"]
+        """Whether an episode's time is up, (robots,)."""
+        self.begun: torch.Tensor = tensors["begun"]
+        """Whether the step began an episode, (robots,)."""
+        self.final_observations: torch.Tensor = tensors["final_observations"]
+        """What was seen at the end of an episode, where the next began in the same step; (robots, size) float32."""
+
+    def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> None:
+        """Begin episodes; arguments as of `NativeVectorEnv.reset`."""
+        self.vector.reset(seed=seed, options=options)
+
+    def step(self, actions: torch.Tensor) -> None:
+        """One control period.
+
+        Args:
+            actions: In [−1, 1], (robots, size), on the processor; what lies outside is clipped.
+
+        Raises:
+            InvalidValueError: For actions of the wrong shape or with a NaN; nothing has moved.
+        """
+        self.vector.advance(actions.detach().numpy())
+
+    def close(self) -> None:
+        """Stop the threads; a second call does nothing."""
+        self.vector.close()

@@ -1,0 +1,160 @@
+"""Pins the clients in learning frameworks: Stable-Baselines3 sees what its own vector shows it, torch no copies."""
+
+import subprocess
+import sys
+from functools import partial
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.plugins import StableVecEnv, TorchVector
+
+CASES = {
+    "flights that fall": (HOVER, {"action_mode": "direct", "forms": "independent"}, 60),
+    "flights to the horizon": (HOVER, {"forms": "equal"}, 12),
+    "crawls of drawn robots": (CRAWL, {"sensors": True, "randomization": 0.3}, 15),
+}
+
+
+def vector(case, robots=3, mode="SameStep", **options):
+    env_id, own, steps = CASES[case]
+    return gymnasium.make_vec(
+        env_id, num_envs=robots, autoreset_mode=mode, max_episode_steps=steps, **own, **options
+    )  # fmt: skip
+
+
+def dummy(case, robots=3):
+    env_id, own, steps = CASES[case]
+    return DummyVecEnv([partial(gymnasium.make, env_id, max_episode_steps=steps, **own)] * robots)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_stable_baselines_sees_the_episodes_of_its_own_vector_to_the_bit(case):
+    ours, theirs = StableVecEnv(vector(case)), dummy(case)
+    assert (ours.observation_space, ours.action_space) == (theirs.observation_space, theirs.action_space)
+    assert ours.seed(5) == theirs.seed(5)
+    assert np.array_equal(ours.reset(), theirs.reset())
+    rng, ended = np.random.default_rng(1), 0
+    for _ in range(70):
+        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape))
+        (seen, rewards, done, infos), (seen_2, rewards_2, done_2, infos_2) = ours.step(actions), theirs.step(actions)
+        assert seen.dtype == seen_2.dtype
+        assert np.array_equal(seen, seen_2)
+        assert rewards.dtype == rewards_2.dtype
+        assert np.array_equal(rewards, rewards_2)
+        assert np.array_equal(done, done_2)
+        for own, other in zip(infos, infos_2, strict=True):
+            assert ("terminal_observation" in own) == ("terminal_observation" in other)
+            if own:
+                ended += 1
+                assert np.array_equal(own["terminal_observation"], other["terminal_observation"])
+                assert own["TimeLimit.truncated"] == other["TimeLimit.truncated"]
+                assert own["is_success"] == other["is_success"]
+    assert ended >= 3
+
+
+def test_what_is_seen_stays_what_it_was():
+    env = StableVecEnv(vector("flights that fall"))
+    before = env.reset()
+    kept = before.copy()
+    env.step(np.zeros((3, *env.action_space.shape)))
+    assert np.array_equal(before, kept)
+
+
+def test_wrappers_evaluation_and_a_learner_of_stable_baselines_run_on_it():
+    env = VecNormalize(VecMonitor(StableVecEnv(vector("flights that fall", 4))))
+    model = PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
+    model.learn(256)
+    assert model.num_timesteps == 256
+    assert len(model.ep_info_buffer) > 0
+    rewards, lengths = evaluate_policy(model, env, n_eval_episodes=3, return_episode_rewards=True)
+    assert len(rewards) == len(lengths) == 3
+    assert all(0 < length <= 60 for length in lengths)
+
+
+def test_options_of_the_reset_are_those_of_the_vector_and_are_used_once():
+    env = StableVecEnv(vector("flights to the horizon"))
+    env.seed(2)
+    calm = env.reset()
+    env.seed(2)
+    env.set_options([{"disturbances": {"lost_rotor": k + 1, "fault_time": 0.0}} for k in range(3)])
+    env.reset()
+    for _ in range(3):
+        faulty = env.step(np.zeros((3, *env.action_space.shape)))[0]
+    assert env.vector.robots["episode"]["disturbances"]["lost_rotor"].tolist() == [1, 2, 3]
+    assert not np.array_equal(calm, faulty)
+    env.set_options([{"forms": "form1"}, {}, {}])
+    with pytest.raises(InvalidValueError, match="an option that all robots have"):
+        env.reset()
+
+
+def test_there_is_no_environment_of_each_robot_to_be_called():
+    env = StableVecEnv(vector("flights to the horizon", render_mode="rgb_array", width=64, height=48))
+    env.reset()
+    assert env.get_attr("num_envs") == [3, 3, 3]
+    assert env.get_attr("render_mode", [0]) == ["rgb_array"]
+    assert env.env_is_wrapped(gymnasium.Wrapper) == [False] * 3
+    assert [picture.shape for picture in env.get_images()] == [(48, 64, 3)] * 3
+    assert env.env_method("render", indices=[1])[0].shape == (48, 64, 3)
+    with pytest.raises(AttributeError):
+        env.get_attr("nothing")
+    with pytest.raises(InvalidValueError, match="expected render"):
+        env.env_method("restart")
+    with pytest.raises(InvalidValueError, match="robots of a vector are alike"):
+        env.set_attr("task", None)
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
+def test_a_vector_of_another_mode_is_refused(mode):
+    with pytest.raises(InvalidValueError, match="SameStep"):
+        StableVecEnv(vector("flights to the horizon", mode=mode))
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
+def test_tensors_are_the_memory_of_the_robots_and_tell_what_step_tells(mode):
+    robots, usual = TorchVector(vector("flights that fall", mode=mode)), vector("flights that fall", mode=mode)
+    where = robots.observations.data_ptr()
+    robots.reset(seed=3)
+    assert np.array_equal(robots.observations.numpy(), usual.reset(seed=3)[0])
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(10):
+        actions = torch.rand((3, *usual.single_action_space.shape), generator=generator) * 2.0 - 1.0
+        robots.step(actions.requires_grad_())
+        observations, rewards, terminated, truncated, _ = usual.step(actions.detach().numpy())
+        assert np.array_equal(robots.observations.numpy(), observations)
+        assert np.array_equal(robots.rewards.numpy(), rewards)
+        assert np.array_equal(robots.terminated.numpy(), terminated)
+        assert np.array_equal(robots.truncated.numpy(), truncated)
+    assert robots.observations.data_ptr() == where == robots.vector.buffers["observations"].ctypes.data
+    with pytest.raises(InvalidValueError, match="actions"):
+        robots.step(torch.zeros(2, 2))
+    robots.close()
+
+
+@pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
+def test_without_the_extra_the_module_is_refused_in_one_line_and_all_else_works(missing):
+    code = (
+        f"import sys; sys.modules[{missing!r}] = None\n"
+        "import gymnasium, spidar_gym\n"
+        f"gymnasium.make_vec({HOVER!r}, num_envs=2).reset(seed=0)\n"
+        "try:\n    import spidar_gym.plugins\n"
+        "except spidar_gym.errors.MissingDependencyError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.count("\n") == 1
+    assert "pip install 'spidar-gym[train]'" in done.stdout
+
+
+def test_nothing_of_the_package_loads_a_framework():
+    code = "import sys, spidar_gym, spidar_gym.cli.main, spidar_gym.envs.vector; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
