@@ -12,7 +12,6 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -24,8 +23,8 @@ from spidar_gym.cli.console import kept, run_cli
 from spidar_gym.errors import require_least
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.processes import cpu_count
-from train.lib.config import Recipe, parse
-from train.lib.envs import NOMINAL, EnvConfig, Scaling, baseline_scaling, make_training_env, training_seed
+from train.lib.config import CONTROL, Recipe, parse
+from train.lib.envs import NOMINAL, EnvConfig, Scaling, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
 from train.lib.learner import Layers, LearnerConfig, PPOConfig
 from train.lib.report import report
@@ -34,9 +33,8 @@ from train.lib.run import Run, State, curve_line, layer_arrays, make_artifact, r
 from train.lib.stages import Stages, scalars
 
 if TYPE_CHECKING:
-    from stable_baselines3.common.vec_env import DummyVecEnv
-
     from train.lib.agent import Agent
+    from train.lib.vector import TrainingVec
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,9 @@ class ScheduleConfig:
     segment: int = 32_768
     """Ticks between two checkpoints, each with a validation."""
     envs: int = 16
-    """Environments side by side."""
+    """Robots side by side."""
+    threads: int = 2
+    """Threads that carry them; no number depends on how many."""
     scaling_ticks: int = 2000
     """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
 
@@ -180,28 +180,26 @@ PRESETS: dict[str, Args] = {
 """Settings by name."""
 
 
-def make_envs(
+def make_robots(
     args: Args, scaling: Scaling, relative_errors: Mapping[str, float] = MappingProxyType({})
-) -> "DummyVecEnv":
-    """The environments side by side; the tracks take turns.
+) -> "TrainingVec":
+    """The robots to learn on; the tracks take turns.
 
     Args:
         args: Settings.
         scaling: Scaling of the observations.
         relative_errors: Those of `PairedEvaluator.relative_errors`; 1 where a track has none.
     """
-    # Loaded by those who learn, as torch is: whoever asks for help need not have them.
-    from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.vec_env import DummyVecEnv
+    # Loaded by those who learn, as torch is: whoever asks for help need not have it.
+    from train.lib.vector import TrainingVec
 
-    def monitored(track: str) -> Monitor:
-        return Monitor(make_training_env(args.env, args.reward, track, scaling, relative_errors.get(track, 1.0)))
-
-    tracks = args.env.tracks
-    return DummyVecEnv([partial(monitored, tracks[k % len(tracks)]) for k in range(args.schedule.envs)])
+    return TrainingVec(
+        args.env, args.reward, args.schedule.envs, scaling=scaling, relative_errors=relative_errors,
+        threads=args.schedule.threads,
+    )  # fmt: skip
 
 
-def make_agent(args: Args, envs: "DummyVecEnv", logs: str | None = None) -> "Agent":
+def make_agent(args: Args, envs: "TrainingVec", logs: str | None = None) -> "Agent":
     """An agent that adds nothing yet."""
     from train.lib.agent import build
 
@@ -215,9 +213,10 @@ def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Sc
     Without a controller it is scaled by what the network will see itself: the baseline's are nothing but falls, in
     which every error is far beyond those of a flight that is held level.
     """
-    envs = [make_training_env(args.env, args.reward, track) for track in args.env.tracks]
+    from train.lib.vector import baseline_scaling
+
     spread = 0.0 if args.env.adds else math.exp(args.learner.log_std)
-    return baseline_scaling(envs, args.seed, args.schedule.scaling_ticks // args.env.hold, spread, on_tick)
+    return baseline_scaling(args.env, args.seed, args.schedule.scaling_ticks // args.env.hold, spread, on_tick)
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
@@ -262,9 +261,7 @@ def _learn(
 
     stages.begin("playing the base", len(env.tracks) * args.evaluation.scenarios, "scenario")
     base = Base(env.arguments if env.adds else {"preset": env.base})
-    evaluator = PairedEvaluator(
-        env.tracks, base, args.evaluation.scenarios, control=env.control, on_scenario=stages.count
-    )
+    evaluator = PairedEvaluator(env.tracks, base, args.evaluation.scenarios, control=CONTROL, on_scenario=stages.count)
     state.base = evaluator.means
 
     if not state.scaling:
@@ -275,7 +272,7 @@ def _learn(
     run.require_alike(state.scaling, vars(Scaling(np.zeros(size), np.ones(size))))
     scaling = Scaling(**state.scaling)
 
-    envs = make_envs(args, scaling, evaluator.relative_errors())
+    envs = make_robots(args, scaling, evaluator.relative_errors())
     model = make_agent(args, envs, str(run.folder / "tensorboard"))
     if state.learner:
         for name, layers in (("mean", state.mean), ("best", state.best)):

@@ -27,7 +27,7 @@ from train import residual
 from train.lib.config import CONTROL, override
 from train.lib.envs import NOMINAL, make_track_env, training_seed
 from train.lib.run import FRAMEWORKS, require_frameworks
-from train.residual import make_agent, make_envs, make_scaling
+from train.residual import make_agent, make_robots, make_scaling
 
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "flight": ("hover-paper-ppo", NOMINAL),
@@ -45,7 +45,7 @@ HEADS = ("control ticks/s, 40 are real time", "simulation", "+ allocator, python
 
 def settings(preset: str, tracks: tuple[str, ...]) -> residual.Args:
     """A preset that learns from the first tick on, in segments of one batch: the same work a tick as in a long one."""
-    args = override(residual.PRESETS[preset], tracks=tracks, critic_first=0, control=CONTROL)
+    args = override(residual.PRESETS[preset], tracks=tracks, critic_first=0)
     n_steps = args.learner.batch_size // args.schedule.envs
     return override(args, n_steps=n_steps, segment=n_steps * args.schedule.envs * args.env.hold)
 
@@ -82,7 +82,7 @@ def make_learner(args: residual.Args) -> Callable[[int], float]:
     """A function that learns for one segment and returns how long that took [s]; it is given the segment's index."""
     from train.lib import agent  # with torch, which help does without
 
-    envs = make_envs(args, make_scaling(args))
+    envs = make_robots(args, make_scaling(args))
     model = make_agent(args, envs)
     actor = agent.ActorSchedule(args.learner, agent.actor_layers(model))
     steps, lr = args.schedule.segment // args.env.hold, args.learner.lr
@@ -107,7 +107,7 @@ def measure_row(args: residual.Args, ticks: int, on_round: Callable[[], object])
     # The compiled core, where there is one, beside the readable controller.
     envs = {
         control: [make_track_env(track, args.env.arguments, control) for track in args.env.tracks]
-        for control in dict.fromkeys(("python", args.env.control))
+        for control in dict.fromkeys(("python", CONTROL))
     }
     rates = []
     for k in range(ROUNDS):
@@ -138,7 +138,7 @@ def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda
         rows[name] = {
             "preset": preset,
             "tracks": list(tracks),
-            "learner_control": args.env.control,
+            "learner_control": CONTROL,
             "ticks_per_s": found,
         }
     return {"machine": machine(*FRAMEWORKS), "rounds": ROUNDS, "ticks_a_round": ticks, "speed": rows}

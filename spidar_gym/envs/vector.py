@@ -227,8 +227,13 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
         )  # fmt: skip
 
-    def advance(self, actions: np.ndarray) -> None:
-        """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told."""
+    def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
+        """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told.
+
+        Args:
+            actions: As of `step`.
+            ids: Which robots move, in rising order; all if not given. A task of your own moves all.
+        """
         fleet = self._fleet
         shape = fleet.actions.shape
         given = require_array("actions", actions, f"numbers of shape {shape}")
@@ -239,7 +244,12 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         fleet.actions[:] = given
-        (fleet if self._judge is None else self._judge).step()
+        if self._judge is None:
+            fleet.step(ids)
+        elif ids is None:
+            self._judge.step()
+        else:
+            raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""

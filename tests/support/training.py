@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.border import unpack
-from train.lib.config import CONTROL, override
+from train.lib.config import override
 from train.lib.run import TITLE
 from train.residual import PRESETS
 
 TINY = override(
     PRESETS["hover-paper-ppo"], tracks=("flight-fast3",), steps=192, segment=96, envs=3, n_steps=16, batch_size=24,
-    epochs=2, hidden=8, critic_hidden=8, scenarios=1, scaling_ticks=40, critic_first=0, control=CONTROL, select=False,
+    epochs=2, hidden=8, critic_hidden=8, scenarios=1, scaling_ticks=40, critic_first=0, select=False,
     sees=(), hold=1,
 )  # fmt: skip
 """Two segments of some seconds each."""

@@ -15,9 +15,10 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.policies.artifact import read_artifact
 from train.lib import evaluate
-from train.lib.config import CONTROL, override
-from train.lib.envs import FIRST_SEED, Scaling, baseline_scaling, make_training_env
-from train.residual import PRESETS, learn, make_agent, make_envs
+from train.lib.config import override
+from train.lib.envs import FIRST_SEED, Scaling
+from train.lib.vector import baseline_scaling
+from train.residual import PRESETS, learn, make_agent, make_robots
 
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("short")]
 
@@ -49,11 +50,10 @@ def test_a_run_is_scaled_by_its_base_and_without_one_by_its_own_first_exploratio
     monkeypatch.setitem(TRACKS, "flight-paper", replace(TRACKS["flight-paper"], seconds=2.0))
     alone = override(
         PRESETS["hover-direct-ppo"], steps=32, segment=32, envs=1, n_steps=16, batch_size=16, epochs=1,
-        hidden=8, critic_hidden=8, scenarios=1, scaling_ticks=100, control=CONTROL, out=tmp_path,
+        hidden=8, critic_hidden=8, scenarios=1, scaling_ticks=100, out=tmp_path,
     )  # fmt: skip
     for args, folder, spread in ((TINY, done, 0.0), (alone, learn(alone).parent, np.exp(alone.learner.log_std))):
-        envs = [make_training_env(args.env, args.reward, track) for track in args.env.tracks]
-        scaling = baseline_scaling(envs, args.seed, args.schedule.scaling_ticks // args.env.hold, spread)
+        scaling = baseline_scaling(args.env, args.seed, args.schedule.scaling_ticks // args.env.hold, spread)
         found = read_artifact(folder / "policy.npz")
         np.testing.assert_allclose(found.mean, scaling.mean, rtol=1e-6)
         np.testing.assert_allclose(found.variance, scaling.variance, rtol=1e-6)
@@ -61,9 +61,9 @@ def test_a_run_is_scaled_by_its_base_and_without_one_by_its_own_first_exploratio
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_starts_with_a_mean_action_of_zero_and_small_exploration(name):
-    args = override(PRESETS[name], control=CONTROL, envs=1, n_steps=8, batch_size=8, buffer=100)
-    size = len(make_training_env(args.env, args.reward, args.env.tracks[0]).observation_space.high)
-    envs = make_envs(args, Scaling(np.zeros(size), np.ones(size)))
+    args = override(PRESETS[name], envs=1, n_steps=8, batch_size=8, buffer=100)
+    size = len(args.env.hidden_entries())
+    envs = make_robots(args, Scaling(np.zeros(size), np.ones(size)))
     model, observation = make_agent(args, envs), envs.reset()[0]
     np.testing.assert_array_equal(model.predict(observation, deterministic=True)[0], 0.0)
     drawn = np.array([model.predict(observation)[0] for _ in range(200)])

@@ -1,8 +1,8 @@
 """Environments to learn in: of the tracks' kinds, with seeds that no scenario has, as a learner sees them."""
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -16,9 +16,6 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field, layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
 from spidar_gym.errors import InvalidValueError, require_least, require_name
-from spidar_gym.policies.artifact import Washout
-from train.lib.config import CONTROL
-from train.lib.rewards import RewardConfig, Tick
 
 NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
 """Tracks of flights at three speeds, on the robot of the description."""
@@ -54,8 +51,6 @@ class EnvConfig:
     """Ticks for which the learner holds an action."""
     washout: float = 0.0
     """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
-    control: str = CONTROL
-    """python, or core: the compiled controller, several times faster."""
 
     def __post_init__(self) -> None:
         require_least(1, hold=self.hold)
@@ -134,119 +129,6 @@ class Scaling:
         """(o − mean) / √variance, clipped, float32."""
         x = (observation - self.mean) / np.sqrt(self.variance)
         return np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
-
-
-class TrainingEnv(gymnasium.Wrapper):
-    """An environment as learners see it: scaled observations, a training reward, a washout, little in `info`."""
-
-    def __init__(
-        self,
-        env: gymnasium.Env,
-        reward: RewardConfig,
-        *,
-        washout: np.ndarray,
-        still: np.ndarray | float = 0.0,
-        hold: int = 1,
-        scaling: Scaling | None = None,
-    ) -> None:
-        """Wrap.
-
-        Args:
-            env: Environment of this package.
-            reward: What is rewarded.
-            washout: Time constant of each entry of the action, 0 for none [s].
-            still: 1 for the entries of the action that stay 0.
-            hold: Ticks for which an action is held; their rewards are added up.
-            scaling: Scaling of the observations; none if None.
-        """
-        super().__init__(env)
-        self.reward, self._washout, self._hold, self._scaling = reward, Washout(washout), hold, scaling
-        self._free = 1.0 - still
-        self._before: dict[str, Any] = {}
-        if scaling is not None:
-            high = np.full(len(scaling.mean), scaling.clip, np.float32)
-            self.observation_space = gymnasium.spaces.Box(-high, high, dtype=np.float32)
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Begin an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._washout.reset()
-        self._before = self._with_remaining(info)
-        return self._scaled(observation), {}
-
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """As long as an action is held; a crawl is over when it is finished."""
-        total, action = 0.0, self._free * np.asarray(action, np.float64)
-        observation, terminated, truncated = np.zeros(0), False, False
-        for _ in range(self._hold):
-            given = self._washout(action)
-            observation, reward, terminated, truncated, info = self.env.step(given)
-            info = self._with_remaining(info)
-            total += self.reward(Tick(float(reward), info, self._before, self.unwrapped, given))
-            self._before = info
-            terminated = terminated or bool(info.get("finished", False))
-            if terminated or truncated:
-                break
-        return self._scaled(observation), total, terminated, truncated, {"is_success": self._before["is_success"]}
-
-    def _scaled(self, observation: np.ndarray) -> np.ndarray:
-        return observation if self._scaling is None else self._scaling(observation)
-
-    def _with_remaining(self, info: dict[str, Any]) -> dict[str, Any]:
-        """The info, and of a crawl how far its goal is, from which `economy` is computed."""
-        env: Any = self.unwrapped
-        return {**info, "remaining": env.progress.distance} if "finished" in info else info
-
-
-def make_training_env(
-    config: EnvConfig, reward: RewardConfig, track: str, scaling: Scaling | None = None, relative_error: float = 1.0
-) -> TrainingEnv:
-    """An environment to learn in.
-
-    Args:
-        config: What the agent sees and does.
-        reward: What it is rewarded for.
-        track: Track whose kind it is.
-        scaling: Scaling of the observations; none if None.
-        relative_error: Error of the base on this track over its mean on all tracks, by which `reward` is scaled.
-    """
-    scales = {name: relative_error * getattr(reward, name) for name in ("position", "attitude", "velocity", "rate")}
-    return TrainingEnv(
-        make_track_env(track, config.arguments, config.control), replace(reward, **scales),
-        washout=config.washout_times(), still=config.still_entries(), hold=config.hold, scaling=scaling,
-    )  # fmt: skip
-
-
-def baseline_scaling(
-    envs: Sequence[TrainingEnv],
-    seed: int,
-    ticks: int,
-    spread: float = 0.0,
-    on_tick: Callable[[], object] = lambda: None,
-) -> Scaling:
-    """Mean and variance of what the baseline sees, frozen from then on.
-
-    Args:
-        envs: Environments without scaling, one of each kind.
-        seed: Seed of the run.
-        ticks: How many of each.
-        spread: Standard deviation of random actions; 0 is the baseline, which a learner from nothing does not have.
-        on_tick: Called after each, for progress.
-    """
-    seen = []
-    rng = np.random.Generator(np.random.PCG64(training_seed(seed, 7)))
-    for k, env in enumerate(envs):
-        zero = np.zeros(env.action_space.shape or ())
-        observation, _ = env.reset(seed=training_seed(seed, 0, k))
-        for _ in range(ticks):
-            seen.append(observation)
-            observation, _, terminated, truncated, _ = env.step(np.clip(rng.normal(zero, spread), -1.0, 1.0))
-            if terminated or truncated:
-                observation, _ = env.reset()
-            on_tick()
-    space = envs[0].observation_space
-    assert isinstance(space, gymnasium.spaces.Box)
-    return scaling_of(np.array(seen), space.high)
 
 
 def scaling_of(observations: np.ndarray, bounds: np.ndarray) -> Scaling:

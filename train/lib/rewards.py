@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from spidar_gym.benchmark.track import ENERGY_SCALE
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.crawl.task import SUCCESS_SLIP
-from spidar_gym.envs.rewards import norm, tolerance
+from spidar_gym.envs.hover.flights import length, tolerance
 from spidar_gym.errors import require_name
 
 
@@ -38,60 +37,57 @@ class RewardConfig:
     def __post_init__(self) -> None:
         require_name("reward", self.reward, REWARDS)
 
-    def __call__(self, tick: "Tick") -> float:
-        """Reward of a tick, shifted and scaled."""
+    def __call__(self, tick: "Tick") -> np.ndarray:
+        """Rewards of a tick, shifted and scaled (robots,)."""
         return self.reward_scale * (REWARDS[self.reward](self, tick) - self.reward_shift)
 
 
 @dataclass
 class Tick:
-    """What the reward of a tick is computed from."""
+    """What the rewards of a tick are computed from; each array has an entry for every robot."""
 
-    reward: float
+    reward: np.ndarray
     """The environment's own reward."""
-    info: Mapping[str, Any]
-    """Info of this tick."""
-    before: Mapping[str, Any]
-    """Info of the tick before it."""
-    env: Any
-    """The environment."""
+    info: Mapping[str, np.ndarray]
+    """Info of this tick; of flights also `velocity_error` [m/s] and `rate_error` [rad/s], of crawls `remaining`, how far
+    the goal is, and `way`, how far it was at the start [m]."""
+    before: Mapping[str, np.ndarray]
+    """The same of the tick before it."""
     action: np.ndarray
-    """Action that the environment was given, within ± 1."""
+    """Actions that the environment was given, within ± 1."""
 
 
-def _pose(config: RewardConfig, tick: Tick) -> float:
+def _effort(config: RewardConfig, tick: Tick) -> np.ndarray:
+    """What actions of this size cost: the fraction for the largest."""
+    return config.penalty * np.square(tick.action).mean(axis=1)
+
+
+def _pose(config: RewardConfig, tick: Tick) -> np.ndarray:
     """Mean of 1/(1 + (e/e₀)²) over the terms, less the fraction for a large action; 0 where the flight is over."""
-    if tick.info["failure"]:
-        return 0.0
-    error = tick.env.truth.error
     terms = (
-        (tick.info["position_error"], config.position),
-        (tick.info["attitude_error"], config.attitude),
-        (error.velocity_w, config.velocity),
-        (error.omega_b, config.rate),
-    )
-    found = [tolerance(norm(value), unit) for value, unit in terms if unit > 0.0]
-    return sum(found) / len(found) * (1.0 - config.penalty * float(tick.action @ tick.action) / len(tick.action))
+        ("position_error", config.position), ("attitude_error", config.attitude),
+        ("velocity_error", config.velocity), ("rate_error", config.rate),
+    )  # fmt: skip
+    found = [tolerance(length(tick.info[name]), unit) for name, unit in terms if unit > 0.0]
+    over = tick.info["failure_code"] >= 0
+    return np.where(over, 0.0, sum(found) / len(found) * (1.0 - _effort(config, tick)))
 
 
-def _economy(config: RewardConfig, tick: Tick) -> float:
+def _economy(config: RewardConfig, tick: Tick) -> np.ndarray:
     """Fraction of the distance that was made, less its energy (20 Wh/m cost as much as all of it) and slip; −1: failed.
 
     Nothing for a success: whether a goal is met within 10 mm is decided at the end of some 80 actions, and a critic
     that is to foresee it sees nothing else.
     """
-    info, before, whole = tick.info, tick.before, tick.env.progress.initial_distance
-    if info["failure"]:
-        return -1.0
+    info, before, whole = tick.info, tick.before, tick.info["way"]
     energy = (info["energy_wh"] - before["energy_wh"]) / (ENERGY_SCALE * whole)
     slip = (info["foot_slip_m"] - before["foot_slip_m"]) / (2.0 * SUCCESS_SLIP)
     progress = (before["remaining"] - info["remaining"]) / whole
-    effort = config.penalty * float(tick.action @ tick.action) / len(tick.action) / CONTROL_RATE
-    return progress - energy - slip - effort
+    return np.where(info["failure_code"] >= 0, -1.0, progress - energy - slip - _effort(config, tick) / CONTROL_RATE)
 
 
-REWARDS: dict[str, Callable[[RewardConfig, Tick], float]] = {
-    "environment": lambda config, tick: tick.reward,
+REWARDS: dict[str, Callable[[RewardConfig, Tick], np.ndarray]] = {
+    "environment": lambda config, tick: tick.reward.copy(),
     "pose": _pose,
     "economy": _economy,
 }

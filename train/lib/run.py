@@ -110,8 +110,9 @@ class Run:
 
     @classmethod
     def of(cls, recipe: Recipe, env_id: str, arguments: Mapping[str, Any]) -> "Run":
-        """The run of a recipe's settings: neither the number of processes nor what it leaves behind is one."""
-        settings = {name: value for name, value in flatten(recipe, OutputConfig).items() if name != "workers"}
+        """The run of a recipe's settings: neither processes and threads nor what it leaves behind are one."""
+        flat = flatten(recipe, OutputConfig)
+        settings = {name: value for name, value in flat.items() if name not in ("workers", "threads")}
         return cls(recipe.output.out / recipe.name / f"seed{recipe.seed}", settings, env_id, arguments)
 
     def save(self, state: State) -> None:

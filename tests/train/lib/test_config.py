@@ -54,7 +54,7 @@ def test_every_command_of_a_committed_curve_gives_the_settings_that_the_curve_ha
         monkeypatch.setattr(sys, "argv", [module, *options])
         args = parse(recipe.PRESETS, module, recipe.__doc__)
         found = json.loads(json.dumps(flatten(args, OutputConfig)))
-        assert {k: v for k, v in found.items() if k not in ("control", "workers")} == {
+        assert {k: v for k, v in found.items() if k not in ("control", "workers", "threads")} == {
             k: v for k, v in settings.items() if k != "control"
         }
         assert not args.output.row

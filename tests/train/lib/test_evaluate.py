@@ -1,6 +1,5 @@
 """Pins paired evaluation: an agent begins as its base, errors count in its units, and nothing may get worse."""
 
-import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
@@ -10,19 +9,20 @@ from spidar_gym.errors import SpidarError
 from train.lib import evaluate
 from train.lib.agent import actor_layers
 from train.lib.config import CONTROL
-from train.lib.envs import make_training_env, scaling_of
+from train.lib.envs import scaling_of
 from train.lib.evaluate import Base, PairedEvaluator
 from train.lib.run import State
-from train.residual import artifact, make_agent, make_envs
+from train.lib.vector import TrainingVec
+from train.residual import artifact, make_agent, make_robots
 
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("short")]
 
 
 def test_before_training_the_agent_is_its_base_bit_for_bit_and_an_agent_that_is_not_is_refused():
     evaluator = PairedEvaluator(TINY.env.tracks, Base(TINY.env.arguments), 1, control=CONTROL)
-    env = make_training_env(TINY.env, TINY.reward, "flight-fast3")
-    scaling = scaling_of(np.array([env.reset(seed=1)[0], env.reset(seed=2)[0]]), env.observation_space.high)
-    layers = actor_layers(make_agent(TINY, make_envs(TINY, scaling)))
+    robots = TrainingVec(TINY.env, TINY.reward, 2)
+    scaling = scaling_of(robots.reset(), robots.raw_space.high)
+    layers = actor_layers(make_agent(TINY, make_robots(TINY, scaling)))
     evaluator.require_same_as_base(artifact(TINY, layers, scaling, State()))
     *rest, (w, b) = layers
     with pytest.raises(SpidarError, match=r"differs from its base on flight-fast3 in attitude_rms_rad"):
@@ -48,6 +48,6 @@ def test_errors_are_measured_by_the_base_s_own_kind_by_kind():
     evaluator._tracks = ("flight-fast3", "flight-fast5")
     evaluator.means = {"flight-fast3": {"p": 1.0, "a": 0.02}, "flight-fast5": {"p": 3.0, "a": 0.02}}
     assert evaluator.relative_errors() == pytest.approx({"flight-fast3": 0.75, "flight-fast5": 1.25})
-    reward = make_training_env(TINY.env, TINY.reward, "flight-fast3", relative_error=0.75).reward
+    reward = TrainingVec(TINY.env, TINY.reward, 1, relative_errors={"flight-fast3": 0.75})._groups[0].reward
     assert reward.position == pytest.approx(0.75 * TINY.reward.position)
     assert reward.rate == pytest.approx(0.75 * TINY.reward.rate)

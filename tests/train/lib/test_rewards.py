@@ -11,14 +11,14 @@ pytestmark = pytest.mark.train
 
 def test_a_crawl_is_over_when_it_is_finished_and_its_reward_prefers_the_shorter_way_to_it():
     assert set(REWARDS) == {"environment", "pose", "economy"}
-    info = {"failure": "", "energy_wh": 1.0, "foot_slip_m": 0.0, "remaining": 0.5}
-    env = type("Env", (), {"progress": type("P", (), {"initial_distance": 0.5})})
+    info = {"failure_code": -1, "energy_wh": 1.0, "foot_slip_m": 0.0, "remaining": 0.5, "way": 0.5}
     config = RewardConfig("economy", penalty=0.0)
 
     def reward(**after):
-        return REWARDS["economy"](config, Tick(0.0, {**info, **after}, info, env, np.zeros(4)))
+        now, before = ({name: np.array([x]) for name, x in told.items()} for told in ({**info, **after}, info))
+        return REWARDS["economy"](config, Tick(np.zeros(1), now, before, np.zeros((1, 4)))).item()
 
     assert reward(remaining=0.4) == pytest.approx(0.2)  # a fifth of the way
     assert reward(energy_wh=2.0) == pytest.approx(-0.1)  # a tenth of what 20 Wh/m are
     assert reward(foot_slip_m=0.05) == pytest.approx(-0.5)
-    assert reward(failure="tilt") == -1.0
+    assert reward(failure_code=1) == -1.0

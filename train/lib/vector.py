@@ -1,0 +1,251 @@
+"""Robots to learn on, in the engine: scaled observations, a training reward, held and washed out actions.
+
+It loads Stable-Baselines3, so it is imported where a run begins and not for help.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from spidar_gym.benchmark.scenario import OFFSET
+from spidar_gym.benchmark.track import find_track
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.fleet import told
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.policies.artifact import Washout
+from train.lib.envs import EnvConfig, Scaling, scaling_of, training_seed
+from train.lib.rewards import RewardConfig, Tick
+
+
+def make_vector(track: str, arguments: Mapping[str, Any], robots: int, threads: int = 1) -> NativeVectorEnv:
+    """Robots of a track's kind, which draw their episodes from their seeds; what scenarios vary is drawn too."""
+    kind = find_track(track)
+    own = {"perturbation": OFFSET} if kind.flies else {}
+    return NativeVectorEnv(
+        kind.env_id, robots, num_threads=threads, autoreset_mode="Disabled", horizon_s=kind.seconds,
+        max_episode_steps=round(kind.seconds * CONTROL_RATE), **own, **kind.options, **arguments,
+    )  # fmt: skip
+
+
+class _Group:
+    """The robots of one track, and what is rewarded of them."""
+
+    def __init__(
+        self, config: EnvConfig, reward: RewardConfig, track: str, places: np.ndarray, threads: int
+    ) -> None:  # fmt: skip
+        self.vector = make_vector(track, config.arguments, len(places), threads)
+        self.reward, self.places = reward, places
+        self.washout = Washout(config.washout_times())
+        self._before: dict[str, np.ndarray] = {}
+
+    def reset(self, ids: np.ndarray, seeds: Sequence[int | None] | None = None) -> None:
+        """Let some begin an episode."""
+        mask = np.isin(np.arange(self.vector.num_envs), ids)
+        self.vector.reset(seed=seeds, options={"reset_mask": mask})
+        if mask.all():
+            self.washout.reset(self.vector.num_envs)
+        self.washout.low_passed[ids] = 0.0
+        self._before = self._now() if mask.all() else _merged(self._before, self._now(), ids)
+
+    def step(self, actions: np.ndarray, hold: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As long as actions are held, or the episode goes on: rewards, who is done, whose time alone is up."""
+        vector, count = self.vector, self.vector.num_envs
+        total, done, late = np.zeros(count), np.zeros(count, bool), np.zeros(count, bool)
+        for _ in range(hold):
+            ids = np.flatnonzero(~done)
+            if not ids.size:
+                break
+            kept = self.washout.low_passed.copy()
+            given = self.washout(actions)
+            self.washout.low_passed[done] = kept[done]
+            vector.advance(given, ids)
+            now = self._now()
+            gained = self.reward(Tick(vector.buffers["rewards"], now, self._before, given))
+            total[ids] += gained[ids]
+            self._before = _merged(self._before, now, ids)
+            ended = vector.buffers["terminated"] | now.get("finished", np.zeros(count, bool))
+            late[ids] = (vector.buffers["truncated"] & ~ended)[ids]
+            done[ids] = (ended | vector.buffers["truncated"])[ids]
+        return total, done, late
+
+    def _now(self) -> dict[str, np.ndarray]:
+        """What is told of the robots, and of what else rewards are made."""
+        robots = self.vector.robots
+        now = told(self.vector.buffers["infos"].copy())
+        if "finished" in now:
+            return now | {"remaining": robots["distance"].copy(), "way": robots["initial_distance"].copy()}
+        error = robots["truth"]["error"]
+        return now | {"velocity_error": error["velocity_w"].copy(), "rate_error": error["omega_b"].copy()}
+
+    @property
+    def succeeded(self) -> np.ndarray:
+        """Whose episode is a success."""
+        return self._before["is_success"]
+
+
+def _merged(before: Mapping[str, np.ndarray], now: Mapping[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
+    """What is told now of some robots, and of the others what was before."""
+    if len(ids) == len(next(iter(now.values()))):
+        return dict(now)
+    merged = {name: values.copy() for name, values in before.items()}
+    for name, values in now.items():
+        merged[name][ids] = values[ids]
+    return merged
+
+
+class TrainingVec(VecEnv):
+    """Robots as learners see them; the tracks take turns. The next episode begins in the step in which one ends."""
+
+    def __init__(
+        self,
+        config: EnvConfig,
+        reward: RewardConfig,
+        robots: int,
+        *,
+        scaling: Scaling | None = None,
+        relative_errors: Mapping[str, float] | None = None,
+        threads: int = 1,
+    ) -> None:
+        """Make them.
+
+        Args:
+            config: What an agent sees and does.
+            reward: What it is rewarded for.
+            robots: How many.
+            scaling: Scaling of the observations; none if None.
+            relative_errors: Errors of the base on each track over their mean on all tracks, by which `reward` is
+                scaled; 1 where a track has none.
+            threads: How many threads carry them.
+        """
+        errors = relative_errors or {}
+        self._hold, self._scaling, self._free = config.hold, scaling, 1.0 - config.still_entries()
+        self._groups = []
+        for k, track in enumerate(config.tracks):
+            places = np.arange(k, robots, len(config.tracks))
+            if places.size:
+                scales = {
+                    name: errors.get(track, 1.0) * getattr(reward, name)
+                    for name in ("position", "attitude", "velocity", "rate")
+                }
+                self._groups.append(_Group(config, replace(reward, **scales), track, places, threads))
+        first = self._groups[0].vector
+        space = first.single_observation_space
+        if scaling is not None:
+            high = np.full(len(scaling.mean), scaling.clip, np.float32)
+            space = gymnasium.spaces.Box(-high, high, dtype=np.float32)
+        self.raw_space = first.single_observation_space
+        """Space of the observations before they are scaled."""
+        self._began, self._returns, self._lengths = time.perf_counter(), np.zeros(robots), np.zeros(robots, int)
+        self._actions = np.zeros(0)
+        super().__init__(robots, space, first.single_action_space)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode of every robot, with the seeds of `seed`, used once."""
+        for group in self._groups:
+            seeds = [self._seeds[k] for k in group.places]
+            group.reset(np.arange(len(seeds)), seeds)
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        return self._seen()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Say what all robots are to do."""
+        self._actions = self._free * np.asarray(actions, np.float64)
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """As long as an action is held: observations, rewards, who is done, infos."""
+        rewards, done = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended = []
+        for group in self._groups:
+            rewards[group.places], over, late = group.step(self._actions[group.places], self._hold)
+            done[group.places] = over
+            ended += [(group, np.flatnonzero(over), late)] if over.any() else []
+        self._returns += rewards
+        self._lengths += 1
+        seen = self._seen()
+        for group, ids, late in ended:
+            for k in ids.tolist():
+                place = group.places[k]
+                episode = {
+                    "r": float(self._returns[place]), "l": int(self._lengths[place]),
+                    "t": round(time.perf_counter() - self._began, 6),
+                }  # fmt: skip
+                infos[place] = {
+                    "terminal_observation": seen[place].copy(), "TimeLimit.truncated": bool(late[k]),
+                    "is_success": bool(group.succeeded[k]), "episode": episode,
+                }  # fmt: skip
+            group.reset(ids)
+            begun = group.places[ids]
+            seen[begun] = self._scaled(group.vector.buffers["observations"][ids])
+            self._returns[begun], self._lengths[begun] = 0.0, 0
+        return seen, rewards.astype(np.float32), done, infos
+
+    def _seen(self) -> np.ndarray:
+        """What all robots see, scaled."""
+        seen = np.zeros((self.num_envs, *(self.observation_space.shape or ())), np.float32)
+        for group in self._groups:
+            seen[group.places] = self._scaled(group.vector.buffers["observations"])
+        return seen
+
+    def _scaled(self, observations: np.ndarray) -> np.ndarray:
+        return observations if self._scaling is None else self._scaling(observations)
+
+    def close(self) -> None:
+        """Stop the threads; a second call does nothing."""
+        for group in self._groups:
+            group.vector.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - Stable-Baselines3's signature
+        """There are no pictures; what else there is, the robots have in common."""
+        value = None if attr_name == "render_mode" else getattr(self._groups[0].vector, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ANN401 - as above
+        """Refused: robots of a vector are alike."""
+        raise InvalidValueError(attr_name, value, "another `TrainingVec`")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401
+        """Refused: there is no environment of each robot to be called."""
+        raise InvalidValueError("env_method", method_name, "nothing: there is no environment of each robot")
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401
+        """Episodes are told of as `Monitor` does."""
+        from stable_baselines3.common.monitor import Monitor
+
+        return [wrapper_class is Monitor for _ in self._get_indices(indices)]
+
+
+def baseline_scaling(
+    config: EnvConfig, seed: int, ticks: int, spread: float = 0.0, on_tick: Callable[[], object] = lambda: None
+) -> Scaling:
+    """Mean and variance of what the baseline sees, frozen from then on.
+
+    Args:
+        config: What an agent sees and does.
+        seed: Seed of the run.
+        ticks: How many of a robot of each track.
+        spread: Standard deviation of random actions; 0 is the baseline, which a learner from nothing does not have.
+        on_tick: Called after each, for progress.
+    """
+    seen = []
+    rng = np.random.Generator(np.random.PCG64(training_seed(seed, 7)))
+    bounds = np.zeros(0)
+    for k, track in enumerate(config.tracks):
+        robot = TrainingVec(replace(config, tracks=(track,)), RewardConfig(), 1)
+        zero, bounds = np.zeros(robot.action_space.shape or ()), robot.raw_space.high
+        robot.seed(training_seed(seed, 0, k))
+        observation: np.ndarray = robot.reset()[0]
+        for _ in range(ticks):
+            seen.append(observation)
+            observation = np.asarray(robot.step(np.clip(rng.normal(zero, spread), -1.0, 1.0)[None])[0])[0]
+            on_tick()
+        robot.close()
+    return scaling_of(np.array(seen), bounds)
