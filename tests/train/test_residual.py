@@ -12,6 +12,7 @@ from support.training import TINY, parameters, same
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.policies.artifact import read_artifact
 from train.lib import evaluate
@@ -25,18 +26,21 @@ pytestmark = [pytest.mark.train, pytest.mark.usefixtures("short")]
 
 def test_training_resets_with_its_own_seeds_and_looks_at_validation_scenarios_only(tmp_path, monkeypatch):
     seeds, splits = [], []
-    reset, load = SpidarEnv.reset, load_scenarios
+    resets, load = {kind: kind.reset for kind in (SpidarEnv, NativeVectorEnv)}, load_scenarios
 
     def spy(self, *, seed=None, options=None):
-        if seed is not None:
-            seeds.append((seed, "start" in (options or {})))
-        return reset(self, seed=seed, options=options)
+        given = seed if isinstance(seed, list) else [seed]
+        seeds.extend((one, "start" in (options or {})) for one in given if one is not None)
+        return resets[NativeVectorEnv if isinstance(self, NativeVectorEnv) else SpidarEnv](
+            self, seed=seed, options=options
+        )
 
     def look(name, split="test"):
         splits.append(split)
         return load(name, split)
 
-    monkeypatch.setattr(SpidarEnv, "reset", spy)
+    for kind in resets:
+        monkeypatch.setattr(kind, "reset", spy)
     monkeypatch.setattr(evaluate, "load_scenarios", look)
     learn(override(TINY, steps=96, out=tmp_path))
     assert set(splits) == {"validation"}

@@ -49,7 +49,7 @@ class Tick:
     reward: np.ndarray
     """The environment's own reward."""
     info: Mapping[str, np.ndarray]
-    """Info of this tick; of flights also `velocity_error` [m/s] and `rate_error` [rad/s], of crawls `remaining`, how far
+    """Info of this tick; of flights also `velocity_error` [m/s], `rate_error` [rad/s]; of crawls `remaining`, how far
     the goal is, and `way`, how far it was at the start [m]."""
     before: Mapping[str, np.ndarray]
     """The same of the tick before it."""
