@@ -1,7 +1,7 @@
 """A PPO or SAC agent that begins as its base; how it learns, and its state as plain arrays.
 
-In reading order: the agent, a segment of learning with the schedule of its actor, and its state. Of all files this one
-alone loads torch and Stable-Baselines3 at once, so it is imported where a run begins and not for help.
+In reading order: the agent, a segment of learning with the schedule of its actor, and its state. It loads torch
+and Stable-Baselines3 at once, so it is imported where a run begins and not for help.
 """
 
 from collections.abc import Callable, Iterator, Mapping
