@@ -103,8 +103,8 @@ Its `spread` is some thirty times the largest difference that rounding made in 2
 tick of control for times and shares of ticks, which did not move at all; nor did a success, a failure, or a count. Rows
 of a processor with AVX2 were played again on one with AVX-512 (120), there with numpy and OpenBLAS held to SSE3 (46,
 `NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL" OPENBLAS_CORETYPE=Prescott`), and with the other controller (108);
-`spidar leaderboard verify --sample 80 [--control python]` does the like and says the largest ones. They were, in a flight
-and on the ground: error 1.5e-9, 3.3e-5; position 3.5e-7 m; attitude 2.5e-7, 7.8e-6 rad; joints 3.7e-8,
+`spidar leaderboard verify --sample 80 [--control python]` does the like and says the largest ones. They were, in a
+flight and on the ground: error 1.5e-9, 3.3e-5; position 3.5e-7 m; attitude 2.5e-7, 7.8e-6 rad; joints 3.7e-8,
 1.6e-5 rad; end of a crawl 1.7e-6 m, 2.2e-6 rad; drift 2.1e-6; slip 9.9e-5 m; energy 2.9e-9, 1.3e-3 Wh; endurance
 2.6e-8, 3.1e-3 min; cost of transport 0.049; thrust 5.2e-12, 8.0e-6; torque 4.2e-8, 1.5e-6.
 """
