@@ -244,7 +244,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             action: In [−1, 1]; what lies outside is clipped.
 
         Returns:
-            Observation, reward in [0, 1], terminated, truncated (always False: the wrapper `Horizon` truncates), info.
+            Observation, reward in [0, 1], terminated, truncated (False, as the wrapper `Horizon` truncates), info.
 
         Raises:
             InvalidValueError: For an action of the wrong shape or with a NaN; nothing has moved.

@@ -104,10 +104,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
     @property
     def buffers(self) -> dict[str, np.ndarray]:
-        """What `reset`, `step` and `advance` write anew, by name, each an entry for every robot; not to be written.
+        """What is written anew by `reset`, `step` and `advance`, an entry for every robot; not to be written.
 
-        `observations`, `rewards`, `terminated`, `truncated`; `begun`, whether the step began an episode;
-        `final_observations` and `final_infos`, where it did so in the same step; `infos`, records.
+        By name: ``observations``, ``rewards``, ``terminated``, ``truncated``; ``begun``, whether the step began an
+        episode; ``final_observations`` and ``final_infos``, where it did so in the same step; ``infos``, records.
         """
         names = ("observations", "rewards", "terminated", "truncated", "begun", "final_observations", "final_infos",
                  "infos")  # fmt: skip
