@@ -1,14 +1,15 @@
 """Paired evaluation: a candidate against the controller that it adds to, on the same validation scenarios."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
-from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
@@ -21,6 +22,8 @@ FLIGHT, GROUND = ("position_rms_m", "attitude_rms_rad"), ("duration_s", "energy_
 """What is compared on a flight's and on a crawl's track."""
 TOLERANCE = 0.02
 """A candidate that is worse than the base by more than this in any cell is not chosen."""
+TOGETHER = 12
+"""How many scenarios of a track are played side by side at most: a portion is what a process does and a bar counts."""
 FRACTIONS = (1.0, 0.7, 0.5, 0.3)
 """Fractions of what was learned that are tried where all of it makes anything worse."""
 
@@ -64,8 +67,16 @@ class Verdict:
         return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
 
 
-def _metrics(policy: Policy, control: str, scenario: tuple[str, Scenario]) -> dict[str, Any]:
-    return play_scenario(policy, *scenario, control=control)["metrics"]
+def _metrics(policy: Policy, control: str, portion: Sequence[tuple[str, Scenario]]) -> list[dict[str, Any]]:
+    scenarios = [scenario for _, scenario in portion]
+    return [each["metrics"] for each in play(policy, portion[0][0], scenarios, control=control)]
+
+
+def _portions(scenarios: Sequence[tuple[str, Scenario]]) -> Iterator[list[tuple[str, Scenario]]]:
+    """Scenarios of one track each, `TOGETHER` at most, in their order."""
+    for _, own in groupby(scenarios, key=lambda one: one[0]):
+        of_track = list(own)
+        yield from (of_track[k : k + TOGETHER] for k in range(0, len(of_track), TOGETHER))
 
 
 class PairedEvaluator:
@@ -119,10 +130,11 @@ class PairedEvaluator:
         scenarios: Sequence[tuple[str, Scenario]],
         on_scenario: Callable[[], object] = lambda: None,
     ) -> list[dict[str, Any]]:
-        found = []
-        for metrics in self._each(partial(_metrics, policy, self._control), scenarios):
-            found.append(metrics)
-            on_scenario()
+        found = list[dict[str, Any]]()
+        for metrics in self._each(partial(_metrics, policy, self._control), list(_portions(scenarios))):
+            found += metrics
+            for _ in metrics:
+                on_scenario()
         return found
 
     def evaluate(self, candidate: Artifact | Policy, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
