@@ -1,16 +1,15 @@
-"""What the actuators really do: gain, misalignment, lag, delay, noise, stiffness, friction, backlash, offsets."""
+"""What the actuators really do: gain, misalignment, lag, delay, noise, stiffness, friction, backlash, offsets.
 
-import math
+Who reads it is the engine: body.c writes what MuJoCo can do by itself, plant.c does the rest.
+"""
+
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 
-import mujoco
 import numpy as np
 
 from spidar_gym.arrays import constant
 from spidar_gym.errors import InvalidValueError, require_arrays
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
-from spidar_gym.sim.scene import TIMESTEP
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 
 NOISE_BANDWIDTH = 10.0
 """Corner frequency of the thrust noise [Hz]."""
@@ -83,54 +82,3 @@ class ActuatorConfig:
                 raise InvalidValueError(f.name, getattr(self, f.name), "a number of at least 0")
             if f.name in positive and (value <= 0.0).any():
                 raise InvalidValueError(f.name, getattr(self, f.name), "a number above 0")
-
-    @cached_property
-    def gain(self) -> np.ndarray:
-        """Thrust over commanded thrust of each module."""
-        return self.thrust_gain * self.module_gain
-
-    @cached_property
-    def offsets(self) -> np.ndarray:
-        """True minus indicated value of all actuators: thrusts, joints, vectoring angles."""
-        return np.concatenate([np.zeros(N_ROTORS), self.joint_offset, self.vectoring_offset.reshape(-1)])
-
-    @cached_property
-    def delay_steps(self) -> tuple[int, int]:
-        """Physics steps between a command and the actuators: thrusts and joints, vectoring servos."""
-        delay = round(self.delay / TIMESTEP)
-        return delay, delay + round(self.vectoring_delay / TIMESTEP)
-
-    @property
-    def asymmetric(self) -> bool:
-        """Whether anything depends on a direction: falling thrusts lag otherwise, or joints have play."""
-        return self.backlash > 0.0 or self.spin_down != 1.0
-
-    def apply(self, model: mujoco.MjModel, joint_speed: float) -> None:  # pyright: ignore[reportAttributeAccessIssue]
-        """Write everything that MuJoCo can do by itself into the model; nothing of an earlier configuration stays."""
-        rotors, joints, gimbals = (
-            np.array([model.actuator(name).id for name in names]) for names in (ROTOR_SITES, JOINT_NAMES, GIMBAL_NAMES)
-        )
-        tilt_x, tilt_y = self.thrust_tilt.T
-        x, y = self.thrust_offset.T
-        gear = np.zeros((N_ROTORS, 6))
-        gear[:, :3] = np.stack([np.sin(tilt_y), -np.sin(tilt_x) * np.cos(tilt_y), np.cos(tilt_x) * np.cos(tilt_y)], 1)
-        # Torque of the force at (x, y, 0), and of two ducts at ± d on the y axis that do not pull alike.
-        gear[:, 3:] = np.cross(np.stack([x, y, np.zeros(N_ROTORS)], 1), gear[:, :3])
-        gear[:, 3] += ROBOT.duct_offset_y * self.duct_imbalance
-        model.actuator_gear[rotors] = self.gain[:, None] * gear
-        model.actuator_ctrlrange[rotors, 1] = model.actuator_actrange[rotors, 1] = self.max_thrust / self.gain
-        model.actuator_dynprm[rotors, 0] = self.thrust_lag
-        model.actuator_dynprm[joints, 1] = joint_speed * self.joint_speed_factor
-        model.actuator_biasprm[joints, 0] = 0.0
-        model.actuator_biasprm[joints, 1] = -self.joint_kp * self.servo_stiffness
-        model.actuator_biasprm[joints, 2] = -self.joint_kd
-        model.actuator_biasprm[gimbals, 1] = -self.vectoring_kp
-        dofs = [model.joint(name).dofadr[0] for name in JOINT_NAMES]
-        model.dof_frictionloss[dofs] = self.joint_friction
-        model.dof_damping[dofs] = self.joint_damping
-
-
-def thrust_noise(noise: np.ndarray, sigma: float, dt: float, rng: np.random.Generator) -> np.ndarray:
-    """The next sample of a first-order coloured noise of standard deviation `sigma`, `dt` [s] later."""
-    decay = math.exp(-2.0 * math.pi * NOISE_BANDWIDTH * dt)
-    return decay * noise + sigma * math.sqrt(1.0 - decay * decay) * rng.standard_normal(noise.shape)

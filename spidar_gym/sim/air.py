@@ -1,20 +1,13 @@
-"""The air: sixteen ducted jets, what they do to other rotors, links and torso, ram drag, ground effect, wind.
+"""The air around the robot: its parameters, and the numbers of the jets; what it does is native/engine/air.c.
 
-A module's two ducts lie side by side, so the robot blows sixteen jets. Each is the momentum-conserving two-zone jet of
-a round nozzle; a duct that stands in it loses lift by blade-element and momentum theory at fixed motor speed. The
-forces are evaluated at a fixed rate and held in between.
+`spidar_gym.native.formulas` calls it from Python: `jet_profile`, `thrust_factor`, `evaluate_air`.
 """
 
 import math
 from dataclasses import dataclass
 
-import mujoco
-import numpy as np
-from jaxtyping import Float
-
-from spidar_gym.arrays import RotorVector, Vector3
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.robot import N_LINKS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_ROTORS, ROBOT
 
 AIR_DENSITY = 1.225
 """ρ [kg/m³]."""
@@ -27,6 +20,12 @@ LEAST_THRUST = 0.02
 """A duct with less thrust than this [N] is treated as if it had this: its jet is then below 1.2 m/s."""
 REACH, SPREAD = 0.13, 0.42
 """Half-width [m] and its growth per metre of the cone outside of which no duct feels a jet: 1 % of it at most."""
+LINK_STATIONS = ((0.09, 0.05), (0.26, 0.05), (0.43, 0.07))
+"""Stations along a link and the width of what stands in the wind there: rod, rod, battery [m]."""
+LINK_SEGMENT = 0.18
+"""Length of a link that a station stands for [m]."""
+BLUFF = 1.1
+"""Drag coefficient of cylinders in cross flow and of discs at these Reynolds numbers."""
 
 
 @dataclass(frozen=True)
@@ -54,218 +53,3 @@ class AeroConfig:
             raise InvalidValueError("duct_drag_area", self.duct_drag_area, "a number of at least 0 [m²]")
         if not math.isfinite(self.ground_effect):
             raise InvalidValueError("ground_effect", self.ground_effect, "a finite number")
-
-
-def jet_profile(
-    s: np.ndarray, r: np.ndarray, w: np.ndarray | float, *, core_length: float, radius: float = ROBOT.propeller_radius
-) -> np.ndarray:
-    """Speed of the air in a ducted jet [m/s]; zero upstream of `NEAR`.
-
-    A core of the exit speed w shrinks to a point over `core_length` diameters inside a Gaussian shear layer, whose
-    width follows from ∫ρ u² dA = T at every s; beyond the core the jet spreads and slows down with 1/s.
-
-    Args:
-        s: Distance from the exit along the jet [m].
-        r: Distance from the axis [m].
-        w: Speed at the exit, √(T / (ρ A)) [m/s].
-        core_length: In diameters.
-        radius: Radius R of the exit [m].
-    """
-    core = 2.0 * core_length * radius
-    stretch = np.maximum(s, core) / core
-    r_core = np.maximum(radius - (radius / core) * np.maximum(s, 0.0), 0.0)
-    square = r_core * r_core
-    width = np.sqrt((0.5 * math.pi - 2.0) * square + 2.0 * radius * radius) - math.sqrt(0.5 * math.pi) * r_core
-    # Inside the core r < r_core; at the exit the shear layer has no width yet.
-    beyond = np.maximum(r - r_core, 0.0) / np.maximum(width * stretch, 1e-9)
-    return (s > NEAR) * (w / stretch * np.exp(-beyond * beyond))
-
-
-def thrust_factor(inflow: np.ndarray, *, zero_thrust_speed: float) -> np.ndarray:
-    """Thrust over the thrust at rest, of a duct whose motor keeps its speed, within 0 … 1.3.
-
-    Linear-lift blade element T = K (V_z − V_d) with the duct's momentum balance T = ρ A V_e (V_e − V): with
-    μ = V / w, ε = V_e / w, χ = V_z / w: ε = ½ [(μ − g) + √((μ − g)² + 4 χ g)], g = 1 / (χ − 1), τ = ε (ε − μ).
-
-    Args:
-        inflow: μ, mean axial speed of the air that comes down on the disc over the jet speed w at rest.
-        zero_thrust_speed: χ.
-    """
-    g = 1.0 / (zero_thrust_speed - 1.0)
-    m = inflow - g
-    epsilon = 0.5 * (m + np.sqrt(m * m + 4.0 * zero_thrust_speed * g))
-    factor = epsilon * (epsilon - inflow)
-    return np.minimum(np.maximum(factor, 0.0), 1.3)
-
-
-@dataclass(frozen=True, slots=True)
-class AirForces:
-    """What the air did at one evaluation."""
-
-    generalized: Float[np.ndarray, " nv"]
-    """Generalised force [N, Nm] for `qfrc_applied`."""
-    thrust_factor: Float[np.ndarray, "16"]
-    """Thrust of each duct over its thrust in still air; the ducts of module 1 first."""
-    forces_w: Float[np.ndarray, "m 3"]
-    """Force at each of the points below, world [N]."""
-    points_w: Float[np.ndarray, "m 3"]
-    """Duct centres, then link and torso points [m]."""
-
-
-_YZX, _ZXY, _SUM = np.array([1, 2, 0]), np.array([2, 0, 1]), np.ones(3)
-_SUM_6 = np.ones(6)
-_DISC = math.sqrt(2.0 / 3.0) * ROBOT.propeller_radius
-DISC_POINTS = np.array([[0, 0, 0], [_DISC, 0, 0], [0, _DISC, 0], [-_DISC, 0, 0], [0, -_DISC, 0]])
-"""Points of a duct's disc: with the weights below exact for the mean of any polynomial of degree three [m]."""
-DISC_WEIGHTS = np.array([4, 3, 3, 3, 3]) / 16
-LINK_STATIONS = ((0.09, 0.05), (0.26, 0.05), (0.43, 0.07))
-"""Stations along a link and the width of what stands in the wind there: rod, rod, battery [m]."""
-LINK_SEGMENT = 0.18
-"""Length of a link that a station stands for [m]."""
-TORSO_STATIONS = 0.7 * ROBOT.torso_radius * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
-"""Stations on the torso's disc [m]."""
-BLUFF = 1.1
-"""Drag coefficient of cylinders in cross flow and of discs at these Reynolds numbers."""
-TORSO_FACE = math.pi * ROBOT.torso_radius**2
-"""Area of the torso seen from above [m²]."""
-TORSO_EDGE = 2.0 * ROBOT.torso_radius * ROBOT.torso_height
-"""Area of the torso seen from the side [m²]."""
-
-
-class Aero:
-    """Forces of the air on one robot; it keeps where the air is looked at, and nothing that changes.
-
-    The stations are the sixteen duct centres, three on each link and five on the torso. The wake is averaged over the
-    disc of a duct and taken at a point elsewhere.
-    """
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:  # pyright: ignore[reportAttributeAccessIssue]
-        """Place the stations and note how each is carried by the tree of bodies."""
-        self.config = config or AeroConfig()
-        modules = [model.body(f"gimbal{i}_pitch_module").id for i in range(1, N_ROTORS + 1)]
-        links = [model.body(f"link{i}").id for i in range(1, N_LINKS + 1)]
-        torso = model.body("torso").id
-        # Views into MuJoCo's memory, made once: every access to an attribute of MjData makes a new one.
-        self._xpos, self._xmat, self._cvel, self._cdof = data.xpos, data.xmat, data.cvel, data.cdof
-        self._origin, self._torso_xmat = data.subtree_com[torso], data.xmat[torso].reshape(3, 3)
-        n_links, n_torso = len(links) * len(LINK_STATIONS), len(TORSO_STATIONS)
-        self._body = np.concatenate(
-            [np.repeat(modules, 2), np.repeat(links, len(LINK_STATIONS)), np.full(n_torso, torso)]
-        )
-        n = len(self._body)
-        self._ducts, self._links, self._plate = slice(N_DUCTS), slice(N_DUCTS, N_DUCTS + n_links), slice(-n_torso, n)
-        self._side = np.tile([ROBOT.duct_offset_y, -ROBOT.duct_offset_y], N_ROTORS)[:, None]
-        self._along = np.tile([x for x, _ in LINK_STATIONS], len(links))[:, None]
-        self._offsets, self._weights = np.zeros((n, 3, len(DISC_POINTS))), np.zeros((n, len(DISC_POINTS)))
-        self._offsets[:N_DUCTS], self._weights[:N_DUCTS] = DISC_POINTS.T, DISC_WEIGHTS
-        self._weights[N_DUCTS:, 0] = 1.0
-        # A jet acts neither on its own module nor on the rod that carries it: both stand beside it.
-        owner = np.concatenate(
-            [np.arange(N_DUCTS) // 2, np.repeat(np.arange(N_LINKS), len(LINK_STATIONS)), [-1] * n_torso]
-        )
-        self._foreign = owner[:, None] != np.arange(N_DUCTS) // 2
-        half = 0.5 * AIR_DENSITY
-        self._duct_drag = half * self.config.duct_drag_area
-        widths = np.tile([width for _, width in LINK_STATIONS], len(links))
-        self._link_drag = half * BLUFF * LINK_SEGMENT * widths
-        self._torso_drag = half * BLUFF / n_torso * np.array([TORSO_EDGE, TORSO_EDGE, TORSO_FACE])
-        # The thrust factor as a table: a single look-up is five times as fast and right to 1e-6.
-        self._inflows = np.arange(-2000, round(1200 * self.config.zero_thrust_speed)) / 1000.0
-        self._factors = thrust_factor(self._inflows, zero_thrust_speed=self.config.zero_thrust_speed)
-        # Which degree of freedom moves which station.
-        self._moves = np.zeros((model.nv, n))
-        for k, body in enumerate(self._body.tolist()):
-            while body > 0:
-                first = model.body_dofadr[body]
-                self._moves[first : first + model.body_dofnum[body], k] = 1.0
-                body = model.body_parentid[body]
-
-    def evaluate(self, thrust: RotorVector, *, wind_w: Vector3, noise: RotorVector, push_w: Vector3) -> AirForces:
-        """Forces of the air at the positions and velocities of the latest kinematics (one physics step old).
-
-        Args:
-            thrust: What the modules' motors deliver in still air [N].
-            wind_w: Velocity of the air far away, world [m/s].
-            noise: Thrust noise of each module [N].
-            push_w: Force of a push at the torso's centre, world [N].
-        """
-        config, origin, ducts, links, plate = self.config, self._origin, self._ducts, self._links, self._plate
-        R = self._xmat.take(self._body, axis=0).reshape(-1, 3, 3)
-        up, rod = R[ducts, :, 2], R[links, :, 0]
-        points = self._xpos.take(self._body, axis=0)
-        points[ducts] += self._side * R[ducts, :, 1]
-        points[links] += self._along * rod
-        points[plate] += TORSO_STATIONS @ self._torso_xmat.T
-        points -= origin
-        # p × a, component by component: np.cross costs five times as much.
-        p_yzx, p_zxy = points.take(_YZX, axis=1), points.take(_ZXY, axis=1)
-        omega = self._cvel.take(self._body, axis=0)
-        # The air that a station meets: wind − (v + ω × p) = wind − v + p × ω.
-        air = wind_w - omega[:, 3:]
-        air += p_yzx * omega.take(_ZXY, axis=1) - p_zxy * omega.take(_YZX, axis=1)
-        duct_thrust = 0.5 * np.repeat(np.maximum(thrust, 2.0 * LEAST_THRUST), 2)
-        w = np.sqrt(duct_thrust * (1.0 / (AIR_DENSITY * DUCT_AREA)))
-        if config.wake:
-            self._add_wake(air, points, points[ducts] + ROBOT.duct_z[0] * up, up, w, R)
-        elif not wind_w.any():
-            air[:] = 0.0
-        F = np.empty_like(air)
-        # Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, since the air that a duct swallows
-        # leaves along its axis.
-        V = air[ducts]
-        axial, ram = (V * up) @ _SUM, (AIR_DENSITY * DUCT_AREA) * w
-        factor = np.interp(-axial / w, self._inflows, self._factors)
-        if config.wake and config.ground_effect:
-            factor = self._ground(factor, points[ducts, 2] + origin[2], up)
-        lift = duct_thrust * (factor - 1.0) + 0.5 * np.repeat(noise, 2) - ram * axial
-        F[ducts] = (self._duct_drag * np.sqrt((V * V) @ _SUM) + ram)[:, None] * V + lift[:, None] * up
-        # Links: a rod feels no flow along itself.
-        V = air[links]
-        V = V - ((V * rod) @ _SUM)[:, None] * rod
-        F[links] = (self._link_drag * np.sqrt((V * V) @ _SUM))[:, None] * V
-        V = air[plate] @ self._torso_xmat
-        speed = np.sqrt((V * V) @ _SUM)
-        F[plate] = (self._torso_drag * speed[:, None] * V) @ self._torso_xmat.T
-        F[plate.start] += push_w
-        torque = p_yzx * F.take(_ZXY, axis=1) - p_zxy * F.take(_YZX, axis=1)
-        wrenches = np.concatenate((torque, F), axis=1)
-        generalized = ((self._moves @ wrenches) * self._cdof) @ _SUM_6
-        return AirForces(generalized, factor, F, points + origin)
-
-    def _add_wake(
-        self, air: np.ndarray, points: np.ndarray, exits: np.ndarray, up: np.ndarray, w: np.ndarray, R: np.ndarray
-    ) -> None:
-        """Add to `air` the velocity that the jets of other modules give it at each station [m/s]."""
-        # Which stations a jet can reach at all: few, so the profile is computed for those only.
-        products = points @ np.concatenate((up, exits)).T
-        s = (exits * up) @ _SUM - products[:, :N_DUCTS]
-        square = ((points * points) @ _SUM)[:, None] + (exits * exits) @ _SUM - 2.0 * products[:, N_DUCTS:]
-        reach = REACH + SPREAD * s
-        near = (square - s * s < reach * reach) & self._foreign
-        near &= s > -REACH
-        stations, jets = np.divmod(np.flatnonzero(near), N_DUCTS)
-        if not len(jets):
-            return
-        x = R.take(stations, axis=0) @ self._offsets.take(stations, axis=0)
-        x += (points.take(stations, axis=0) - exits.take(jets, axis=0))[:, :, None]
-        s = -(up.take(jets, axis=0)[:, None] @ x)[:, 0]
-        r = np.sqrt(np.maximum(x[:, 0] ** 2 + x[:, 1] ** 2 + x[:, 2] ** 2 - s * s, 0.0))
-        u = jet_profile(s, r, w.take(jets)[:, None], core_length=self.config.core_length)
-        speeds = np.zeros((len(points), N_DUCTS))
-        speeds[stations, jets] = (u * self._weights.take(stations, axis=0)) @ np.ones(len(DISC_POINTS))
-        flow = speeds @ up
-        # Jets that meet add up, but blow no faster than the fastest of them by more than a fifth: on one line they
-        # would otherwise count twice.
-        total = np.sqrt((flow * flow) @ _SUM)
-        flow *= np.minimum(1.0, 1.2 * speeds.max(axis=1) / np.maximum(total, 1e-9))[:, None]
-        air -= flow
-
-    def _ground(self, factor: np.ndarray, centre_z: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """`factor` with ground effect: within four radii of the floor along the jet, tilted by less than 60°."""
-        height = centre_z + ROBOT.duct_z[0] * up[:, 2]
-        R = ROBOT.propeller_radius
-        if height.min() > 4.0 * R:
-            return factor
-        h = np.maximum(height / np.maximum(up[:, 2], 0.5), 0.5 * R)
-        near = (up[:, 2] > 0.5) & (h < 4.0 * R)
-        return np.where(near, factor * (1.0 + self.config.ground_effect * (R / (4.0 * h)) ** 2), factor)

@@ -1,14 +1,12 @@
-"""What happens to the robot from outside: wind, pushes, a rotor that fails."""
+"""What happens to the robot from outside: wind, pushes, a rotor that fails; native/engine/weather.c lets it happen."""
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from numbers import Integral
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.arrays import Vector3
 from spidar_gym.errors import InvalidValueError, is_finite, require_keys, require_name
 from spidar_gym.robot import N_ROTORS
 
@@ -64,42 +62,3 @@ class Disturbances:
             return values
         given = {} if values is None else values
         return cls(**require_keys("disturbances", "disturbance", given, [f.name for f in fields(cls)]))
-
-
-@dataclass
-class Weather:
-    """Wind and pushes of an episode as they unfold; everything that changes is in here."""
-
-    mean_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Mean wind [m/s]."""
-    gust_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Turbulence [m/s]."""
-    push_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Force of the push that is on now [N]."""
-    next_push: float = math.inf
-    """When the next push begins [s]."""
-    push_end: float = 0.0
-    """When the present one ends [s]."""
-
-    @classmethod
-    def draw(cls, disturbances: Disturbances, rng: np.random.Generator) -> "Weather":
-        """The weather at the start of an episode."""
-        azimuth = rng.uniform(-math.pi, math.pi)
-        mean = disturbances.wind * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
-        gust = disturbances.wind * INTENSITY * rng.standard_normal(3)
-        first = rng.uniform(0.0, PUSH_EVERY[1]) if disturbances.push > 0.0 else math.inf
-        return cls(mean, gust, np.zeros(3), first)
-
-    def advance(self, disturbances: Disturbances, time: float, dt: float, rng: np.random.Generator) -> None:
-        """Let `dt` [s] pass until `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
-        if disturbances.wind > 0.0:
-            decay = np.exp(-max(disturbances.wind, 1.0) * dt / LENGTH)
-            spread = disturbances.wind * INTENSITY * np.sqrt(1.0 - decay * decay)
-            self.gust_w = decay * self.gust_w + spread * rng.standard_normal(3)
-        if time >= self.next_push - 1e-9:
-            direction = rng.standard_normal(3)
-            self.push_w = disturbances.push / math.sqrt(float(direction @ direction)) * direction
-            self.push_end = time + PUSH_SECONDS
-            self.next_push = time + rng.uniform(*PUSH_EVERY)
-        elif time >= self.push_end - 1e-9:
-            self.push_w = np.zeros(3)

@@ -8,13 +8,14 @@ from functools import cache
 import gymnasium
 import numpy as np
 import pytest
+from reference.sensors import Sensors
 from support.states import resting
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.estimator import Estimator, EstimatorConfig
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.sensors import SensorConfig, Sensors
+from spidar_gym.sim.sensors import SensorConfig
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
 

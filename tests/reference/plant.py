@@ -8,20 +8,22 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from reference.air import Aero
+from reference.body import delay_steps, gain, is_asymmetric, offsets, write_actuators, write_body
+from reference.contacts import GroundWatch
+from reference.energy import electrical_power, max_thrust, voltage
 from reference.events import Event, every, next_arrival
 from reference.plant_memory import PlantMemory, Saved
+from reference.sensors import Sensors
+from reference.weather import Weather, thrust_noise
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROTOR_SITES
-from spidar_gym.sim.actuators import thrust_noise
-from spidar_gym.sim.air import Aero
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.disturbances import Disturbances, Weather
-from spidar_gym.sim.energy import electrical_power, max_thrust, voltage
-from spidar_gym.sim.ground import GroundWatch, Touch
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import Touch
 from spidar_gym.sim.scene import TIMESTEP, quieten, scene
-from spidar_gym.sim.sensors import Sensors
 from spidar_gym.state import Command, Measurement, RobotState
 
 AIR_STEPS = 10
@@ -81,10 +83,10 @@ class Plant:
     def _write_config(self) -> tuple[Aero, Sensors]:
         """Write what MuJoCo can do by itself into its model; the air and the sensors of this robot."""
         config = self.config
-        config.actuators.apply(self.model, config.joint_speed)
-        config.body.apply(self.model, scene(visual=False, uneven=config.ground.uneven))
+        write_actuators(config.actuators, self.model, config.joint_speed)
+        write_body(config.body, self.model, scene(visual=False, uneven=config.ground.uneven))
         config.ground.apply(self.model)
-        sensors = Sensors(config.sensors, config.actuators.offsets[N_ROTORS:])
+        sensors = Sensors(config.sensors, offsets(config.actuators)[N_ROTORS:])
         return Aero(self.model, self.data, config.aero), sensors
 
     @property
@@ -129,7 +131,7 @@ class Plant:
         targets[_ROTORS] = 0.0 if thrust is None else thrust
         targets[_JOINTS] = 0.0 if joint_position is None else joint_position
         targets[_GIMBALS] = 0.0 if vectoring is None else vectoring.reshape(-1)
-        targets += self.config.actuators.offsets
+        targets += offsets(self.config.actuators)
         self.data.qpos[:3] = position_w
         self.data.qpos[3:7] = quat_wb
         self.data.qpos[self._qpos] = targets[N_ROTORS:]
@@ -196,7 +198,7 @@ class Plant:
             joint_velocity=v[:N_JOINTS],
             vectoring=q[N_JOINTS:].reshape(N_ROTORS, 2),
             vectoring_velocity=v[N_JOINTS:].reshape(N_ROTORS, 2),
-            thrust=self._a.take(self._act[:N_ROTORS]) * self.config.actuators.gain,
+            thrust=self._a.take(self._act[:N_ROTORS]) * gain(self.config.actuators),
             joint_torque=self._force.take(self._joint_servos),
         )
 
@@ -285,7 +287,7 @@ class Plant:
         if actuators.battery:
             most = min(most, max_thrust(voltage(memory.energy_wh, memory.power)))
         thrust = targets[_ROTORS]
-        np.minimum(thrust, most / actuators.gain, out=thrust)
+        np.minimum(thrust, most / gain(actuators), out=thrust)
         if config.idle_thrust > 0.0:
             np.maximum(thrust, config.idle_thrust, out=thrust)
         fault = memory.disturbances
@@ -295,8 +297,8 @@ class Plant:
                 thrust[k] = 0.0
             elif memory.stuck is None:
                 memory.stuck = self._q.take(self._qpos[N_JOINTS + 2 * k : N_JOINTS + 2 * k + 2])
-        targets += actuators.offsets
-        delay, vectoring_delay = actuators.delay_steps
+        targets += offsets(actuators)
+        delay, vectoring_delay = delay_steps(actuators)
         early = slice(0, _GIMBALS.start)
         memory.pending.append((memory.clock + delay, early, targets[early].copy()))
         memory.pending.append((memory.clock + vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
@@ -333,7 +335,7 @@ class Plant:
             if windy:
                 weather.advance(memory.disturbances, self.data.time, dt, memory.rng)
         memory.air = self._aero.evaluate(
-            self._a.take(self._act[_ROTORS]) * actuators.gain,
+            self._a.take(self._act[_ROTORS]) * gain(actuators),
             wind_w=weather.mean_w + weather.gust_w if windy else weather.mean_w,
             noise=memory.noise,
             push_w=weather.push_w,
@@ -386,7 +388,9 @@ class Plant:
 EVENTS: tuple[Event[Plant], ...] = (
     Event("delivery", next_arrival, Plant._deliver_due_commands, lambda plant: True),
     Event("air", every(AIR_STEPS), Plant._update_air, lambda plant: plant._has_air),
-    Event("asymmetry", every(SERVO_STEPS), Plant._update_asymmetry, lambda plant: plant.config.actuators.asymmetric),
+    Event(
+        "asymmetry", every(SERVO_STEPS), Plant._update_asymmetry, lambda plant: is_asymmetric(plant.config.actuators)
+    ),
     Event("sensors", every(IMU_STEPS), Plant._sample_sensors, lambda plant: plant.memory.sensors is not None),
 )
 """What runs between the physics steps, in order: commands that arrive late at 400 Hz at most, the air at 40 Hz, falling

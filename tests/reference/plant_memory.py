@@ -3,12 +3,13 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from reference.air import AirForces
+from reference.sensors import SensorMemory
+from reference.weather import Weather
 
 from spidar_gym.arrays import JointVector, RotorMask, RotorVector
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.air import AirForces
-from spidar_gym.sim.disturbances import Disturbances, Weather
-from spidar_gym.sim.sensors import SensorMemory
+from spidar_gym.sim.disturbances import Disturbances
 
 
 @dataclass

@@ -8,14 +8,16 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from reference import air as air_module
 from reference import plant as plant_module
 from reference.events import every
 from support.air import HIGH, HOVER, LEVEL, LINKS, NONE, RADIUS, STILL, TORSO, evaluate, posed, world
 from support.states import upright
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.formulas import AirForces
 from spidar_gym.robot import FORMS, ROBOT
-from spidar_gym.sim.air import AIR_DENSITY, N_DUCTS, Aero, AeroConfig, AirForces
+from spidar_gym.sim.air import AIR_DENSITY, N_DUCTS, AeroConfig
 from spidar_gym.so3 import exp, rotation_z
 from spidar_gym.state import Command
 
@@ -104,7 +106,7 @@ def test_turning_the_robot_by_a_leg_gives_every_leg_the_forces_of_the_one_before
 
 def test_the_generalized_force_is_that_of_every_force_at_its_point_on_its_body():
     rng, model = np.random.default_rng(2), world()
-    bodies = Aero(model, mujoco.MjData(model))._body
+    bodies = air_module.Aero(model, mujoco.MjData(model))._body
     for _ in range(5):
         data = tossed(rng)
         air = evaluate(data, rng.uniform(0, 40, 8), rng.normal(0, 3, 3), rng.normal(0, 1, 8), rng.normal(0, 20, 3))

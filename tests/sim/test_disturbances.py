@@ -9,11 +9,12 @@ import pytest
 
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.native.engine_structs import AIR_STEPS
+from spidar_gym.native.formulas import Weather
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, GIMBAL_NAMES, ROBOT
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.disturbances import Disturbances, Weather
+from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command
 
@@ -37,11 +38,11 @@ def command(thrust=0.0, vectoring=0.0) -> Command:
 def weathers(disturbances, seconds, *, dt=DT, seed=0):
     """Wind, gust and push at every look, and the times of them."""
     rng = np.random.default_rng(seed)
-    weather = Weather.draw(disturbances, rng)
+    weather = Weather(disturbances, rng)
     times = dt * np.arange(1, round(seconds / dt) + 1)
     seen = np.empty((len(times), 3, 3))
     for k, time in enumerate(times.tolist()):
-        weather.advance(disturbances, time, dt, rng)
+        weather.advance(time, dt, rng)
         seen[k] = weather.mean_w, weather.gust_w, weather.push_w
     return times, seen
 
@@ -127,7 +128,7 @@ def test_the_bounds_of_the_statistics_are_narrow_enough_to_mean_something():
 
 def test_turbulence_is_as_strong_at_the_start_as_later():
     storm, rng = Disturbances(wind=5.0), np.random.default_rng(2)
-    gusts = np.array([Weather.draw(storm, rng).gust_w for _ in range(4000)])
+    gusts = np.array([Weather(storm, rng).gust_w for _ in range(4000)])
     np.testing.assert_allclose(gusts.std(axis=0), 5.0 * DEVIATION, rtol=0.05)
     assert np.abs(gusts.mean(axis=0)).max() < 0.08
 
@@ -143,7 +144,7 @@ def test_in_less_than_1_metre_a_second_of_wind_gusts_last_as_long_as_in_1():
 
 def test_the_mean_wind_is_level_of_the_given_strength_from_anywhere_and_stays():
     storm, rng = Disturbances(wind=4.0), np.random.default_rng(4)
-    means = np.array([Weather.draw(storm, rng).mean_w for _ in range(2000)])
+    means = np.array([Weather(storm, rng).mean_w for _ in range(2000)])
     np.testing.assert_allclose(np.linalg.norm(means, axis=1), 4.0, rtol=1e-12)
     assert not means[:, 2].any()
     quadrants = np.histogram(np.arctan2(means[:, 1], means[:, 0]), 8, (-math.pi, math.pi))[0]

@@ -6,11 +6,12 @@ import pytest
 from scipy.optimize import brentq
 
 import spidar_gym  # noqa: F401 - registers the environments
+from spidar_gym.native.formulas import electrical_power, max_thrust, voltage
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.energy import CAPACITY_WH, USABLE, electrical_power, endurance_min, max_thrust, voltage
+from spidar_gym.sim.energy import CAPACITY_WH, USABLE, endurance_min
 from spidar_gym.state import Command
 
 HIGH = np.array([0.0, 0.0, 30.0])

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.sensors import Sensors
 from support.states import resting
 
 from spidar_gym.errors import InvalidValueError
@@ -15,7 +16,7 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP
-from spidar_gym.sim.sensors import SensorConfig, Sensors
+from spidar_gym.sim.sensors import SensorConfig
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
 

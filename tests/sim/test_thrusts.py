@@ -11,9 +11,10 @@ from support.plants import HIGH, VACUUM, command, floating
 from support.states import model
 
 from spidar_gym.native.engine_structs import AIR_STEPS
+from spidar_gym.native.formulas import thrust_noise
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
-from spidar_gym.sim.actuators import NOISE_BANDWIDTH, ActuatorConfig, thrust_noise
+from spidar_gym.sim.actuators import NOISE_BANDWIDTH, ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.so3 import exp, matrix_to_quat
@@ -202,21 +203,21 @@ def test_a_falling_thrust_has_its_own_time_constant_from_the_second_evaluation_o
     np.testing.assert_allclose(gone[1:], math.exp(AIR_PERIOD / lag), rtol=1e-9)
 
 
-def test_thrust_noise_has_its_standard_deviation_at_every_time_step():
-    for dt in (0.001, 0.0125, 0.05):
-        rng, noise = np.random.default_rng(1), np.zeros(20000)
-        for _ in range(round(0.2 / dt) + 1):
-            noise = thrust_noise(noise, 0.3, dt, rng)
-        assert abs(noise.std() - 0.3) < 0.01
-        assert abs(noise.mean()) < 0.01
+@pytest.mark.parametrize("dt", [0.001, 0.0125, 0.05])
+def test_thrust_noise_fades_with_its_bandwidth_and_is_filled_up_to_its_standard_deviation(dt):
+    rng, decay = np.random.default_rng(1), math.exp(-2.0 * math.pi * NOISE_BANDWIDTH * dt)
+    np.testing.assert_allclose(thrust_noise(np.arange(8.0), 0.0, dt, rng), decay * np.arange(8.0), rtol=1e-12)
+    fresh = np.array([thrust_noise(np.zeros(8), 0.3, dt, rng) for _ in range(2500)])
+    np.testing.assert_allclose(fresh.std(), 0.3 * math.sqrt(1.0 - decay**2), rtol=0.02)
+    assert abs(fresh.mean()) < 0.01
 
 
 def test_half_of_the_power_of_the_noise_is_below_its_corner_frequency():
-    dt, rng, noise, history = 0.001, np.random.default_rng(2), np.zeros(64), []
-    for _ in range(4200):
-        noise = thrust_noise(noise, 1.0, dt, rng)
-        history.append(noise)
-    history = np.array(history[200:])
+    dt, rng, history = 0.004, np.random.default_rng(2), np.zeros((1050, 8, 8))
+    for run in range(8):
+        for k in range(1, len(history)):
+            history[k, run] = thrust_noise(history[k - 1, run], 1.0, dt, rng)
+    history = history[50:].reshape(-1, 64)
     power = (np.abs(np.fft.rfft(history, axis=0)) ** 2).sum(axis=1)
     low = np.fft.rfftfreq(len(history), dt) < NOISE_BANDWIDTH
     assert abs(power[low].sum() / power.sum() - 0.5) < 0.03

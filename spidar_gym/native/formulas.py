@@ -1,0 +1,183 @@
+"""The engine's formulas one at a time, for readers, plots and tests: the air, the weather, power and voltage.
+
+They are the very functions that fly: `spidar_gym/native/engine/` has the equations. `tests/reference/` says each of
+them once more in NumPy.
+"""
+
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from spidar_gym.arrays import JointVector, RotorVector, Vector3
+from spidar_gym.native.draws import from_numpy, take_back
+from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.library import load_core, pointer
+from spidar_gym.native.mujoco import Simulation, world
+from spidar_gym.native.structs import fill
+from spidar_gym.robot import ROBOT
+from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.disturbances import Disturbances
+
+
+@cache
+def _formula(name: str, inputs: int) -> Any:  # noqa: ANN401 - numbers, or arrays of any shape
+    """A function of the library from numbers to a number, over arrays."""
+    function = load_core()[name]
+    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * inputs
+    return np.frompyfunc(function, inputs, 1)
+
+
+@cache
+def _function(name: str, result: Any = None) -> Any:  # noqa: ANN401 - of ctypes
+    """A function of the library that takes pointers and numbers."""
+    function = load_core()[name]
+    function.restype = result
+    return function
+
+
+def jet_profile(
+    s: np.ndarray, r: np.ndarray, w: np.ndarray | float, *, core_length: float, radius: float = ROBOT.propeller_radius
+) -> np.ndarray:
+    """Speed of the air in a ducted jet [m/s]; zero upstream of 1 cm behind the exit.
+
+    A core of the exit speed w shrinks to a point over `core_length` diameters inside a Gaussian shear layer, whose
+    width follows from ∫ρ u² dA = T at every s; beyond the core the jet spreads and slows down with 1/s.
+
+    Args:
+        s: Distance from the exit along the jet [m]; it, r and w broadcast.
+        r: Distance from the axis [m].
+        w: Speed at the exit, √(T / (ρ A)) [m/s].
+        core_length: In diameters.
+        radius: Radius R of the exit [m].
+    """
+    return np.asarray(_formula("sp_jet_profile", 5)(s, r, w, core_length, radius), float)
+
+
+def thrust_factor(inflow: np.ndarray, *, zero_thrust_speed: float) -> np.ndarray:
+    """Thrust over the thrust at rest, of a duct whose motor keeps its speed, within 0 … 1.3.
+
+    Linear-lift blade element T = K (V_z − V_d) with the duct's momentum balance T = ρ A V_e (V_e − V): with
+    μ = V / w, ε = V_e / w, χ = V_z / w: ε = ½ [(μ − g) + √((μ − g)² + 4 χ g)], g = 1 / (χ − 1), τ = ε (ε − μ).
+
+    Args:
+        inflow: μ, mean axial speed of the air that comes down on the disc over the jet speed w at rest.
+        zero_thrust_speed: χ.
+    """
+    return np.asarray(_formula("sp_thrust_factor", 2)(inflow, zero_thrust_speed), float)
+
+
+@dataclass(frozen=True, slots=True)
+class AirForces:
+    """What the air did at one evaluation."""
+
+    generalized: Float[np.ndarray, " nv"]
+    """Generalised force [N, Nm] for `qfrc_applied`."""
+    thrust_factor: Float[np.ndarray, "16"]
+    """Thrust of each duct over its thrust in still air; the ducts of module 1 first."""
+    forces_w: Float[np.ndarray, "m 3"]
+    """Force at each of the points below, world [N]."""
+    points_w: Float[np.ndarray, "m 3"]
+    """Duct centres, then three points of each link and five of the torso [m]."""
+
+
+def evaluate_air(
+    simulation: Simulation,
+    thrust: RotorVector,
+    *,
+    wind_w: Vector3,
+    noise: RotorVector,
+    push_w: Vector3,
+    config: AeroConfig | None = None,
+) -> AirForces:
+    """Forces of the air on a robot whose kinematics are done.
+
+    Args:
+        simulation: Of a scene of the robot; positions and velocities are read of its `data`.
+        thrust: What the modules' motors deliver in still air [N].
+        wind_w: Velocity of the air far away, world [m/s].
+        noise: Thrust noise of each module [N].
+        push_w: Force of a push at the torso's centre, world [N].
+        config: Parameters of the air.
+    """
+    layouts = engine_layouts()
+    parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
+    fill(parameters, config or AeroConfig())
+    given = [np.ascontiguousarray(each, float) for each in (thrust, wind_w, noise, push_w)]
+    uneven = mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, "tile0_0") >= 0  # pyright: ignore[reportAttributeAccessIssue]
+    arguments = (world(uneven), simulation.record, parameters, *given, found)
+    _function("sp_evaluate_air")(*map(pointer, arguments))
+    return AirForces(
+        found["generalized"].copy(), found["thrust_factor"].copy(),
+        found["forces_w"].reshape(-1, 3).copy(), found["points_w"].reshape(-1, 3).copy(),
+    )  # fmt: skip
+
+
+class Weather:
+    """Wind and pushes of an episode as they unfold."""
+
+    def __init__(self, disturbances: Disturbances, rng: np.random.Generator) -> None:
+        """Draw the weather at the start of an episode; `rng` goes on as if NumPy had drawn."""
+        layouts = engine_layouts()
+        self._record, self._disturbances = np.zeros((), layouts["weather"]), np.zeros((), layouts["disturbances"])
+        fill(self._disturbances, disturbances)
+        generator = from_numpy(rng)
+        _function("sp_draw_weather")(*map(pointer, (self._disturbances, generator, self._record)))
+        take_back(rng, generator)
+
+    def advance(self, time: float, dt: float, rng: np.random.Generator) -> None:
+        """Let `dt` [s] pass until `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
+        generator = from_numpy(rng)
+        times = ctypes.c_double(time), ctypes.c_double(dt)
+        advance = _function("sp_advance_weather")
+        advance(pointer(self._disturbances), *times, pointer(generator), pointer(self._record))
+        take_back(rng, generator)
+
+    @property
+    def mean_w(self) -> Vector3:
+        """Mean wind [m/s]."""
+        return self._record["mean_w"].copy()
+
+    @property
+    def gust_w(self) -> Vector3:
+        """Turbulence [m/s]."""
+        return self._record["gust_w"].copy()
+
+    @property
+    def push_w(self) -> Vector3:
+        """Force of the push that is on now [N]."""
+        return self._record["push_w"].copy()
+
+
+def thrust_noise(noise: RotorVector, sigma: float, dt: float, rng: np.random.Generator) -> RotorVector:
+    """The next sample of the modules' noise, first order, of standard deviation `sigma` [N], `dt` [s] later."""
+    after, generator = np.array(noise, float), from_numpy(rng)
+    _function("sp_advance_noise")(pointer(after), ctypes.c_double(sigma), ctypes.c_double(dt), pointer(generator))
+    take_back(rng, generator)
+    return after
+
+
+def electrical_power(thrust: RotorVector, joint_torque: JointVector, joint_velocity: JointVector) -> float:
+    """Electrical power [W]: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ².
+
+    Args:
+        thrust: What the motors work for, in still air [N].
+        joint_torque: Torque of the joint servos [Nm].
+        joint_velocity: q̇ [rad/s].
+    """
+    given = [np.ascontiguousarray(each, float) for each in (thrust, joint_torque, joint_velocity)]
+    return _function("sp_electrical_power", ctypes.c_double)(*map(pointer, given))
+
+
+def voltage(energy_wh: float, power: float) -> float:
+    """Voltage of a pack [V] after `energy_wh` [Wh] at a load of `power` [W]: linear in the charge, minus the sag."""
+    return float(_formula("sp_voltage", 2)(energy_wh, power))
+
+
+def max_thrust(volts: float) -> float:
+    """Largest thrust of a module at a voltage [N]: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]."""
+    return float(_formula("sp_battery_thrust", 1)(volts))

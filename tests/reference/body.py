@@ -1,0 +1,81 @@
+"""Masses, friction and actuators, readable: what native/engine/body.c writes into MuJoCo's model."""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+import mujoco
+import numpy as np
+
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_LEGS, N_LINKS, N_ROTORS, ROBOT, ROTOR_SITES
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.scene import TIMESTEP
+
+
+def gain(c: ActuatorConfig) -> np.ndarray:
+    """Thrust over commanded thrust of each module."""
+    return c.thrust_gain * c.module_gain
+
+
+def offsets(c: ActuatorConfig) -> np.ndarray:
+    """True minus indicated value of all actuators: thrusts, joints, vectoring angles."""
+    return np.concatenate([np.zeros(N_ROTORS), c.joint_offset, c.vectoring_offset.reshape(-1)])
+
+
+def delay_steps(c: ActuatorConfig) -> tuple[int, int]:
+    """Physics steps between a command and the actuators: thrusts and joints, vectoring servos."""
+    delay = round(c.delay / TIMESTEP)
+    return delay, delay + round(c.vectoring_delay / TIMESTEP)
+
+
+def is_asymmetric(c: ActuatorConfig) -> bool:
+    """Whether anything depends on a direction: falling thrusts lag otherwise, or joints have play."""
+    return c.backlash > 0.0 or c.spin_down != 1.0
+
+
+def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float) -> None:  # pyright: ignore[reportAttributeAccessIssue]
+    """Write everything that MuJoCo can do by itself into the model; nothing of an earlier configuration stays."""
+    rotors, joints, gimbals = (
+        np.array([model.actuator(name).id for name in names]) for names in (ROTOR_SITES, JOINT_NAMES, GIMBAL_NAMES)
+    )
+    tilt_x, tilt_y = c.thrust_tilt.T
+    x, y = c.thrust_offset.T
+    gear = np.zeros((N_ROTORS, 6))
+    gear[:, :3] = np.stack([np.sin(tilt_y), -np.sin(tilt_x) * np.cos(tilt_y), np.cos(tilt_x) * np.cos(tilt_y)], 1)
+    # Torque of the force at (x, y, 0), and of two ducts at ± d on the y axis that do not pull alike.
+    gear[:, 3:] = np.cross(np.stack([x, y, np.zeros(N_ROTORS)], 1), gear[:, :3])
+    gear[:, 3] += ROBOT.duct_offset_y * c.duct_imbalance
+    model.actuator_gear[rotors] = gain(c)[:, None] * gear
+    model.actuator_ctrlrange[rotors, 1] = model.actuator_actrange[rotors, 1] = c.max_thrust / gain(c)
+    model.actuator_dynprm[rotors, 0] = c.thrust_lag
+    model.actuator_dynprm[joints, 1] = joint_speed * c.joint_speed_factor
+    model.actuator_biasprm[joints, 0] = 0.0
+    model.actuator_biasprm[joints, 1] = -c.joint_kp * c.servo_stiffness
+    model.actuator_biasprm[joints, 2] = -c.joint_kd
+    model.actuator_biasprm[gimbals, 1] = -c.vectoring_kp
+    dofs = [model.joint(name).dofadr[0] for name in JOINT_NAMES]
+    model.dof_frictionloss[dofs] = c.joint_friction
+    model.dof_damping[dofs] = c.joint_damping
+
+
+def write_body(c: BodyConfig, model: mujoco.MjModel, nominal: mujoco.MjModel) -> None:
+    """Write masses and friction into the model, starting from the nominal one."""
+    mass, inertia, com = nominal.body_mass.copy(), nominal.body_inertia.copy(), nominal.body_ipos.copy()
+    for i in range(N_LINKS):
+        parts = (f"junction{i + 1}", f"link{i + 1}", f"gimbal{i + 1}_roll_module", f"gimbal{i + 1}_pitch_module")
+        for name in parts:
+            body = nominal.body(name).id
+            mass[body] *= c.link_mass[i]
+            inertia[body] *= c.link_mass[i]
+        link = nominal.body(f"link{i + 1}").id
+        inertia[link] *= c.inertia[i]
+        com[link] += c.link_com[i]
+    com[nominal.body("torso").id] += c.torso_com
+    factor = c.total_mass / mass.sum()
+    model.body_mass[:], model.body_inertia[:], model.body_ipos[:] = mass * factor, inertia * factor, com
+    touching = nominal.geom_conaffinity > 0
+    feet = [nominal.geom(f"foot{leg}").id for leg in range(1, N_LEGS + 1)]
+    model.geom_friction[touching, 0] = c.peg_friction
+    model.geom_friction[feet, 0] = c.foot_friction
+    # Quantities that MuJoCo derives from the masses.
+    mujoco.mj_setConst(model, mujoco.MjData(model))
