@@ -10,8 +10,6 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
-from gymnasium.utils.performance import benchmark_step
-from gymnasium.wrappers import TransformAction
 
 import spidar_gym.envs.registry
 from spidar_gym.control.allocation.allocator import Allocator
@@ -20,23 +18,21 @@ from spidar_gym.control.allocation.problem import Demand, assemble
 from spidar_gym.control.allocation.solver import closed_form
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.native.bare import BarePhysics
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
-from spidar_gym.sim.air import Aero
 from spidar_gym.so3 import exp
 from spidar_gym.text import format_table
 
-ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    "mixed": {"forms": "mixed"},
-    "paper": {"forms": "paper"},
-    "mixed_without_wake": {"forms": "mixed", "wake": False},
-    "mixed_tuned": {"forms": "mixed", "preset": "tuned"},
-    "mixed_randomised": {"forms": "mixed", "randomization": 1.0, "sensors": True},
-    "crawl": {"id": "spidar_gym/Crawl-v0", "distance": 0.6, "direction": 0.0, "turn": 0.0},
-    "crawl_randomised": {"id": "spidar_gym/Crawl-v0", "preset": "robust", "randomization": 1.0, "sensors": True},
+KINDS: dict[str, dict[str, Any]] = {
+    "Hover": {"id": "spidar_gym/Hover-v0"},
+    "Hover, drawn, sensors": {"id": "spidar_gym/Hover-v0", "randomization": 1.0, "sensors": True},
+    "Crawl": {"id": "spidar_gym/Crawl-v0"},
 }
-"""Environments that are timed, by name."""
-PARTS = 9 + len(ENVIRONMENTS)
+"""Environments whose engine is timed beside the bare physics of the same robots."""
+CROWDS = ((1, 1), (64, 1), (64, 2), (256, 1), (256, 2))
+"""How many robots on how many threads; one alone is `gymnasium.make`'s environment."""
+PARTS = 9 + len(KINDS) * len(CROWDS)
 """Parts of `run_bench`."""
 PAIRS: dict[str, dict[str, Any]] = {
     "independent": {"forms": "independent"},
@@ -46,7 +42,9 @@ PAIRS: dict[str, dict[str, Any]] = {
 }
 """Environments that both controllers are timed in, one after the other in the same run."""
 ROUNDS = 5
-"""How often either controller has its turn."""
+"""How often each of those that are compared has its turn."""
+WARM, HOT = 60, 40
+"""Control steps before anything is timed, and of the simulation that stays in the cache."""
 HARD_STATES = 400
 """How many hard states the solver is timed on."""
 
@@ -106,15 +104,77 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
     result["hard_states"] = _hard()
     on_step("compiled core")
     result["core"] = _core(seconds)
-    for name, arguments in ENVIRONMENTS.items():
-        on_step(f"environment, {name}")
-        env = gymnasium.make(**{"id": "spidar_gym/Hover-v0", **arguments})
-        # Gymnasium's benchmark samples actions; the controller alone is what is timed here.
-        zero = np.zeros(env.action_space.shape or (), np.float32)
-        alone = TransformAction(env, lambda _, zero=zero: zero, None)
-        result[f"env_steps_per_s_{name}"] = benchmark_step(alone, target_duration=max(2, round(6 * seconds)))
-        env.close()
+    result["engine"] = [
+        _crowd(name, arguments, robots, threads, seconds, on_step)
+        for name, arguments in KINDS.items()
+        for robots, threads in CROWDS
+    ]
     return result
+
+
+def _crowd(
+    name: str, arguments: dict[str, Any], robots: int, threads: int, seconds: float, on_step: Callable[[str], None]
+) -> dict[str, Any]:  # fmt: skip
+    """Robots in the engine, their bare physics, and one simulation that stays in the cache, in turn: µs a control step.
+
+    Zero actions, without the resets; medians over `ROUNDS`.
+    """
+    on_step(f"{name}, robots: {robots}, threads: {threads}")
+    alone: Any = gymnasium.make(**arguments).unwrapped
+    alone.reset(seed=0)
+    env: Any = alone if robots == 1 else gymnasium.make_vec(num_envs=robots, num_threads=threads, **arguments)
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape)
+    bare, hot = BarePhysics(env.fleet.engine, threads), BarePhysics(alone.fleet.engine, 1)
+    ticks, warm = max(2, round(4000 * seconds / max(robots, 8))), WARM
+    times = []
+    for _ in range(ROUNDS):
+        for _ in range(warm):
+            env.step(action)
+        bare.take(env.fleet.engine)
+        hot.take(alone.fleet.engine)
+        times.append([
+            _time(lambda: [env.step(action) for _ in range(ticks)], ticks * robots),
+            _time(lambda: bare.step(ticks), ticks * robots),
+            _time(lambda: hot.step(HOT), HOT),
+        ])  # fmt: skip
+        warm = 2
+    bare.close()
+    for each in {id(env): env, id(alone): alone}.values():
+        each.close()
+    wall, cpu = np.moveaxis(np.array(times), 2, 0)
+    medians = {
+        f"{of}_{kind}_us": float(np.median(found[:, k]))
+        for kind, found in (("wall", wall), ("cpu", cpu))
+        for k, of in enumerate(("engine", "bare", "hot"))
+    }
+    shares = {f"of_{of}": float(np.median(cpu[:, k] / cpu[:, 0])) for k, of in ((1, "bare"), (2, "hot"))}
+    return {"environment": name, "robots": robots, "threads": threads, **medians, **shares}
+
+
+def _time(work: Callable[[], object], steps: int) -> tuple[float, float]:
+    """Wall and CPU time of a step [µs]."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    work()
+    return 1e6 * (time.perf_counter() - wall) / steps, 1e6 * (time.process_time() - cpu) / steps
+
+
+def engine_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """The table of the engine: what it takes beside the bare physics of the same robots."""
+    lines = [
+        ["", "robots", "threads", "steps/s", "engine [µs]", "bare physics [µs]", "of bare", "of hot", "2nd thread"]
+    ]
+    single = {(row["environment"], row["robots"]): row for row in rows if row["threads"] == 1}
+    for row in rows:
+        one, gain = single.get((row["environment"], row["robots"])), "–"
+        if row["threads"] > 1 and one is not None:
+            own, bare = (one[f"{of}_wall_us"] / row[f"{of}_wall_us"] for of in ("engine", "bare"))
+            gain = f"{own:.2f} of {bare:.2f}"
+        times = (f"{row[f'{of}_wall_us']:.0f} ({row[f'{of}_cpu_us']:.0f})" for of in ("engine", "bare"))
+        shares = (f"{row['of_bare']:.2f}", f"{row['of_hot']:.2f}")
+        rate = f"{1e6 / row['engine_wall_us']:.0f}"
+        lines.append([row["environment"], str(row["robots"]), str(row["threads"]), rate, *times, *shares, gain])
+    return lines
 
 
 def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
@@ -137,9 +197,7 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     allocator = Allocator(controller.allocator.modes)
     forces = controller.memory.forces_l
     saved = plant.save()
-    aero, still = Aero(plant.model, plant.data), np.zeros(3)
     figures = {
-        "air_us": lambda: aero.evaluate(state.thrust, wind_w=still, noise=np.zeros(N_ROTORS), push_w=still),
         "snapshot_us": lambda: controller.model.snapshot(state.joint_position, control_state.R_wb, state.vectoring),
         "qp_assembly_us": lambda: assemble(mode, demand),
         "closed_form_us": lambda: closed_form(program),
@@ -237,20 +295,20 @@ def bench_table(result: dict[str, Any]) -> str:
         timings = (result[p][form][name] for p, form in forms)
         cells.append([name.removesuffix("_us"), *(f"{t['median']:.0f} ({t['p99']:.0f})" for t in timings)])
     hard = result["hard_states"]
-    step = result["paper"]["form1"]["mj_step_us"]["median"]
     lines = [
         ", ".join(f"{name} {value}" for name, value in machine.items()),
         "",
+        "a control step of a robot in the engine, wall (CPU) time, zero action; bare: 10 × mj_step of the same robots, "
+        "each with a model and data of its own; hot: of one alone",
+        format_table(engine_lines(result["engine"]), left=1),
+        "",
+        "the readable controller, form by form",
         format_table(cells, left=1),
         "",
         f"hard states, OSQP part: median {hard['osqp_us']['median']:.0f}, p99 {hard['osqp_us']['p99']:.0f} µs, "
         f"iterations median {hard['osqp_iterations']['median']:.0f}, max {hard['osqp_iterations']['max']}; "
         f"answers {hard['statuses']}",
         f"one numpy addition of 8 numbers: {result['numpy_add_us']['median']:.2f} µs (the machine's unit)",
-        "environment, zero action, steps/s: "
-        + ", ".join(f"{result[f'env_steps_per_s_{name}']:.0f} {name.replace('_', ' ')}" for name in ENVIRONMENTS),
-        f"the bare 10 × mj_step would allow {1e5 / step:.0f}; the air's share of a step (mixed forms): "
-        f"{1.0 - result['env_steps_per_s_mixed'] / result['env_steps_per_s_mixed_without_wake']:.0%}",
     ]
     core = result["core"]
     pairs = (f"{name} {c['core_steps_per_s']:.0f} ({c['ratio']:.2f})" for name, c in core.items() if name in PAIRS)

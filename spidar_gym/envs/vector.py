@@ -88,19 +88,20 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
-        self._fleet = single.make_fleet(num_envs, num_threads, autoreset=mode.name.lower(), truncates=ends)
+        self.fleet = single.make_fleet(num_envs, num_threads, autoreset=mode.name.lower(), truncates=ends)
+        """The robots in the engine."""
         self._judge: Judge | None = None
         if task is not None:
             if not isinstance(single.task, HoverTask):
                 raise InvalidValueError("task", task, f"no task of your own but in {HOVER}")
-            self._judge = Judge(task, self._fleet, single.task)
+            self._judge = Judge(task, self.fleet, single.task)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
 
     @property
     def robots(self) -> np.ndarray:
         """All that there is of the robots, records of `sp_hover` or `sp_crawling`; not to be written."""
-        return self._fleet.robots
+        return self.fleet.robots
 
     @property
     def buffers(self) -> dict[str, np.ndarray]:
@@ -111,7 +112,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """
         names = ("observations", "rewards", "terminated", "truncated", "begun", "final_observations", "final_infos",
                  "infos")  # fmt: skip
-        return {name: getattr(self._fleet, name) for name in names}
+        return {name: getattr(self.fleet, name) for name in names}
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -144,7 +145,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             InvalidValueError: For seeds, a mask or a list of another length, for a value that is not valid, and nothing
                 has changed.
         """
-        fleet, n = self._fleet, self.num_envs
+        fleet, n = self.fleet, self.num_envs
         names = ("reset_mask", *self._single.reset_options)
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
@@ -216,7 +217,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             InvalidValueError: For actions of the wrong shape or with a NaN; nothing has moved.
             SpidarError: When `reset` was never called.
         """
-        fleet = self._fleet
+        fleet = self.fleet
         self.advance(actions)
         info = self._info(self._everybody.copy())
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
@@ -234,7 +235,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             actions: As of `step`.
             ids: Which robots move, in rising order; all if not given. A task of your own moves all.
         """
-        fleet = self._fleet
+        fleet = self.fleet
         shape = fleet.actions.shape
         given = require_array("actions", actions, f"numbers of shape {shape}")
         if given.shape != shape:
@@ -253,7 +254,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
-        fleet, judge = self._fleet, self._judge
+        fleet, judge = self.fleet, self._judge
         info = told((fleet.final_infos if final else fleet.infos).copy())
         if judge is not None:
             info["term"] = (judge.final_terms if final else judge.terms).copy()
@@ -294,7 +295,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             InvalidValueError: For robots that there are not.
             SpidarError: When `reset` was never called.
         """
-        return save(self._fleet, self._choice(ids))
+        return save(self.fleet, self._choice(ids))
 
     def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
         """Let robots be those that were saved: from here on each goes on as the saved one would have, bit for bit.
@@ -312,11 +313,11 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             InvalidValueError: For another number of robots than were saved, and nothing has changed.
         """
         chosen = list(range(self.num_envs)) if not self._began and ids is None else self._choice(ids)
-        restore(self._fleet, saved, chosen)
+        restore(self.fleet, saved, chosen)
         self._began = True
         mask = np.zeros(self.num_envs, bool)
         mask[chosen] = True
-        return self._fleet.observations.copy(), self._info(mask)
+        return self.fleet.observations.copy(), self._info(mask)
 
     def _choice(self, ids: Sequence[int] | None) -> list[int]:
         """Robots by number."""
@@ -331,7 +332,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads, release the OpenGL context."""
-        self._fleet.close()
+        self.fleet.close()
         self._single.close()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.cli import bench
-from spidar_gym.cli.bench import PAIRS, bench_table, hard_demands, measure, run_bench
+from spidar_gym.cli.bench import CROWDS, KINDS, PAIRS, bench_table, hard_demands, measure, run_bench
 from spidar_gym.cli.main import main
 
 
@@ -17,7 +17,11 @@ def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
             for name in ("snapshot_us", "qp_assembly_us", "osqp_us", "control_tick_us", "mj_step_us"):
                 timing = result[preset][form][name]
                 assert 0.0 < timing["best"] <= timing["median"] <= timing["p99"]
-    assert result["env_steps_per_s_mixed"] > 0.0
+    engine = result["engine"]
+    assert {(row["environment"], row["robots"], row["threads"]) for row in engine} == {
+        (name, *crowd) for name in KINDS for crowd in CROWDS
+    }
+    assert all(row[name] > 0.0 for row in engine for name in ("engine_cpu_us", "bare_wall_us", "of_bare", "of_hot"))
     assert sum(result["hard_states"]["statuses"].values()) == 400
     table = bench_table(result)
     assert "control_tick" in table

@@ -70,7 +70,7 @@ def test_the_hovers_page_judges_forms_and_success_as_the_one_in_c_does():
         assert_alike(info, known)
         if tick == 239:
             assert known["final_info"]["is_success"].any()
-        goals = page._fleet.goals, built_in._fleet.goals
+        goals = page.fleet.goals, built_in.fleet.goals
         assert np.array_equal(goals[0]["reached"], goals[1]["reached"])
     page.close()
     built_in.close()

@@ -57,7 +57,7 @@ def test_resets_take_no_memory(name, options):
         if k == 20:
             before = memory()
         start = time.process_time()
-        env._fleet.reset()
+        env.fleet.reset()
         times.append((time.process_time() - start) / 50)
         env.step(np.zeros(env.action_space.shape))
     say(name, options, f"a reset in {1e6 * np.median(times):.0f} µs (least {1e6 * min(times):.0f})")

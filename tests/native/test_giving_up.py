@@ -144,7 +144,7 @@ def test_where_it_gives_up_a_beginning_it_says_so_in_one_line(short_of_memory, w
     short_of_memory()
     env = NativeVectorEnv(HOVER, 2, autoreset_mode=AutoresetMode.SAME_STEP)
     env.reset(seed=0)
-    position_w = env._fleet.rules["position_w"]
+    position_w = env.fleet.rules["position_w"]
     height = position_w[2]
     position_w[2] = -3.0  # the next episodes begin in the floor
     with pytest.raises(SpidarError, match=r"^MuJoCo gave up robot 0: [^\n]*stack overflow[^\n]*; valid: [^\n]*$"):

@@ -105,7 +105,7 @@ def written(tmp_path_factory):
 def write(case, folder):
     name, options = CASES[case]
     env = NativeVectorEnv(name, ROBOTS, autoreset_mode="SameStep", max_episode_steps=15, **options)
-    fleet = env._fleet
+    fleet = env.fleet
     engine = fleet.engine
     for k in range(ROBOTS):
         fleet.seed(k, np.random.default_rng(k))
