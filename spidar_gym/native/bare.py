@@ -1,0 +1,72 @@
+"""Bare physics: what the robots of an engine would cost if there were nothing around MuJoCo."""
+
+# pyright: reportAttributeAccessIssue=false
+# The compiled modules below come without stubs.
+
+import ctypes
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+
+from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine_structs import FASTEST
+from spidar_gym.native.mujoco import FLAT, OWN, STATE, Simulation
+from spidar_gym.sim.scene import TIMESTEP, scene
+
+
+class BarePhysics:
+    """A simulation for each robot of an engine, with an MjModel and an MjData of its own, and nothing else.
+
+    Masses, friction, floor and actuators are each robot's, and contacts are looked for where the engine would.
+    """
+
+    def __init__(self, engine: Engine, threads: int) -> None:
+        """Copy the robots as they are configured; `threads` threads will share them."""
+        plant = self._plants(engine)
+        self._substeps = [int(each["config"]["substeps"]) for each in plant]
+        uneven = bool(plant[0]["config"]["ground"]["tiles"].any())
+        self._simulations = [Simulation(scene(visual=False, uneven=uneven)) for _ in plant]
+        names = OWN if len(engine.simulations[0].pieces(OWN)) == int(engine.record["piece_count"]) else FLAT
+        for k, simulation in enumerate(self._simulations):
+            copy = engine.copies[min(k, len(engine.copies) - 1)]
+            for address, size, at in simulation.pieces(names).tolist():
+                ctypes.memmove(address, copy.ctypes.data + at, size)
+        self._shares = np.array_split(np.arange(len(plant)), threads)
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self.take(engine)
+
+    @staticmethod
+    def _plants(engine: Engine) -> np.ndarray:
+        robots = engine.robots
+        return robots["plant"] if "plant" in (robots.dtype.names or ()) else robots
+
+    def take(self, engine: Engine) -> None:
+        """Go where the robots are now."""
+        flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        for simulation, plant, substeps in zip(self._simulations, self._plants(engine), self._substeps, strict=True):
+            model = simulation.model
+            mujoco.mj_setState(model, simulation.data, plant["row"], STATE)
+            limit = np.minimum(plant["torque_limit"], plant["config"]["actuators"]["max_joint_torque"])
+            joints = slice(len(model.actuator_forcerange) - 2 * len(limit), len(model.actuator_forcerange) - len(limit))
+            model.actuator_forcerange[joints, 0], model.actuator_forcerange[joints, 1] = -limit, limit
+            far = plant["clearance"] > FASTEST * substeps * TIMESTEP
+            model.opt.disableflags = model.opt.disableflags | flag if far else model.opt.disableflags & ~flag
+
+    def step(self, ticks: int) -> None:
+        """Let every simulation make the physics steps of so many control periods, in turn."""
+        if self._pool is None:
+            self._step(self._shares[0], ticks)
+            return
+        list(self._pool.map(self._step, self._shares, [ticks] * len(self._shares)))
+
+    def _step(self, share: np.ndarray, ticks: int) -> None:
+        own = [(s.model, s.data, n) for s, n in ((self._simulations[k], self._substeps[k]) for k in share.tolist())]
+        for _ in range(ticks):
+            for model, data, substeps in own:
+                mujoco.mj_step(model, data, substeps)
+
+    def close(self) -> None:
+        """Stop the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
