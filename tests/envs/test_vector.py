@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from support.vectors import DRAWN, FLIGHTS
+from support.vectors import DRAWN, FLIGHTS, expected
 
-from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS
 from spidar_gym.envs.hover.env import HoverEnv
@@ -15,9 +14,7 @@ from spidar_gym.envs.hover.task import FAILURES, REWARD_TERMS
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.native import engine_structs
 from spidar_gym.native.draws import to_numpy
-from spidar_gym.native.library import STATUS
 
 CRAWLS = {
     "published": {},
@@ -30,23 +27,6 @@ CRAWLS = {
 }
 SEEDS = {"a slope of tiles": 1}
 """Others than 7: there a foot comes to stand on an edge, and 1e-15 become 1e-6 in one tick."""
-
-
-def code(word, words):
-    return -1 if word in ("", "none") else words.index(word)
-
-
-def expected(info, terms, failures):
-    """A readable environment's info as the vector has it."""
-    told = {name: value for name, value in info.items() if not isinstance(value, str | dict)}
-    told["term"] = [told.pop(f"reward_{name}") for name in terms]
-    told["qp_status_code"] = code(info["qp_status"], [str(word) for word in STATUS])
-    told["failure_code"] = code(info["failure"], list(failures))
-    if "phase" in info:
-        told["phase_code"] = PHASES.index(info["phase"])
-        shortfalls = [word for word in info["shortfalls"].split(", ") if word]
-        told["shortfalls_code"] = sum(1 << engine_structs.SHORTFALLS.index(word) for word in shortfalls)
-    return told
 
 
 def compare(kind, name, terms, failures, options, ticks, size, tolerance, seed=7):

@@ -2,6 +2,10 @@
 
 from typing import Any
 
+from spidar_gym.control.crawl.phases import PHASES
+from spidar_gym.native import engine_structs
+from spidar_gym.native.library import STATUS
+
 DRAWN: dict[str, Any] = {
     "randomization": 1.0,
     "sensors": True,
@@ -22,3 +26,20 @@ FLIGHTS: dict[str, dict[str, Any]] = {
     "a stuck module": {"forms": "form2", "disturbances": {"lost_rotor": 6, "fault": "vectoring", "fault_time": 0.5}},
     "alone": {"action_mode": "direct", "forms": "form1"},
 }
+
+
+def code(word, words):
+    return -1 if word in ("", "none") else words.index(word)
+
+
+def expected(info, terms, failures):
+    """A readable environment's info as the vector has it."""
+    told = {name: value for name, value in info.items() if not isinstance(value, str | dict)}
+    told["term"] = [told.pop(f"reward_{name}") for name in terms]
+    told["qp_status_code"] = code(info["qp_status"], [str(word) for word in STATUS])
+    told["failure_code"] = code(info["failure"], list(failures))
+    if "phase" in info:
+        told["phase_code"] = PHASES.index(info["phase"])
+        shortfalls = [word for word in info["shortfalls"].split(", ") if word]
+        told["shortfalls_code"] = sum(1 << engine_structs.SHORTFALLS.index(word) for word in shortfalls)
+    return told

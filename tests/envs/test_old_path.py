@@ -1,0 +1,104 @@
+"""Holds the engine to the readable path, state by state: readable controllers, air, sensors, actuators and contacts.
+
+A twentieth of the states in CI; `SPIDAR_STATES=10000 pytest -n0 -s tests/envs/test_old_path.py` looks at all (minutes).
+"""
+
+import os
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import reference.plant
+from support.vectors import expected
+
+from spidar_gym.envs import env as module
+from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover.task import FAILURES, REWARD_TERMS
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.native.mujoco import STATE
+from spidar_gym.native.plant import Plant
+
+pytestmark = pytest.mark.slow
+STATES = int(os.environ.get("SPIDAR_STATES", "500"))
+EPISODE = 400
+"""Ticks after which the next episode begins."""
+FLIGHT = (HoverEnv, HOVER, REWARD_TERMS, FAILURES, 0.3)
+GROUND = (CrawlEnv, CRAWL, CRAWL_REWARD_TERMS, CRAWL_FAILURES, 0.2)
+REAL: dict[str, Any] = {"randomization": 1.0, "sensors": True}
+KINDS = {
+    "flights": (*FLIGHT, {}, 1e-9),
+    "flights of drawn robots with sensors": (*FLIGHT, {"preset": "tuned", **REAL}, 1e-9),
+    # One physics step with contacts makes a thousand of a difference, ten steps of a tick more: the solver stops when
+    # its own cost changes by less than 1e-8.
+    "crawls": (*GROUND, {"preset": "robust"}, 1e-6),
+    "crawls of drawn robots with sensors": (*GROUND, {"preset": "robust", **REAL}, 1e-6),
+}
+
+
+class ReadablePlant(reference.plant.Plant, Plant):
+    """The readable plant, where an environment that Python runs has the engine's, and of its type."""
+
+    config = model = data = memory = None
+    diverged = False
+
+    def __init__(self, config=None, engine=None):
+        """Compile the scene; there is no engine."""
+        assert engine is None
+        reference.plant.Plant.__init__(self, config)
+
+    @property
+    def power(self):
+        """As the engine's has it."""
+        return self.memory.power
+
+    @property
+    def energy_wh(self):
+        """As the engine's has it."""
+        return self.memory.energy_wh
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_from_the_same_state_both_ways_lead_to_the_same_next_one(kind, monkeypatch):
+    make, name, terms, failures, size, options, tolerance = KINDS[kind]
+    vector = NativeVectorEnv(name, 1, autoreset_mode="Disabled", **options)
+    monkeypatch.setattr(module, "Plant", ReadablePlant)
+    env = make(control="python", **options)
+    rng, worst = np.random.default_rng(8), {}
+
+    def look(title, one, other):
+        one, other = np.asarray(one, float), np.reshape(np.asarray(other, float), np.shape(one))
+        apart = float((np.abs(one - other) / np.maximum(1.0, np.abs(one))).max(initial=0.0))
+        worst.setdefault(title, []).append(apart)
+
+    episode, ticks = 0, EPISODE
+    for _ in range(STATES):
+        if ticks == EPISODE:
+            (first, info), (seen, told) = env.reset(seed=episode), vector.reset(seed=episode)
+            look("first observation", first, seen[0])
+            episode, ticks = episode + 1, 0
+        action = rng.normal(0.0, size, env.action_space.shape).astype(np.float32)
+        first, reward, terminated, _, info = env.step(action)
+        seen, rewards, ended, _, told = vector.step(action[None])
+        truth = vector.robots[0]["plant"]["state"]
+        for title in ("position_w", "quat_wb", "velocity_w", "omega_b", "joint_position", "joint_velocity", "thrust"):
+            look(f"state, {title}", getattr(env.state, title), truth[title])
+        look("observation", first, seen[0])
+        look("reward", reward, rewards[0])
+        look("terminated", terminated, ended[0])
+        for title, value in expected(info, terms, failures).items():
+            look(title, value, told[title][0])
+        ticks = EPISODE if terminated else ticks + 1
+        # What the next tick begins with.
+        mujoco.mj_setState(env.plant.model, env.plant.data, vector.robots[0]["plant"]["row"], STATE)
+    figures = {title: (max(found), float(np.median(found))) for title, found in worst.items()}
+    far = sorted(figures.items(), key=lambda item: -item[1][0])
+    print(f"{kind}: {STATES} states, {episode} episodes; farthest apart:")
+    for title, (most, median) in far[:4]:
+        print(f"  {title}: {most:.1e}, median {median:.1e}")
+    assert {title: most for title, (most, _) in figures.items() if most > tolerance} == {}
+    vector.close()
+    env.close()
