@@ -134,7 +134,9 @@ class TrainingVec(VecEnv):
                     for name in ("position", "attitude", "velocity", "rate")
                 }
                 self._groups.append(_Group(config, replace(reward, **scales), track, places, threads))
-        first = self._groups[0].vector
+        self.vectors = [group.vector for group in self._groups]
+        """The robots of each track in the engine."""
+        first = self.vectors[0]
         space = first.single_observation_space
         if scaling is not None:
             high = np.full(len(scaling.mean), scaling.clip, np.float32)
