@@ -21,7 +21,7 @@ from spidar_gym.sim.sensors import SensorConfig
 from spidar_gym.state import IMU_SAMPLES
 
 AIR_STEPS = 10
-"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/simulator.md tells what the hold costs."""
+"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/air.md tells what the hold costs."""
 SERVO_STEPS = 5
 """Physics steps between two looks at which way thrusts go and where joints are in their play: 12.5 ms."""
 IMU_STEPS = 2

@@ -1,5 +1,6 @@
 """Pins the guide's explanations: their code runs, and the files, classes and layers that they name exist."""
 
+import doctest
 import re
 import tomllib
 from pathlib import Path
@@ -26,7 +27,12 @@ def test_pages_have_code():
 def test_the_code_of_a_page_runs(page):
     names = {"__name__": "page"}
     for block in RUN[page]:
-        exec(compile(block, page, "exec"), names)
+        if block.startswith(">>>"):
+            session = doctest.DocTestParser().get_doctest(block, names, page, page, 0)
+            names = session.globs
+            assert doctest.DocTestRunner().run(session, clear_globs=False).failed == 0
+        else:
+            exec(compile(block, page, "exec"), names)
 
 
 @pytest.mark.parametrize("page", PAGES)

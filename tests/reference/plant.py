@@ -27,7 +27,7 @@ from spidar_gym.sim.scene import TIMESTEP, quieten, scene
 from spidar_gym.state import Command, Measurement, RobotState
 
 AIR_STEPS = 10
-"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/simulator.md tells what the hold costs."""
+"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/air.md tells what the hold costs."""
 SERVO_STEPS = 5
 """Physics steps between two looks at which way thrusts go and where joints are in their play: 12.5 ms."""
 IMU_STEPS = 2

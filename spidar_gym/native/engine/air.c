@@ -1,6 +1,6 @@
 /* The air: sixteen ducted jets, what they do to other rotors, links and torso, ram drag, ground effect, wind.
  *
- * docs/concepts/simulator.md has the equations with their sources. Forces are evaluated at the kinematics of the latest
+ * docs/concepts/air.md has the equations with their sources. Forces are evaluated at the kinematics of the latest
  * physics step, a step old, and held until the next evaluation.
  */
 #include "engine.h"
