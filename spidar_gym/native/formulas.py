@@ -41,7 +41,12 @@ def _function(name: str, result: Any = None) -> Any:  # noqa: ANN401 - of ctypes
 
 
 def jet_profile(
-    s: np.ndarray, r: np.ndarray, w: np.ndarray | float, *, core_length: float, radius: float = ROBOT.propeller_radius
+    s: np.ndarray | float,
+    r: np.ndarray | float,
+    w: np.ndarray | float,
+    *,
+    core_length: float,
+    radius: float = ROBOT.propeller_radius,
 ) -> np.ndarray:
     """Speed of the air in a ducted jet [m/s]; zero upstream of 1 cm behind the exit.
 
@@ -58,7 +63,7 @@ def jet_profile(
     return np.asarray(_formula("sp_jet_profile", 5)(s, r, w, core_length, radius), float)
 
 
-def thrust_factor(inflow: np.ndarray, *, zero_thrust_speed: float) -> np.ndarray:
+def thrust_factor(inflow: np.ndarray | float, *, zero_thrust_speed: float) -> np.ndarray:
     """Thrust over the thrust at rest, of a duct whose motor keeps its speed, within 0 … 1.3.
 
     Linear-lift blade element T = K (V_z − V_d) with the duct's momentum balance T = ρ A V_e (V_e − V): with
