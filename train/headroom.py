@@ -3,16 +3,14 @@
 python -m train.headroom tuned
 """
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
-from spidar_gym.cli.console import run_cli
+from spidar_gym.cli.console import progress, run_cli
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
@@ -168,7 +166,7 @@ def main() -> None:
     args = tyro.cli(Args, description=__doc__, prog="python -m train.headroom")
     tracks, rules = measured_on(args.base)
     total = (1 + len(rules)) * len(tracks) * args.scenarios
-    with tqdm(total=total, unit="scenario", desc=f"headroom of {args.base}", file=sys.__stderr__) as bar:
+    with progress(total=total, unit="scenario", desc=f"headroom of {args.base}") as bar:
         verdicts = measure(args, bar.update)
     print(headroom_table(args.base, verdicts))
 

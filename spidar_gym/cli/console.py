@@ -21,7 +21,11 @@ from spidar_gym.errors import MissingDependencyError, SpidarError
 from spidar_gym.files import json_text, write_text
 from spidar_gym.processes import LostWorkerError
 
-progress = partial(tqdm, file=sys.__stderr__)
+PATIENCE = 0.1, 10.0
+"""Seconds between two looks at a progress bar: on a terminal, and in a file that keeps each of them."""
+progress = partial(
+    tqdm, file=sys.__stderr__, mininterval=PATIENCE[not (sys.__stderr__ is not None and sys.__stderr__.isatty())]
+)
 """A progress bar, on the true stderr: while a command is parsed, the other one is kept back."""
 
 

@@ -1,16 +1,14 @@
 """The end of a run: what was learned, what one does with it next, and its row on the test scenarios."""
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-
-from tqdm import tqdm
 
 from spidar_gym.benchmark.comparison import COMPARED, comparison_text
 from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.row import BASES, committed_row, eval_command, make_row, write_row
 from spidar_gym.benchmark.track import SCENARIOS
+from spidar_gym.cli.console import progress
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_name
 from train.lib.config import Recipe
@@ -35,9 +33,7 @@ def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base:
         return
     spec = str(path)
     policy = load_policy(spec)
-    with tqdm(
-        total=len(tracks) * SCENARIOS, unit="scenario", desc=f"test {policy_name(policy)}", file=sys.__stderr__
-    ) as bar:
+    with progress(total=len(tracks) * SCENARIOS, unit="scenario", desc=f"test {policy_name(policy)}") as bar:
         scores = evaluate_runs(
             [spec], tracks, SCENARIOS, workers=workers, folder=Path("out/eval"), on_scenario=bar.update,
             on_track=bar.set_postfix_str,

@@ -1,12 +1,12 @@
 """Progress of a run: a bar for each stage in its own unit, and the validations' figures for TensorBoard."""
 
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
 from tqdm import tqdm
 
+from spidar_gym.cli.console import progress
 from train.lib.evaluate import Verdict
 
 T = TypeVar("T")
@@ -34,7 +34,7 @@ class Stages(AbstractContextManager["Stages"]):
             done: How many of them an interrupted run has done.
         """
         self._bar.close()
-        self._bar = tqdm(total=total, initial=done, unit=unit, unit_scale=unit == "tick", desc="", file=sys.__stderr__)
+        self._bar = progress(total=total, initial=done, unit=unit, unit_scale=unit == "tick", desc="")
         self.say(stage)
 
     def each(self, stage: str, items: Iterable[T], total: int, unit: str) -> Iterator[T]:
