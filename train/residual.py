@@ -101,10 +101,10 @@ FLIGHT_LEARNER = LearnerConfig(
     batch_size=504,
     critic_first=8064,
     average=0.8,
-    ppo=PPOConfig(n_steps=336, target_kl=0.03),
+    ppo=PPOConfig(n_steps=168, target_kl=0.03),
 )
 """PPO in flight, whatever it adds to."""
-FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=24)
+FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=48)
 """Schedule of PPO in flight."""
 FLIGHT_ENV = EnvConfig(
     HOVER,
@@ -163,9 +163,9 @@ PRESETS: dict[str, Args] = {
             batch_size=128,
             critic_first=2048,
             average=0.7,
-            ppo=PPOConfig(gae_lambda=0.9, n_steps=64, target_kl=0.03),
+            ppo=PPOConfig(gae_lambda=0.9, n_steps=32, target_kl=0.03),
         ),
-        ScheduleConfig(segment=40_960),
+        ScheduleConfig(segment=40_960, envs=32),
         EvaluationConfig(scenarios=12),
     ),
     "hover-direct-ppo": Args(

@@ -43,7 +43,9 @@ PAIRS: dict[str, dict[str, Any]] = {
 """Environments that both controllers are timed in, one after the other in the same run."""
 ROUNDS = 5
 """How often each of those that are compared has its turn."""
-WARM, HOT = 60, 40
+TURNS = 31
+"""How often engine and bare physics have their turn: short ones, since the speed of a machine changes in a second."""
+WARM, HOT = 60, 20
 """Control steps before anything is timed, and of the simulation that stays in the cache."""
 HARD_STATES = 400
 """How many hard states the solver is timed on."""
@@ -117,7 +119,7 @@ def _crowd(
 ) -> dict[str, Any]:  # fmt: skip
     """Robots in the engine, their bare physics, and one simulation that stays in the cache, in turn: µs a control step.
 
-    Zero actions, without the resets; medians over `ROUNDS`.
+    Zero actions, without the resets; medians over `TURNS`.
     """
     on_step(f"{name}, robots: {robots}, threads: {threads}")
     alone: Any = gymnasium.make(**arguments).unwrapped
@@ -126,9 +128,9 @@ def _crowd(
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape)
     bare, hot = BarePhysics(env.fleet.engine, threads), BarePhysics(alone.fleet.engine, 1)
-    ticks, warm = max(2, round(4000 * seconds / max(robots, 8))), WARM
+    ticks, warm = max(1, round(512 * seconds / max(robots, 12))), WARM
     times = []
-    for _ in range(ROUNDS):
+    for _ in range(TURNS):
         for _ in range(warm):
             env.step(action)
         bare.take(env.fleet.engine)
@@ -138,7 +140,7 @@ def _crowd(
             _time(lambda: bare.step(ticks), ticks * robots),
             _time(lambda: hot.step(HOT), HOT),
         ])  # fmt: skip
-        warm = 2
+        warm = 1
     bare.close()
     for each in {id(env): env, id(alone): alone}.values():
         each.close()

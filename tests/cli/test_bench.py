@@ -11,6 +11,7 @@ from spidar_gym.cli.main import main
 @pytest.mark.slow
 def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
     monkeypatch.setattr(bench, "ROUNDS", 1)
+    monkeypatch.setattr(bench, "TURNS", 2)
     result = run_bench(seconds=0.02)
     for preset in ("as_flown", "paper"):
         for form in ("form1", "form2", "form3"):
