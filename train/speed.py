@@ -31,6 +31,8 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "crawl, drawn robots, sensors": ("crawl-ppo", ("ground-randomised",)),
 }
 """Preset of `train.residual` and tracks of each row; the preset's own tracks are the first and the last row's."""
+TURN, WARM = 4, 60
+"""Control ticks of a turn of engine or bare physics, short since the speed of a machine changes; those before."""
 PARTS = len(ROWS) * ROUNDS
 """Parts of `run_speed`."""
 COLUMNS = ("bare", "engine", "learner")
@@ -45,12 +47,12 @@ def settings(preset: str, tracks: tuple[str, ...]) -> residual.Args:
     return override(args, segment=rollout * args.env.hold)
 
 
-def measure_row(args: residual.Args, ticks: int, on_round: Callable[[], object]) -> dict[str, float]:
+def measure_row(args: residual.Args, turns: int, on_round: Callable[[], object]) -> dict[str, float]:
     """Ticks a second of each column, medians over interleaved rounds: all robots, on the threads of the preset.
 
     Args:
         args: Settings of the learner.
-        ticks: Control ticks of each robot in a round, without a learner.
+        turns: How often engine and bare physics have their turn in a round.
         on_round: Called after each round.
     """
     from train.lib import agent  # with torch, which help does without
@@ -61,7 +63,7 @@ def measure_row(args: residual.Args, ticks: int, on_round: Callable[[], object])
     schedule, rates = args.schedule, []
     bare = [BarePhysics(vector.fleet.engine, schedule.threads) for vector in robots.vectors]
 
-    def play() -> None:
+    def play(ticks: int) -> None:
         for vector in robots.vectors:
             action = np.zeros(vector.action_space.shape)
             for _ in range(ticks):
@@ -69,22 +71,25 @@ def measure_row(args: residual.Args, ticks: int, on_round: Callable[[], object])
 
     def fall() -> None:
         for each in bare:
-            each.step(ticks)
+            each.step(TURN)
 
     for k in range(ROUNDS):
         robots.seed(training_seed(args.seed, 2, k))
         robots.reset()
-        engine = _seconds(play)
-        for each, vector in zip(bare, robots.vectors, strict=True):
-            each.take(vector.fleet.engine)
-        alone = _seconds(fall)
+        engine = alone = 0.0
+        play(WARM)
+        for _ in range(turns):
+            engine += _seconds(lambda: play(TURN))
+            for each, vector in zip(bare, robots.vectors, strict=True):
+                each.take(vector.fleet.engine)
+            alone += _seconds(fall)
         seed, steps = training_seed(args.seed, 1, k), schedule.segment // args.env.hold
         learner = _seconds(
             lambda seed=seed, steps=steps, first=k == 0: agent.learn_segment(
                 model, robots, actor, steps=steps, seed=seed, lr=args.learner.lr, first=first
             )
         )
-        played = ticks * schedule.envs
+        played = turns * TURN * schedule.envs
         rates.append([played / alone, played / engine, schedule.segment / learner])
         on_round()
     for each in (*bare, robots):
@@ -108,8 +113,8 @@ def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda
     rows = {}
     for name, (preset, tracks) in ROWS.items():
         args = settings(preset, tracks)
-        ticks = max(1, round(4000 * seconds / args.schedule.envs))
-        found = measure_row(args, ticks, lambda name=name: on_step(name))
+        turns = max(1, round(4000 * seconds / args.schedule.envs / TURN))
+        found = measure_row(args, turns, lambda name=name: on_step(name))
         rows[name] = {
             "preset": preset,
             "tracks": list(tracks),

@@ -287,15 +287,19 @@ def machine(*more: str) -> dict[str, str]:
     return {"cpu": cpu, "python": platform.python_version(), **{name: metadata.version(name) for name in packages}}
 
 
+def part_lines(result: dict[str, Any]) -> list[list[str]]:
+    """The table of a control tick's parts in the readable controller."""
+    forms = [(p, form) for p in ("as_flown", "paper") for form in FORMS]
+    cells = [["median (p99) [µs]", *(f"{p} {form}" for p, form in forms)]]
+    for name in next(iter(result["paper"].values())):
+        timings = (result[p][form][name] for p, form in forms)
+        cells.append([name.removesuffix("_us"), *(f"{t['median']:.0f} ({t['p99']:.0f})" for t in timings)])
+    return cells
+
+
 def bench_table(result: dict[str, Any]) -> str:
     """The figures as text."""
     machine = result["machine"]
-    names = list(next(iter(result["paper"].values())))
-    forms = [(p, form) for p in ("as_flown", "paper") for form in FORMS]
-    cells = [["median (p99) [µs]", *(f"{p} {form}" for p, form in forms)]]
-    for name in names:
-        timings = (result[p][form][name] for p, form in forms)
-        cells.append([name.removesuffix("_us"), *(f"{t['median']:.0f} ({t['p99']:.0f})" for t in timings)])
     hard = result["hard_states"]
     lines = [
         ", ".join(f"{name} {value}" for name, value in machine.items()),
@@ -305,7 +309,7 @@ def bench_table(result: dict[str, Any]) -> str:
         format_table(engine_lines(result["engine"]), left=1),
         "",
         "the readable controller, form by form",
-        format_table(cells, left=1),
+        format_table(part_lines(result), left=1),
         "",
         f"hard states, OSQP part: median {hard['osqp_us']['median']:.0f}, p99 {hard['osqp_us']['p99']:.0f} µs, "
         f"iterations median {hard['osqp_iterations']['median']:.0f}, max {hard['osqp_iterations']['max']}; "

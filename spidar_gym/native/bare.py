@@ -22,16 +22,13 @@ class BarePhysics:
     """
 
     def __init__(self, engine: Engine, threads: int) -> None:
-        """Copy the robots as they are configured; `threads` threads will share them."""
+        """Copy the robots as they are; `threads` threads will share them."""
         plant = self._plants(engine)
         self._substeps = [int(each["config"]["substeps"]) for each in plant]
         uneven = bool(plant[0]["config"]["ground"]["tiles"].any())
         self._simulations = [Simulation(scene(visual=False, uneven=uneven)) for _ in plant]
-        names = OWN if len(engine.simulations[0].pieces(OWN)) == int(engine.record["piece_count"]) else FLAT
-        for k, simulation in enumerate(self._simulations):
-            copy = engine.copies[min(k, len(engine.copies) - 1)]
-            for address, size, at in simulation.pieces(names).tolist():
-                ctypes.memmove(address, copy.ctypes.data + at, size)
+        names = OWN if len(OWN) == int(engine.record["piece_count"]) else FLAT
+        self._pieces = [simulation.pieces(names).tolist() for simulation in self._simulations]
         self._shares = np.array_split(np.arange(len(plant)), threads)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.take(engine)
@@ -42,10 +39,12 @@ class BarePhysics:
         return robots["plant"] if "plant" in (robots.dtype.names or ()) else robots
 
     def take(self, engine: Engine) -> None:
-        """Go where the robots are now."""
-        flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        for simulation, plant, substeps in zip(self._simulations, self._plants(engine), self._substeps, strict=True):
-            model = simulation.model
+        """Become the robots that there are now, where they are."""
+        flag, plants = int(mujoco.mjtDisableBit.mjDSBL_CONTACT), self._plants(engine)
+        for k, (simulation, substeps) in enumerate(zip(self._simulations, self._substeps, strict=True)):
+            model, plant, copy = simulation.model, plants[k], engine.copies[min(k, len(engine.copies) - 1)]
+            for address, size, at in self._pieces[k]:
+                ctypes.memmove(address, copy.ctypes.data + at, size)
             mujoco.mj_setState(model, simulation.data, plant["row"], STATE)
             limit = np.minimum(plant["torque_limit"], plant["config"]["actuators"]["max_joint_torque"])
             joints = slice(len(model.actuator_forcerange) - 2 * len(limit), len(model.actuator_forcerange) - len(limit))
