@@ -163,9 +163,9 @@ PRESETS: dict[str, Args] = {
             batch_size=128,
             critic_first=2048,
             average=0.7,
-            ppo=PPOConfig(gae_lambda=0.9, n_steps=32, target_kl=0.03),
+            ppo=PPOConfig(gae_lambda=0.9, n_steps=64, target_kl=0.03),
         ),
-        ScheduleConfig(segment=40_960, envs=32),
+        ScheduleConfig(segment=40_960),
         EvaluationConfig(scenarios=12),
     ),
     "hover-direct-ppo": Args(
