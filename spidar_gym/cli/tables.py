@@ -12,7 +12,7 @@ from spidar_gym.benchmark.leaderboard import tabulate
 from spidar_gym.benchmark.leaderboard_tables import overall_lines, track_lines
 from spidar_gym.benchmark.row import read_row, read_rows
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.cli.bench import engine_lines, part_lines
+from spidar_gym.cli.bench import engine_lines
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.paper.crawl import crawl_lines
@@ -93,7 +93,6 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "draws": lambda result: study_lines(result["draws"]),
     "lost": lambda result: lost_lines(result["lost_rotors"]),
     "engine": lambda result: engine_lines(result["engine"]),
-    "parts": part_lines,
 }
 """What a command prints with `--json` → the table that it prints without: the key `table` of a result."""
 
