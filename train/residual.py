@@ -101,10 +101,10 @@ FLIGHT_LEARNER = LearnerConfig(
     batch_size=504,
     critic_first=8064,
     average=0.8,
-    ppo=PPOConfig(n_steps=168, target_kl=0.03),
+    ppo=PPOConfig(n_steps=336, target_kl=0.03),
 )
 """PPO in flight, whatever it adds to."""
-FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=48)
+FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=24)
 """Schedule of PPO in flight."""
 FLIGHT_ENV = EnvConfig(
     HOVER,
