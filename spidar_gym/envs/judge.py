@@ -5,28 +5,35 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.envs.batch import Robots, VectorTask, check_weights, weighted
+from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.flights import Flights, FlightTask, check_weights, weighted
 from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine_structs import AUTORESETS
 
+TASKS = {"hover": "an object of a class derived from FlightTask", "crawling": "one of a class derived from WalkTask"}
+"""What a task of one's own is, by the robots that it judges."""
+
 
 class Judge:
     """A task of a user's own over a fleet: it writes the fleet's arrays as the engine does."""
 
-    def __init__(self, task: FlightTask, fleet: Fleet, hover: HoverTask) -> None:
+    def __init__(self, task: VectorTask[Any], fleet: Fleet, own: HoverTask | CrawlTask) -> None:
         """Take over.
 
         Args:
             task: What the robots are to do.
             fleet: Robots at no episode yet.
-            hover: Options of the environment.
+            own: The environment's own task: its options.
 
         Raises:
-            InvalidValueError: For weights that do not add up to 1, and failures without `diverged`.
+            InvalidValueError: For a task of other robots, weights that do not add up to 1, and failures without
+                `diverged`.
         """
+        if not (isinstance(task, VectorTask) and task.robots.kind == fleet.kind):
+            raise InvalidValueError("task", task, TASKS[fleet.kind])
         if not check_weights(task):
             raise InvalidValueError("reward_terms", dict(task.reward_terms), "weights that add up to 1")
         if "diverged" not in task.failures:
@@ -42,23 +49,17 @@ class Judge:
         """Terms of the reward, in the order of the task's table."""
         fleet.extras += [memory, self.terms]
         fleet.task = f"{type(task).__module__}.{type(task).__qualname__}"
-        self._memory, self._hover = memory, hover
-        self._draws = type(task).draw is not FlightTask.draw
+        self._memory, self._own = memory, own
+        self._draws = type(task).draw is not VectorTask.draw
 
-    def _flights(self) -> Flights:
-        rules = self._fleet.rules["rules"]
-        return Flights(
-            self._fleet.robots, self._fleet.goals, self._memory, self._hover, int(rules["horizon"]),
-            int(rules["mode"]["size"]),
-        )  # fmt: skip
+    def _robots(self) -> Any:  # noqa: ANN401 - what its task is told
+        make: Any = self._task.robots
+        return make(self._fleet, self._memory, self._own)
 
     def begin(self, ids: np.ndarray) -> None:
         """Go on where the engine has reset robots."""
         fleet, task = self._fleet, self._task
         self._memory[ids] = 0
-        for name in ("flown", "current", "position_sum", "attitude_sum"):
-            fleet.robots[name][ids] = 0
-        fleet.goals["reached"][ids] = 0
         if self._draws:
             for k in ids.tolist():
                 episode = fleet.robots[k]["episode"]
@@ -66,39 +67,37 @@ class Judge:
                 for name, value in task.draw(rng).items():
                     self._memory[name][k] = value
                 episode["generator"] = from_numpy(rng)
-        flights = self._flights()
-        fleet.robots["reference"][ids] = task.reference(flights)[ids]
-        fleet.robots["preview"][ids] = task.preview(flights)[ids]
-        fleet.regard(ids)
-        self.terms[ids] = self._terms(flights)[ids]
+        robots = self._robots()
+        robots.begin(task, ids)
+        self.terms[ids] = self._terms(robots)[ids]
         fleet.infos["is_success"][ids] = False
 
     def step(self) -> None:
         """One control period of all robots."""
-        fleet, task, flights = self._fleet, self._task, self._flights()
-        rules, robots = fleet.rules["rules"], fleet.robots
-        episode = robots["episode"]
+        fleet, task, robots = self._fleet, self._task, self._robots()
+        rules, records = fleet.rules["rules"], fleet.robots
+        episode = records["episode"]
         fleet.begun[:] = False
         fleet.step()
         begun = np.flatnonzero(fleet.begun)
-        task.advance(flights)
-        diverged = robots["plant"]["diverged"] != 0
-        failure = np.full(len(robots), -1)
-        found = _rows(task.failed(flights), [word for word in self._words if word != "diverged"], "failed", len(robots))
+        task.advance(robots)
+        diverged = records["plant"]["diverged"] != 0
+        failure = np.full(len(records), -1)
+        found = _rows(task.failed(robots), [word for word in self._words if word != "diverged"], "failed", len(robots))
         for word, mask in reversed(list(found.items())):
             failure[mask] = self._words.index(word)
         failure[diverged] = self._words.index("diverged")
-        self.terms[:] = self._terms(flights)
+        self.terms[:] = self._terms(robots)
         self.terms[diverged] = 0.0
         fleet.rewards[:] = weighted(self.terms, self._weights)
-        fleet.infos["is_success"] = task.succeeded(flights) & (failure < 0)
+        fleet.infos["is_success"] = task.succeeded(robots) & (failure < 0)
         truncated = (episode["ticks"] >= rules["horizon"]) & bool(rules["truncates"])
         failure[begun], truncated[begun], fleet.rewards[begun] = -1, False, 0.0
         over = (failure >= 0) | truncated
         episode["failure"], episode["truncated"], episode["over"] = failure, truncated, over
         episode["reward"] = fleet.rewards
         fleet.terminated[:], fleet.truncated[:] = failure >= 0, truncated
-        robots["reference"], robots["preview"] = task.reference(flights), task.preview(flights)
+        robots.aim(task)
         if begun.size:
             self.begin(begun)
         fleet.show()
@@ -111,8 +110,8 @@ class Judge:
             fleet.rewards[ids], (fleet.terminated[ids], fleet.truncated[ids]) = rewards, ends
             self.begin(ids)
 
-    def _terms(self, flights: Flights) -> np.ndarray:
-        found = _rows(self._task.terms(flights), self._task.reward_terms, "terms", len(flights))
+    def _terms(self, robots: Robots) -> np.ndarray:
+        found = _rows(self._task.terms(robots), self._task.reward_terms, "terms", len(robots))
         return np.stack(list(found.values()), axis=1)
 
 

@@ -12,10 +12,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.registry import CRAWL, HOVER, RegisteredSteps, environment
@@ -45,7 +45,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         num_threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        task: FlightTask | None = None,
+        task: VectorTask[Any] | None = None,
         **options: Any,  # noqa: ANN401 - those of the environment
     ) -> None:
         """Build the robots.
@@ -57,7 +57,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
                 `Disabled`.
             max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
-            task: A task of your own in place of the built-in one; for flights only.
+            task: A task of your own in place of the built-in one: a `FlightTask` or a `WalkTask`.
             **options: Arguments of the environment; the controller is the core.
 
         Raises:
@@ -92,8 +92,6 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """The robots in the engine."""
         self._judge: Judge | None = None
         if task is not None:
-            if not isinstance(single.task, HoverTask):
-                raise InvalidValueError("task", task, f"no task of your own but in {HOVER}")
             self._judge = Judge(task, self.fleet, single.task)
         self._everybody = np.ones(num_envs, bool)
         self._began = False

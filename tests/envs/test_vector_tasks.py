@@ -10,10 +10,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from support.vectors import FLIGHTS
+from support.vectors import DRAWN, FLIGHTS
 
+from spidar_gym.envs.batch import length, tolerance
+from spidar_gym.envs.crawl.walks import WalkTask
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.flights import FlightTask, length, tolerance
+from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
@@ -74,6 +76,107 @@ def test_the_hovers_page_judges_forms_and_success_as_the_one_in_c_does():
         assert np.array_equal(goals[0]["reached"], goals[1]["reached"])
     page.close()
     built_in.close()
+
+
+WALKS: dict[str, dict[str, Any]] = {
+    "the paper's way": {"distance": 0.6, "direction": 0.0, "turn": 0.0},
+    "drawn": {"preset": "robust", **DRAWN},
+    "a slope of tiles": {"preset": "robust", "slope": 0.1, "steps": 0.01},
+    "forces": {"preset": "overlapped", "action_mode": "residual_gait_force"},
+}
+
+
+@pytest.mark.parametrize(("case", "mode"), [*zip(WALKS, cycle(MODES), strict=False)])
+def test_the_crawls_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
+    options: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 60, **WALKS[case]}
+    vectors: list[Any] = [NativeVectorEnv(CRAWL, 3, task=task, **options) for task in (None, WalkTask())]
+    built_in, page = vectors
+    (seen, info), (expected, known) = page.reset(seed=7), built_in.reset(seed=7)
+    rng = np.random.default_rng(8)
+    for _ in range(130):
+        assert np.array_equal(seen, expected)
+        assert_alike(info, known)
+        actions = rng.normal(0.0, 0.5, (3, page.single_action_space.shape[0])).astype(np.float32)
+        seen, rewards, *ends, info = page.step(actions)
+        expected, due, *others, known = built_in.step(actions)
+        np.testing.assert_allclose(rewards, due, rtol=0, atol=1e-15)
+        assert np.array_equal(ends, others)
+        over = np.logical_or(*ends)
+        if mode == "Disabled" and over.any():
+            seen, info = page.reset(options={"reset_mask": over})
+            expected, known = built_in.reset(options={"reset_mask": over})
+    for vector in (page, built_in):
+        vector.close()
+
+
+@pytest.mark.slow
+def test_the_crawls_page_judges_failures_and_success_as_the_one_in_c_does():
+    options: dict[str, Any] = {"distance": 0.3, "autoreset_mode": "SameStep", "horizon_s": 45.0}
+    built_in, page = (NativeVectorEnv(CRAWL, 4, num_threads=2, task=task, **options) for task in (None, WalkTask()))
+    page.reset(seed=3)
+    built_in.reset(seed=3)
+    size, won = len(built_in.single_action_space.sample()), False
+    actions = np.zeros((4, size))
+    actions[3] = 1.0
+    for _ in range(1810):
+        *_, info = page.step(actions)
+        *_, known = built_in.step(actions)
+        assert_alike(info, known)
+        won |= "final_info" in known and bool(known["final_info"]["is_success"].any())
+    assert won
+    page.close()
+    built_in.close()
+
+
+STROLL_TERMS = {
+    "pace": (0.7, "1 − 1 / (1 + (speed / 0.05 m/s)²)"),
+    "level": (0.3, "1 / (1 + (tilt / 0.03 rad)²)"),
+}
+STROLL_FAILURES = {"idle": "the torso has been slower than 2 cm/s for a second", "diverged": "no longer finite"}
+
+
+class Stroll(WalkTask):
+    """Keep the torso moving."""
+
+    reward_terms, failures = STROLL_TERMS, STROLL_FAILURES
+    memory = (("still", "f8"),)
+
+    def advance(self, walks):
+        """Count how long nothing has moved."""
+        speed = length(walks.state["velocity_w"])
+        walks.memory["still"] = np.where(speed < 0.02, walks.memory["still"] + 0.025, 0.0)
+
+    def terms(self, walks):
+        """Pace and level."""
+        speed = length(walks.state["velocity_w"])
+        return {"pace": 1.0 - tolerance(speed, 0.05), "level": tolerance(walks.tilt, 0.03)}
+
+    def failed(self, walks):
+        """Who stands still."""
+        return {"idle": walks.memory["still"] >= 1.0}
+
+    def succeeded(self, walks):
+        """Who is still walking at the end."""
+        return walks.ticks >= walks.horizon
+
+
+def test_a_crawl_task_of_ones_own_rewards_and_ends_what_it_says():
+    vector = NativeVectorEnv(CRAWL, 3, task=Stroll(), autoreset_mode="NextStep")
+    vector.reset(seed=1)
+    size = vector.single_action_space.shape[0]
+    ended = np.zeros(3, bool)
+    for _ in range(120):
+        *_, rewards, terminated, _, info = vector.step(np.zeros((3, size)))
+        moving = length(vector.robots["plant"]["state"]["velocity_w"])
+        if not vector.fleet.begun.any():
+            pace = 1.0 - tolerance(moving, 0.05)
+            level = tolerance(vector.robots["tilt"], 0.03)
+            np.testing.assert_allclose(rewards, 0.7 * pace + 0.3 * level, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(info["term"], np.stack([pace, level], 1), rtol=0, atol=1e-12)
+        assert (info["failure_code"][terminated] == 0).all()
+        ended |= terminated
+    assert ended.all(), "while legs are lifted the torso rests"
+    vector.close()
 
 
 TERMS = {
@@ -291,7 +394,7 @@ def test_a_task_that_does_not_fit_is_refused_in_one_line():
             env.reset(seed=0)
         assert "\n" not in str(error.value)
         env.close()
-    with pytest.raises(InvalidValueError, match="Hover-v0"):
+    with pytest.raises(InvalidValueError, match="WalkTask"):
         NativeVectorEnv(CRAWL, 1, task=Circles())
 
 

@@ -3,15 +3,14 @@
 `HoverTask` is the same page for one robot, `native/engine/hover.c` in C; a test holds the three to each other.
 """
 
-import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import NO_NEXT_FORM
+from spidar_gym.envs.batch import Robots, VectorTask, length, square, tolerance
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import (
     ARRIVAL_GRACE,
     ARRIVAL_TOLERANCE,
@@ -33,44 +32,29 @@ _MODES = WORDS["reference", "mode"]
 _NUMBERS = np.arange(1, N_ROTORS + 1)
 
 
-class Flights:
-    """What a task is told of N robots; its arrays have an entry for every robot, and are not to be written."""
+class Flights(Robots):
+    """What a task is told of N flights; its arrays have an entry for every robot, and are not to be written."""
 
-    def __init__(
-        self, robots: np.ndarray, goals: np.ndarray, memory: np.ndarray, hover: HoverTask, horizon: int, size: int
-    ) -> None:
-        """Look at them.
+    kind, counter = "hover", "flown"
 
-        Args:
-            robots: Records of `sp_hover`.
-            goals: Their forms, (N, most that an episode has).
-            memory: What the task keeps of them.
-            hover: Options of the environment.
-            horizon: Ticks of an episode.
-            size: Numbers of an action.
-        """
-        self.robots, self.goals, self.memory = robots, goals, memory
-        self.hover, self.horizon, self._size = hover, horizon, size
-        self._everybody = np.arange(len(robots))
+    def __init__(self, fleet: Fleet, memory: np.ndarray, hover: HoverTask) -> None:
+        """Look at them; `hover` has the options of the environment."""
+        super().__init__(fleet, memory)
+        self.hover, self.goals = hover, fleet.goals
+        self._everybody = np.arange(len(self))
 
-    def __len__(self) -> int:
-        """How many."""
-        return len(self.robots)
+    def begin(self, task: "FlightTask", ids: np.ndarray) -> None:
+        """Nothing is counted yet; the references are the task's."""
+        for name in ("flown", "current", "position_sum", "attitude_sum"):
+            self.robots[name][ids] = 0
+        self.goals["reached"][ids] = 0
+        self.robots["reference"][ids] = task.reference(self)[ids]
+        self.robots["preview"][ids] = task.preview(self)[ids]
+        self.fleet.regard(ids)
 
-    @property
-    def ticks(self) -> np.ndarray:
-        """Ticks flown (N,)."""
-        return self.robots["flown"]
-
-    @property
-    def time(self) -> np.ndarray:
-        """Time flown (N,) [s]."""
-        return self.robots["flown"] / CONTROL_RATE
-
-    @cached_property
-    def state(self) -> np.ndarray:
-        """True states, records of `RobotState`'s fields, arrays in it flat: `state["position_w"]` is (N, 3) [m]."""
-        return self.robots["plant"]["state"]
+    def aim(self, task: "FlightTask") -> None:
+        """The references of the next tick."""
+        self.robots["reference"], self.robots["preview"] = task.reference(self), task.preview(self)
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -91,16 +75,6 @@ class Flights:
     def tilt(self) -> np.ndarray:
         """Angle between the torso's z axis and the vertical (N,) [rad]."""
         return np.arccos(np.clip(self.robots["truth"]["R_wb"][:, 8], -1.0, 1.0))
-
-    @property
-    def in_contact(self) -> np.ndarray:
-        """Whether a part of the robot touches the floor (N,)."""
-        return self.robots["plant"]["in_contact"] != 0
-
-    @property
-    def action(self) -> np.ndarray:
-        """Last actions, in [−1, 1], (N, size of an action)."""
-        return self.robots["episode"]["action"][:, : self._size]
 
     @property
     def goal(self) -> np.ndarray:
@@ -130,24 +104,14 @@ class Flights:
         return q
 
 
-class FlightTask:
-    """Hold the CoG and a level attitude while the joints go through a sequence of forms: what a robot is to do.
+class FlightTask(VectorTask[Flights]):
+    """Hold the CoG and a level attitude while the joints go through a sequence of forms: what a robot is to do."""
 
-    Each method is called once a tick for all robots. What one robot gets may not depend on the others: no products of
-    matrices over robots, no draws but those of `draw`.
-    """
-
+    robots = Flights
     reward_terms: Mapping[str, tuple[float, str]] = REWARD_TERMS
     """Weight and formula of each term; the weights add up to 1."""
     failures: Mapping[str, str] = FAILURES
     """Why an episode may be over, and what the words mean; `diverged` is the engine's own."""
-    memory: tuple[tuple[Any, ...], ...] = ()
-    """What the task keeps of a robot, as numpy has it: name, kind, shape; zero when an episode begins."""
-
-    def draw(self, rng: np.random.Generator) -> Mapping[str, Any]:
-        """Numbers of the memory that an episode begins with, drawn after all that the environment draws."""
-        del rng
-        return {}
 
     def reference(self, flights: Flights) -> np.ndarray:
         """What the controllers are to do in the next tick: records of `Reference`'s fields, the modes by number.
@@ -182,8 +146,8 @@ class FlightTask:
         """Count a tick; a task with a memory of its own writes it here, after `super().advance(flights)`."""
         robots, goals, angles = flights.robots, flights.goals, flights.state["joint_position"]
         robots["flown"] += 1
-        robots["position_sum"] += _square(flights.position_error)
-        robots["attitude_sum"] += _square(flights.attitude_error)
+        robots["position_sum"] += square(flights.position_error)
+        robots["attitude_sum"] += square(flights.attitude_error)
         time, current, everybody = flights.time, robots["current"], np.arange(len(flights))
         for i in (np.maximum(current - 1, 0), current):
             goal = goals[everybody, i]
@@ -201,7 +165,7 @@ class FlightTask:
             "position": tolerance(length(flights.position_error), MARGINS[0]),
             "attitude": tolerance(length(flights.attitude_error), MARGINS[1]),
             "joints": tolerance(joints, MARGINS[2]),
-            "action": 1.0 - _square(action) / action.shape[1],
+            "action": 1.0 - square(action) / action.shape[1],
         }
 
     def failed(self, flights: Flights) -> Mapping[str, np.ndarray]:
@@ -224,29 +188,3 @@ class FlightTask:
         within = np.sqrt(robots["position_sum"] / ticks) < SUCCESS_POSITION
         within &= np.sqrt(robots["attitude_sum"] / ticks) < SUCCESS_ATTITUDE
         return done & within & ~overdue[:, 1:].any(axis=1)
-
-
-def length(v: np.ndarray) -> np.ndarray:
-    """Euclidean lengths of vectors (N, …): (N,)."""
-    return np.sqrt(_square(v))
-
-
-def tolerance(error: np.ndarray, margin: float) -> np.ndarray:
-    """1 at no error, ½ at `margin`, falling towards 0: 1 / (1 + (error / margin)²)."""
-    ratio = error / margin
-    return 1.0 / (1.0 + ratio * ratio)
-
-
-def _square(v: np.ndarray) -> np.ndarray:
-    """Squared lengths, each summed in the same order however many there are."""
-    return np.square(v, order="C").sum(axis=1)
-
-
-def weighted(terms: np.ndarray, weights: list[float]) -> np.ndarray:
-    """Sum of terms (N, k) with their weights, in order: (N,)."""
-    return sum((weight * terms[:, k] for k, weight in enumerate(weights)), start=np.zeros(len(terms)))
-
-
-def check_weights(task: FlightTask) -> bool:
-    """Whether the weights add up to 1."""
-    return math.isclose(sum(weight for weight, _ in task.reward_terms.values()), 1.0)

@@ -297,14 +297,15 @@ static void tell(const sp_crawl_rules *rules, const sp_world *world, sp_crawling
     info->tilt_rad = c->tilt;
     info->timeouts = c->timeouts;
     info->cost_of_transport = 3600.0 * plant->energy_wh / (world->weight * way);
+    info->shortfalls_code = shortfalls(rules, c);
+    if (rules->rules.is_judged) return; /* Python says */
     term[PROGRESS] = sp_max(0.0, 1.0 - c->distance / c->initial_distance);
     term[GOAL] = sp_tolerance(c->distance, rules->goal_margin);
     term[LEVEL] = sp_tolerance(c->tilt, rules->level_margin);
     term[SLIP] = sp_tolerance(slip, rules->slip_margin);
     term[POWER] = sp_max(0.0, 1.0 - plant->power / rules->most_power);
     term[ACTION] = sp_restraint(&rules->rules, episode);
-    if (episode->failure == SP_CRAWL_DIVERGED) sp_zero(term, TERMS);
-    info->shortfalls_code = shortfalls(rules, c);
+    if (c->plant.diverged) sp_zero(term, TERMS);
     info->is_success = episode->failure < 0 && !info->shortfalls_code;
     c->episode.reward = sp_row(rules->weight, term, TERMS);
 }
@@ -313,7 +314,7 @@ static void observe(const sp_crawl_rules *rules, const sp_crawling *c, float *ob
 {
     const sp_episode *episode = &c->episode;
     const double goal[3] = {c->goal.x, c->goal.y, c->goal.yaw};
-    if (episode->failure == SP_CRAWL_DIVERGED)
+    if (c->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
     else
         sp_observe_crawl(&c->crawl, &episode->seen, goal,

@@ -1,0 +1,136 @@
+"""What tasks in NumPy over many robots share: what they are told of the robots, and what they say."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.fleet import Fleet
+
+
+class Robots(ABC):
+    """What a task is told of N robots; its arrays have an entry for every robot, and are not to be written."""
+
+    kind: ClassVar[str]
+    """Struct of a robot."""
+    counter: ClassVar[str]
+    """Its member that counts the ticks of an episode."""
+
+    def __init__(self, fleet: Fleet, memory: np.ndarray) -> None:
+        """Look at the robots of a fleet, and at what the task keeps of them."""
+        self.fleet, self.memory, self.robots = fleet, memory, fleet.robots
+        rules = fleet.rules["rules"]
+        self.horizon, self._size = int(rules["horizon"]), int(rules["mode"]["size"])
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self.robots)
+
+    @property
+    def ticks(self) -> np.ndarray:
+        """Ticks of the episode (N,)."""
+        return self.robots[self.counter]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time since its beginning (N,) [s]."""
+        return self.ticks / CONTROL_RATE
+
+    @cached_property
+    def state(self) -> np.ndarray:
+        """True states, records of `RobotState`'s fields, arrays in it flat: `state["position_w"]` is (N, 3) [m]."""
+        return self.robots["plant"]["state"]
+
+    @property
+    def in_contact(self) -> np.ndarray:
+        """Whether a part of the robot touches the floor (N,)."""
+        return self.robots["plant"]["in_contact"] != 0
+
+    @property
+    def power(self) -> np.ndarray:
+        """Electrical power (N,) [W]."""
+        return self.robots["plant"]["power"]
+
+    @property
+    def action(self) -> np.ndarray:
+        """Last actions, in [−1, 1], (N, size of an action)."""
+        return self.robots["episode"]["action"][:, : self._size]
+
+    @abstractmethod
+    def begin(self, task: Any, ids: np.ndarray) -> None:  # noqa: ANN401 - the task of these robots
+        """Let a task take over robots whose episode the engine has begun."""
+
+    @abstractmethod
+    def aim(self, task: Any) -> None:  # noqa: ANN401 - as above
+        """Let a task say what the robots are to do in the next tick."""
+
+
+R = TypeVar("R", bound=Robots)
+
+
+class VectorTask(ABC, Generic[R]):
+    """What robots are to do, and how well they do it.
+
+    Each method is called once a tick for all robots. What one robot gets may not depend on the others: no products of
+    matrices over robots, no draws but those of `draw`.
+    """
+
+    robots: ClassVar[type[Robots]]
+    """What it is told of the robots."""
+    reward_terms: Mapping[str, tuple[float, str]]
+    """Weight and formula of each term; the weights add up to 1."""
+    failures: Mapping[str, str]
+    """Why an episode may be over, and what the words mean; `diverged` is the engine's own."""
+    memory: tuple[tuple[Any, ...], ...] = ()
+    """What the task keeps of a robot, as numpy has it: name, kind, shape; zero when an episode begins."""
+
+    def draw(self, rng: np.random.Generator) -> Mapping[str, Any]:
+        """Numbers of the memory that an episode begins with, drawn after all that the environment draws."""
+        del rng
+        return {}
+
+    @abstractmethod
+    def advance(self, robots: R, /) -> None:
+        """Count a tick; a task with a memory of its own writes it here, after `super().advance(robots)`."""
+
+    @abstractmethod
+    def terms(self, robots: R, /) -> Mapping[str, np.ndarray]:
+        """Terms of the reward (N,) in [0, 1]; the reward is their sum weighted with `reward_terms`."""
+
+    @abstractmethod
+    def failed(self, robots: R, /) -> Mapping[str, np.ndarray]:
+        """Whose episode is over why (N,), by word; the first that holds counts."""
+
+    @abstractmethod
+    def succeeded(self, robots: R, /) -> np.ndarray:
+        """Who has done what was to be done (N,)."""
+
+
+def length(v: np.ndarray) -> np.ndarray:
+    """Euclidean lengths of vectors (N, …): (N,)."""
+    return np.sqrt(square(v))
+
+
+def tolerance(error: np.ndarray, margin: float) -> np.ndarray:
+    """1 at no error, ½ at `margin`, falling towards 0: 1 / (1 + (error / margin)²)."""
+    ratio = error / margin
+    return 1.0 / (1.0 + ratio * ratio)
+
+
+def square(v: np.ndarray) -> np.ndarray:
+    """Squared lengths, each summed in the same order however many there are."""
+    return np.square(v, order="C").sum(axis=1)
+
+
+def weighted(terms: np.ndarray, weights: list[float]) -> np.ndarray:
+    """Sum of terms (N, k) with their weights, in order: (N,)."""
+    return sum((weight * terms[:, k] for k, weight in enumerate(weights)), start=np.zeros(len(terms)))
+
+
+def check_weights(task: VectorTask[Any]) -> bool:
+    """Whether the weights add up to 1."""
+    return math.isclose(sum(weight for weight, _ in task.reward_terms.values()), 1.0)
