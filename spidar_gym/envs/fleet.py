@@ -15,7 +15,7 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 
 _LOG = logging.getLogger("spidar_gym.mujoco")
-_SETTLING_AT_ONCE = 8
+_SETTLING_AT_ONCE = 4
 """Robots that a thread lays on tiles before Ctrl-C is answered: one takes up to 70 ms to come to rest there."""
 
 
