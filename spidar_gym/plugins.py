@@ -92,14 +92,14 @@ class StableVecEnv(VecEnv):
         """Refused: robots of a vector are alike; make it with other options."""
         raise InvalidValueError(attr_name, value, "an option of make_vec or of reset: robots of a vector are alike")
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401 - SB3's signature
         """Refused, but for `render`: there is no environment of each robot to be called."""
         if method_name != "render":
             raise InvalidValueError("env_method", method_name, "render; what else there is, the vector has")
         chosen = list(self._get_indices(indices))
         return list(self.vector.render(chosen, *args, **kwargs) or [None] * len(chosen))
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401 - SB3's signature
         """No robot has a wrapper."""
         return [False for _ in self._get_indices(indices)]
 

@@ -92,7 +92,7 @@ def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
     return [play(load_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
 
 
-def play(policy: Policy, track: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401
+def play(policy: Policy, track: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - of `play_scenario`
     """Let a policy play scenarios of a track, side by side where it can; `how` and results as in `play_scenario`."""
     if len(scenarios) > 1 and acts_in_batches(policy):
         return play_scenarios(policy, track, scenarios, **how)

@@ -209,7 +209,7 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
     }
     timings = {name: measure(function, seconds=seconds) for name, function in figures.items()}
     tick = measure(
-        lambda: mujoco.mj_step(plant.model, plant.data, 10),  # pyright: ignore[reportAttributeAccessIssue]
+        lambda: mujoco.mj_step(plant.model, plant.data, 10),  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
         seconds=seconds,
         before=lambda: plant.restore(saved),
     )

@@ -111,7 +111,7 @@ def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
     plant = Plant()
     plant.reset(np.array([0.0, 0.0, hover_height()]), joint_position=FORMS[form])
     model = scene(visual=True)
-    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
+    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
     data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
     mujoco.viewer.launch(model, data)
 

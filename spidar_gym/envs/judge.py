@@ -115,7 +115,7 @@ class Judge:
         return np.stack(list(found.values()), axis=1)
 
 
-def _rows(given: Any, names: Iterable[str], method: str, robots: int) -> dict[str, np.ndarray]:  # noqa: ANN401
+def _rows(given: Any, names: Iterable[str], method: str, robots: int) -> dict[str, np.ndarray]:  # noqa: ANN401 - a user's
     """What a task gives by name, an entry for every robot each, in the order of its table."""
     names = list(names)
     if not isinstance(given, dict) or given.keys() != {*names}:

@@ -118,7 +118,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         return self._spec
 
     @spec.setter
-    def spec(self, value: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def spec(self, value: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride] - gymnasium's is a plain attribute
         if value is not None:
             value.max_episode_steps, value.additional_wrappers = self._steps, ()
             value.kwargs["max_episode_steps"] = -1 if self._steps is None else self._steps

@@ -78,7 +78,7 @@ def take_back(rng: np.random.Generator, record: np.ndarray | np.void) -> None:
     state["state"]["state"] = _wide(record, "state")
     state["has_uint32"], state["uinteger"] = int(record["has_half"]), int(record["half"])
     bits.state = state
-    seeds.spawn(int(record["spawned"]) - seeds.n_children_spawned)  # pyright: ignore[reportAttributeAccessIssue]
+    seeds.spawn(int(record["spawned"]) - seeds.n_children_spawned)  # pyright: ignore[reportAttributeAccessIssue] - numpy's stub lacks it
 
 
 def _wide(record: np.ndarray | np.void, name: str) -> int:

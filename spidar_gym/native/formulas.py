@@ -113,7 +113,7 @@ def evaluate_air(
     parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
     fill(parameters, config or AeroConfig())
     given = [np.ascontiguousarray(each, float) for each in (thrust, wind_w, noise, push_w)]
-    uneven = mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, "tile0_0") >= 0  # pyright: ignore[reportAttributeAccessIssue]
+    uneven = mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, "tile0_0") >= 0  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
     arguments = (world(uneven), simulation.record, parameters, *given, found)
     _function("sp_evaluate_air")(*map(pointer, arguments))
     return AirForces(

@@ -146,7 +146,7 @@ def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and 
 def read(kind: type[T], record: Any) -> T:  # noqa: ANN401 - a numpy record
     """The dataclass that a record of its struct stands for, its arrays its own; the inverse of `fill`."""
     struct, sample, values = snake(kind.__name__), kind(), {}
-    for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
+    for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType] - a dataclass, as every caller's
         own = getattr(sample, field.name)
         if dataclasses.is_dataclass(own):
             values[field.name] = read(type(own), record[field.name])

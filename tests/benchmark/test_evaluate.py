@@ -62,7 +62,7 @@ class Nonsense(Zero):
 class Zero(PresetPolicy):
     """Adds nothing."""
 
-    presets = {HOVER: {}}  # noqa: RUF012 - a constant, as policies are written
+    presets = {HOVER: {}}
 
 
 @pytest.fixture(autouse=True)

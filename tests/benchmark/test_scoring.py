@@ -26,13 +26,13 @@ GROUND_ONLY = ("final_error_m", "final_yaw_rad", "drift", "slip_m", "cost_of_tra
 class Paper(PresetPolicy):
     """The paper's controllers."""
 
-    presets = {HOVER: {"preset": "paper"}, CRAWL: {"preset": "published"}}  # noqa: RUF012 - a constant, as policies are written
+    presets = {HOVER: {"preset": "paper"}, CRAWL: {"preset": "published"}}
 
 
 class Residual(PresetPolicy):
     """Zero on top of the paper's controllers, through the mode that could change the most."""
 
-    presets = {  # noqa: RUF012 - a constant, as policies are written
+    presets = {
         HOVER: {"preset": "paper", "action_mode": "residual"},
         CRAWL: {"preset": "published", "action_mode": "residual_gait"},
     }
@@ -41,7 +41,7 @@ class Residual(PresetPolicy):
 class Slow(PresetPolicy):
     """Moves the joints at half the speed."""
 
-    presets = {HOVER: {"preset": "paper", "action_mode": "residual_joint"}}  # noqa: RUF012 - a constant, as policies are written
+    presets = {HOVER: {"preset": "paper", "action_mode": "residual_joint"}}
 
     def act(self, observation):
         return np.append(np.zeros(16), -1.0)
@@ -50,7 +50,7 @@ class Slow(PresetPolicy):
 class Falls(PresetPolicy):
     """Lets go of everything."""
 
-    presets = {HOVER: {"action_mode": "direct"}, CRAWL: {"action_mode": "direct"}}  # noqa: RUF012 - a constant, as policies are written
+    presets = {HOVER: {"action_mode": "direct"}, CRAWL: {"action_mode": "direct"}}
 
     def act(self, observation):
         return np.full(self._size, -1.0)
@@ -262,7 +262,7 @@ def test_a_crawl_ends_a_second_after_it_is_finished_and_its_error_is_by_hand():
 
 def test_a_policy_plays_only_where_it_is_defined():
     class Hovers(PresetPolicy):
-        presets = {HOVER: {}}  # noqa: RUF012 - a constant, as policies are written
+        presets = {HOVER: {}}
 
     with pytest.raises(InvalidValueError, match="ground-paper"):
         metrics_of(Hovers(), name="ground-paper")

@@ -20,7 +20,7 @@ LEARNED = Path(__file__).resolve().parents[2] / "baselines" / "learned"
 class Tuned(PresetPolicy):
     """The tuned controllers."""
 
-    presets = {HOVER: {"preset": "tuned"}, CRAWL: {"preset": "overlapped"}}  # noqa: RUF012 - a constant, as policies are written
+    presets = {HOVER: {"preset": "tuned"}, CRAWL: {"preset": "overlapped"}}
 
 
 class Pushes(Tuned):
@@ -74,7 +74,7 @@ def test_episodes_that_end_early_stop_alone_and_change_nobody(monkeypatch):
     class Falls(Tuned):
         """Lets the robots of some seeds go."""
 
-        presets = {HOVER: {"action_mode": "direct"}}  # noqa: RUF012 - a constant, as policies are written
+        presets = {HOVER: {"action_mode": "direct"}}
 
         def reset(self, seed):
             self.falls = np.array([seed % 2])
@@ -131,7 +131,7 @@ def test_the_engine_sees_the_same_rotors_blow_on_others_as_python_does(track, mo
     class Unrestricted(PresetPolicy):
         """Asks of no rotor to keep off another."""
 
-        presets = {HOVER: {"preset": "paper", "avoid_interference": False}}  # noqa: RUF012 - a constant, as policies are written
+        presets = {HOVER: {"preset": "paper", "avoid_interference": False}}
 
     shorten(monkeypatch, track, 6.0)
     scenario = load_scenarios(track)[0][9]

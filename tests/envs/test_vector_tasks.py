@@ -13,6 +13,7 @@ import pytest
 from support.vectors import DRAWN, FLIGHTS
 
 from spidar_gym.envs.batch import length, tolerance
+from spidar_gym.envs.crawl import walks
 from spidar_gym.envs.crawl.walks import WalkTask
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.flights import FlightTask
@@ -110,7 +111,7 @@ def test_the_crawls_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
 
 
 @pytest.mark.slow
-def test_the_crawls_page_judges_failures_and_success_as_the_one_in_c_does():
+def test_the_crawls_page_judges_success_as_the_one_in_c_does():
     options: dict[str, Any] = {"distance": 0.3, "autoreset_mode": "SameStep", "horizon_s": 45.0}
     built_in, page = (NativeVectorEnv(CRAWL, 4, num_threads=2, task=task, **options) for task in (None, WalkTask()))
     page.reset(seed=3)
@@ -124,6 +125,35 @@ def test_the_crawls_page_judges_failures_and_success_as_the_one_in_c_does():
         assert_alike(info, known)
         won |= "final_info" in known and bool(known["final_info"]["is_success"].any())
     assert won
+    page.close()
+    built_in.close()
+
+
+@pytest.mark.parametrize(
+    ("word", "bound", "value"), [("duct", None, 0.0), ("tilt", "MAX_TILT", 0.02), ("astray", "MAX_ASTRAY", 0.0005)]
+)
+def test_the_crawls_page_ends_an_episode_as_the_one_in_c_does(monkeypatch, word, bound, value):
+    """Legs thrown about without thrust, within bounds so narrow that each is the first that is left."""
+    options: dict[str, Any] = {"autoreset_mode": "SameStep", "max_episode_steps": 80, "action_mode": "direct"}
+    built_in, page = (NativeVectorEnv(CRAWL, 6, task=task, **options) for task in (None, WalkTask()))
+    if bound:
+        monkeypatch.setattr(walks, bound, value)
+        for vector in (built_in, page):
+            vector.fleet.rules[bound.lower()] = value
+    page.reset(seed=1)
+    built_in.reset(seed=1)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (6, built_in.single_action_space.shape[0]))
+    actions[:, :8] = -1.0
+    over = set()
+    for _ in range(80):
+        *_, found, cut, info = page.step(actions)
+        *_, expected, due, known = built_in.step(actions)
+        assert np.array_equal(found, expected)
+        assert np.array_equal(cut, due)
+        assert_alike(info, known)
+        if found.any():
+            over |= {list(WalkTask.failures)[code] for code in info["final_info"]["failure_code"][found]}
+    assert word in over
     page.close()
     built_in.close()
 

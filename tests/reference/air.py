@@ -107,7 +107,7 @@ class Aero:
     disc of a duct and taken at a point elsewhere.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:  # pyright: ignore[reportAttributeAccessIssue]
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
         """Place the stations and note how each is carried by the tree of bodies."""
         self.config = config or AeroConfig()
         modules = [model.body(f"gimbal{i}_pitch_module").id for i in range(1, N_ROTORS + 1)]

@@ -33,7 +33,7 @@ def is_asymmetric(c: ActuatorConfig) -> bool:
     return c.backlash > 0.0 or c.spin_down != 1.0
 
 
-def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float) -> None:  # pyright: ignore[reportAttributeAccessIssue]
+def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float) -> None:  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
     """Write everything that MuJoCo can do by itself into the model; nothing of an earlier configuration stays."""
     rotors, joints, gimbals = (
         np.array([model.actuator(name).id for name in names]) for names in (ROTOR_SITES, JOINT_NAMES, GIMBAL_NAMES)

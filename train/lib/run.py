@@ -74,8 +74,8 @@ class State:
 def require_frameworks() -> None:
     """Load what every run needs and no help does (`MissingDependencyError` without the extra `train`)."""
     try:
-        import stable_baselines3  # noqa: F401
-        import tensorboard  # noqa: F401
+        import stable_baselines3  # noqa: F401 - only whether it is there
+        import tensorboard  # noqa: F401 - only whether it is there
         import torch
     except ModuleNotFoundError as error:
         raise MissingDependencyError(str(error.name), "pip install -e '.[train]'") from error

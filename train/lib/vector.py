@@ -214,11 +214,11 @@ class TrainingVec(VecEnv):
         """Refused: robots of a vector are alike."""
         raise InvalidValueError(attr_name, value, "another `TrainingVec`")
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401 - SB3's signature
         """Refused: there is no environment of each robot to be called."""
         raise InvalidValueError("env_method", method_name, "nothing: there is no environment of each robot")
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401 - SB3's signature
         """Episodes are told of as `Monitor` does."""
         from stable_baselines3.common.monitor import Monitor
 

@@ -6,7 +6,7 @@ with a compliance c > 0 gives way by c z. Equalities are the same without s.
 """
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dgetrf, dgetrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
 
 from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, QuadraticProgram
 from spidar_gym.robot import N_ROTORS

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import osqp
 import scipy.sparse as sp
-from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
 
 from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, N_UNKNOWNS, Mode, QuadraticProgram
 
@@ -59,7 +59,7 @@ class Workspace:
         """
         m, n = A_pattern.shape
         P, A, self._P_at, self._A_at = sparse(P_pattern, A_pattern)
-        ext = osqp.ext_builtin  # pyright: ignore[reportAttributeAccessIssue]
+        ext = osqp.ext_builtin  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
         settings = ext.OSQPSettings()
         ext.osqp_set_default_settings(settings)
         for name, value in (SETTINGS | {"eps_abs": tolerance, "max_iter": max_iter}).items():

@@ -283,7 +283,7 @@ class Progress:
     """Goals reached in time."""
 
     @classmethod
-    def read(cls, record: Any, rows: np.ndarray, goals: list[FormGoal] | None = None) -> "Progress":  # noqa: ANN401
+    def read(cls, record: Any, rows: np.ndarray, goals: list[FormGoal] | None = None) -> "Progress":  # noqa: ANN401 - an entry of a structured array
         """That of a robot in the engine.
 
         Args:
