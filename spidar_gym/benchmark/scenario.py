@@ -73,10 +73,15 @@ def scenario_rng(track: str, split: str, index: int) -> np.random.Generator:
 
 
 def draw_scenario(name: str, split: str, index: int) -> Scenario:
-    """Draw a scenario of a track."""
-    track = find_track(name)
+    """Draw a scenario of a track and split, always the same one."""
+    find_track(name)
     require_name("split", split, SPLITS)
-    rng = scenario_rng(name, split, index)
+    return draw_scenario_from(name, scenario_rng(name, split, index), index)
+
+
+def draw_scenario_from(name: str, rng: np.random.Generator, index: int) -> Scenario:
+    """Draw a scenario of a track from any generator, for flights that are of no split."""
+    track = find_track(name)
     seed = int(rng.integers(2**31))
     options = {key: _draw(rng, bounds) for key, bounds in track.ranges.items()}
     disturbances = {key: _draw(rng, bounds) for key, bounds in track.disturbances.items()}
@@ -108,7 +113,7 @@ def draw_scenario(name: str, split: str, index: int) -> Scenario:
 def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
     """Force of the wind on a robot that hovers in the initial form, world, mean over `HOVER_TICKS` [N]."""
     assert scenario.start is not None
-    env = make_env(track, scenario, {"preset": "tuned"})
+    env = make_env(track, scenario, {"preset": "tuned_v1"})
     held = {**scenario.start, "goals": scenario.start["goals"][:1]}
     steps = rollout(
         env, seed=scenario.seed, options={**reset_options(scenario), "start": held}, ticks=HOVER_TICKS

@@ -1,5 +1,6 @@
 """`spidar`: the command line. Degrees and file paths exist here only."""
 
+import math
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +28,6 @@ from spidar_gym.errors import require_above, require_name
 from spidar_gym.files import json_text, output_folder
 from spidar_gym.native.plant import Plant
 from spidar_gym.paper import flight_studies as studies
-from spidar_gym.paper import tune as tuning
 from spidar_gym.policies.provenance import versions
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import FORMS, N_ROTORS
@@ -35,6 +35,9 @@ from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.sim.scene import scene
 from spidar_gym.text import format_table
+from spidar_gym.tune import flight
+from spidar_gym.tune import search as tuning
+from spidar_gym.tune.flight import margin_lines
 
 app = tyro.extras.SubcommandApp()
 app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
@@ -64,34 +67,44 @@ def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: 
 
 @app.command
 def tune(
+    search: Annotated[str, choice(tuning.SEARCHES)],
+    /,
     out: Path = Path("out/tune"),
-    generations: int = 40,
+    generations: int = 100,
     population: int = 12,
-    flights: int = 6,
+    scenarios: int = 3,
     seed: int = 0,
     workers: int = cpu_count(),
 ) -> None:
-    """Search the gains and compensations of preset tuned with CMA-ES; goes on where an earlier search in --out stopped.
+    """Search the numbers of preset tuned (flight) or robust_overlapped (crawl) with CMA-ES; goes on where it stopped.
 
     Args:
+        search: flight, on the tracks of flights, or crawl, on those on the ground.
         out: Folder of the search's log, written after every generation.
         generations: Generations in all.
         population: Candidates a generation.
-        flights: Flights a candidate, of 7 s each, on seeds that nothing else flies.
+        scenarios: Scenarios of each track a candidate plays, drawn anew for each generation.
         seed: Seed of the search.
         workers: Processes.
     """
-    search = dict(generations=generations, population=population, flights=flights, seed=seed, workers=workers)
-    tuning.check_search(**search)
+    how = dict(generations=generations, population=population, scenarios=scenarios, seed=seed, workers=workers)
+    tuning.check_search(search, **how)
     folder = output_folder(out)
-    total = generations * (population + 1) * flights
-    with progress(total=total, unit="flight", desc="tune") as bar, kept(goes_on(bar, folder)):
+    total = generations * tuning.pieces(search, population)
+    with progress(total=total, unit="play", desc=f"tune {search}") as bar, kept(goes_on(bar, folder)):
         last = tuning.tune(
-            folder, **search, on_flight=bar.update, on_generation=lambda line: bar.set_postfix(cost=line["cost"])
-        )
+            search, folder, **how, on_piece=bar.update,
+            on_generation=lambda line: bar.set_postfix(gain=math.exp(line["reference"] - line["cost"])),
+        )  # fmt: skip
+    found = tuning.SEARCHES[search]
     print(json_text(last["parameters"]))
-    print(f"cost {last['cost']:.3f} after {last['generation'] + 1} generations, written to {folder / tuning.LOG}\n")
-    print(format_table(tuning.margin_lines(tuning.configuration(last["parameters"])), left=1))
+    gain = math.exp(last["reference"] - last["cost"])
+    print(
+        f"errors of {found.reference} over those found, geometric mean: {gain:.3f} after {last['generation'] + 1} "
+        f"generations, written to {folder / tuning.log_name(search)}"
+    )
+    if search == "flight":
+        print("\n" + format_table(margin_lines(flight.configuration(last["parameters"])), left=1))
 
 
 @app.command

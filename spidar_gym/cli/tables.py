@@ -19,8 +19,8 @@ from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import lost_lines, speed_lines
-from spidar_gym.paper.tune import margin_lines
 from spidar_gym.text import format_table
+from spidar_gym.tune.flight import margin_lines
 
 RESULTS = Path("docs") / "results"
 """Folder of the committed results in a checkout."""

@@ -10,26 +10,29 @@ from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.errors import require_name
 
+# What a search of 30 generations found, on the simulator of its day.
+TUNED_V1 = ControllerConfig(
+    centroidal=CentroidalConfig(
+        position_gains=((14.12, 0.0474, 4.193), (14.12, 0.0474, 4.193), (7.76, 6.023, 7.479)),
+        attitude_gains=((24.37, 0.645, 6.978), (24.37, 0.645, 6.978), (19.5, 5.914, 7.322)),
+    ),
+    compensation=CompensationConfig(
+        momentum_gain=1.276,
+        momentum_filter=0.02851,
+        servo_bandwidth=52.48,
+        vectoring_lead=0.05232,
+        observer_gain=0.8372,
+        observer_time=0.3603,
+        observer_lag=0.1621,
+        joint_ramp=0.4,
+    ),
+)
+"""The first version of `tuned`, with which the rows of that name were made."""
 PRESETS: dict[str, ControllerConfig] = {
     "paper": ControllerConfig(),
     "as_flown": ControllerConfig(allocation="as_flown"),
-    # What `spidar tune --seed 0 --generations 30` found.
-    "tuned": ControllerConfig(
-        centroidal=CentroidalConfig(
-            position_gains=((14.12, 0.0474, 4.193), (14.12, 0.0474, 4.193), (7.76, 6.023, 7.479)),
-            attitude_gains=((24.37, 0.645, 6.978), (24.37, 0.645, 6.978), (19.5, 5.914, 7.322)),
-        ),
-        compensation=CompensationConfig(
-            momentum_gain=1.276,
-            momentum_filter=0.02851,
-            servo_bandwidth=52.48,
-            vectoring_lead=0.05232,
-            observer_gain=0.8372,
-            observer_time=0.3603,
-            observer_lag=0.1621,
-            joint_ramp=0.4,
-        ),
-    ),
+    "tuned": TUNED_V1,
+    "tuned_v1": TUNED_V1,
 }
 """Controllers by name."""
 
@@ -57,13 +60,16 @@ ROBUST = CrawlerConfig(
     torque_limit=4.5, blend_time=0.8, foot_friction=0.25, leg_stiffness=40.0, leg_damping=2.0,
 )  # fmt: skip
 """Crawler for robots, floors and feet that are not as described."""
+# Its margins with the fast schedule, but the torso waits until it has arrived before it goes down.
+ROBUST_OVERLAPPED_V1 = replace(ROBUST, gait=GaitConfig(rolling=True, **{**SCHEDULES["overlapped"], "down_at": 1.0}))
+"""The first version of `robust_overlapped`, put together by hand."""
 CRAWL_PRESETS: dict[str, CrawlerConfig] = {
     # The paper's phases and cost; the lab does not tell its friction, so 0.6 of the true one is planned.
     "published": CrawlerConfig(),
     "overlapped": CrawlerConfig(gait=GaitConfig(rolling=True, **SCHEDULES["overlapped"])),
     "robust": ROBUST,
-    # Its margins with the fast schedule, but the torso waits until it has arrived before it goes down.
-    "robust_overlapped": replace(ROBUST, gait=GaitConfig(rolling=True, **{**SCHEDULES["overlapped"], "down_at": 1.0})),
+    "robust_overlapped": ROBUST_OVERLAPPED_V1,
+    "robust_overlapped_v1": ROBUST_OVERLAPPED_V1,
 }
 """Crawlers by name."""
 

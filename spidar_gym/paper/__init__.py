@@ -1,1 +1,1 @@
-"""The paper's experiments, studies around them, and the search for `tuned`."""
+"""The paper's experiments, and studies around them."""

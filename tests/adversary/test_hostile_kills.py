@@ -24,7 +24,7 @@ COMMANDS = {
     "eval": [*SPIDAR, "eval", "--policy", "baselines.qp:QP", "--tracks", "flight-fast5", "--scenarios", "4",
              "--workers", "2", "--cache", "kept", "--out", "scores"],
     "speeds": [*SPIDAR, "paper", "flight", "--speeds", "--scenarios", "1", "--workers", "2", "--out", "flight"],
-    "tune": [*SPIDAR, "tune", "--generations", "2", "--population", "4", "--flights", "1", "--workers", "2",
+    "tune": [*SPIDAR, "tune", "flight", "--generations", "1", "--population", "2", "--scenarios", "1", "--workers", "2",
              "--out", "tune"],
     "verify": [*SPIDAR, "leaderboard", "verify", "--rows", str(ROOT / "baselines" / "scores"), "--sample", "4",
                "--workers", "2"],

@@ -11,9 +11,9 @@ from spidar_gym.benchmark import statistics
 from spidar_gym.cli.main import main
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.paper import flight_studies as studies
-from spidar_gym.paper import tune
 from spidar_gym.paper.trial import Outcome
 from spidar_gym.robot import FORMS
+from spidar_gym.tune import search
 
 
 @pytest.fixture
@@ -30,8 +30,7 @@ def quick(monkeypatch):
             outcomes.append(Outcome(0.001 * (1 + k % 7), 0.002 * scenario.joint_speed, 0, 3.0, 0, ""))
         return outcomes
 
-    for module in (studies, tune):
-        monkeypatch.setattr(module, "fly_all", fly_all)
+    monkeypatch.setattr(studies, "fly_all", fly_all)
     fewer = functools.partial(statistics.stratified_bootstrap, draws=20)
     monkeypatch.setattr(statistics, "stratified_bootstrap", fewer)
     return asked
@@ -85,23 +84,35 @@ def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypat
     assert sum(line.startswith(("thrust", "vectoring")) for line in capfd.readouterr().out.splitlines()) == len(rows)
 
 
-def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(quick, here, capfd):
+def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(monkeypatch, here, capfd):
     pytest.importorskip("cma")
-    arguments = ["tune", "--population", "4", "--flights", "2", "--seed", "3"]
+    played = []
+
+    def finish(call, jobs, *, on_done, **_):
+        played.extend(jobs)
+        for k, _ in enumerate(jobs):
+            on_done(k, None)
+        rise = [sum((job.values or {"none": 1.0}).values()) for job in jobs]
+        return [{"errors": [0.1 + 1e-5 * own], "ticks": 3} for own in rise]
+
+    monkeypatch.setattr(search, "finish", finish)
+    monkeypatch.setattr(search, "draw_scenarios", lambda *_: {"flight-wind": (), "flight-fast5": ()})
+    arguments = ["tune", "flight", "--population", "4", "--scenarios", "1", "--seed", "3"]
     main([*arguments, "--generations", "1"])
-    assert "cost" in capfd.readouterr().out
-    # Four candidates and the mean of the distribution.
-    assert len(quick) == 5 * 2
+    out = capfd.readouterr().out
+    assert "errors of tuned_v1 over those found" in out
+    # Four candidates, the mean of the distribution and the reference, on two tracks each.
+    assert len(played) == 6 * 2
     main([*arguments, "--generations", "2"])
-    assert len(quick) == 2 * 5 * 2
+    assert len(played) == 2 * 6 * 2
     out = capfd.readouterr().out
     assert "after 2 generations" in out
     assert "gain margin" in out
-    log = json.loads((here / "out/tune/tune.json").read_text(encoding="utf-8"))["log"]
+    log = json.loads((here / "out/tune/flight.json").read_text(encoding="utf-8"))["log"]
     assert [line["generation"] for line in log] == [0, 1]
-    assert set(files(here)) == {"out/tune/tune.json"}
+    assert set(files(here)) == {"out/tune/flight.json"}
     before = files(here)
     assert "valid: the same settings, or another folder" in refused_after_a_bar(
-        capfd, "tune", "--population", "5", "--flights", "2", "--seed", "3"
+        capfd, "tune", "flight", "--population", "5", "--scenarios", "1", "--seed", "3"
     )
     assert files(here) == before

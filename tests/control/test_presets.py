@@ -13,9 +13,9 @@ from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.control.presets import PRESETS, controller_config
 from spidar_gym.errors import UnknownNameError
-from spidar_gym.paper.tune import shortfall
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.so3 import exp, matrix_to_quat
+from spidar_gym.tune.flight import shortfall
 
 TRIM = np.array([1.0, -2.0, 3.0, 0.4, -0.3, 0.2])
 

@@ -11,7 +11,7 @@ from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.margins import AXES, DELAY, LAG, margins
 from spidar_gym.control.presets import PRESETS, controller_config
-from spidar_gym.paper.tune import shortfall
+from spidar_gym.tune.flight import shortfall
 
 H = 0.0005
 

@@ -1,0 +1,307 @@
+"""`spidar tune`: CMA-ES over a controller's parameters, counted by the benchmark's errors on scenarios of its own."""
+
+import hashlib
+import importlib.util
+import json
+import math
+import shutil
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.resume import finish
+from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
+from spidar_gym.benchmark.scoring import play_scenarios
+from spidar_gym.benchmark.track import CAP, TRACKS
+from spidar_gym.border import BorderError, parse_json, read_file, require_form
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
+from spidar_gym.files import json_text, write_text
+from spidar_gym.policies.presets import PresetPolicy
+from spidar_gym.tune import crawl, flight
+from spidar_gym.tune.parameter import Parameter, decode
+
+DRAWS = 2
+"""Scenarios are drawn as those of a split of this number would be, which no split has (0 is test, 1 validation)."""
+MARGIN_COST = 10.0
+"""Cost of margins that fall short by their own size."""
+STEP = 0.15
+"""First step of the search, in halves of the parameters' ranges."""
+
+MOST_BYTES = 2**26
+"""No log is larger."""
+FORM = {
+    "settings": {"search": str, "population": int, "scenarios": int, "seed": int},
+    "log": [
+        {
+            "generation": int, "cost": float, "reference": float, "best": float, "sigma": float, "shortfall": float,
+            "ticks": int, "parameters": {str: float}, "costs": [float], "errors": {str: float},
+        }
+    ],
+    "sha256": str,
+}  # fmt: skip
+"""What stands in it."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched for, and on which tracks."""
+
+    name: str
+    """What it is called, in the command and in the log."""
+    preset: str
+    """The preset that it is for."""
+    group: str
+    """Group of tracks."""
+    reference: str
+    """Preset that is played beside every generation."""
+    parameters: tuple[Parameter, ...]
+    """What is tuned."""
+    configuration: Callable[[dict[str, float]], Any]
+    """Parameters → controller; `InvalidValueError` for what is none."""
+    shortfall: Callable[[Any], float]
+    """How far a controller's margins fall short."""
+
+    @property
+    def tracks(self) -> tuple[str, ...]:
+        """Tracks that are played."""
+        return tuple(name for name, track in TRACKS.items() if track.group == self.group)
+
+
+SEARCHES: dict[str, Search] = {
+    "flight": Search(
+        "flight", "tuned", "flight", flight.REFERENCE, flight.PARAMETERS, flight.configuration, flight.shortfall
+    ),
+    "crawl": Search(
+        "crawl", "robust_overlapped", "ground", crawl.REFERENCE, crawl.PARAMETERS, crawl.configuration, crawl.shortfall
+    ),
+}
+"""Every search by name."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A controller on a track's scenarios: the smallest piece of work."""
+
+    search: str
+    """Name of the search."""
+    values: Mapping[str, float] | None
+    """Its parameters; None for the reference preset."""
+    track: str
+    """Track."""
+    scenarios: tuple[Scenario, ...]
+    """Which episodes."""
+
+
+class _Played(PresetPolicy):
+    """The zero action on a controller of one's own."""
+
+    def __init__(self, arguments: dict[str, Any]) -> None:
+        """Take the arguments of `gym.make`."""
+        self._arguments = arguments
+
+    def arguments(self, env_id: str) -> dict[str, Any]:
+        """The controller."""
+        return self._arguments
+
+
+def play_candidate(candidate: Candidate) -> dict[str, Any]:
+    """Play it: the benchmark's `errors` of its scenarios and the `ticks` that were simulated."""
+    search = SEARCHES[candidate.search]
+    if candidate.values is None:
+        arguments: dict[str, Any] = {"preset": search.reference}
+    else:
+        try:
+            arguments = {"controller": search.configuration(dict(candidate.values))}
+        except InvalidValueError:
+            return {"errors": [CAP] * len(candidate.scenarios), "ticks": 0}
+    played = play_scenarios(_Played(arguments), candidate.track, candidate.scenarios)
+    seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where it diverged
+    return {"errors": [one["metrics"]["error"] for one in played], "ticks": round(seconds * CONTROL_RATE)}
+
+
+def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[str, tuple[Scenario, ...]]:
+    """The scenarios of a generation: others each time, the same for all candidates; track → scenarios."""
+    found = {}
+    for track in SEARCHES[name].tracks:
+        rngs = (
+            np.random.Generator(np.random.PCG64([zlib.crc32(track.encode()), DRAWS, seed, generation, k]))
+            for k in range(count)
+        )
+        found[track] = tuple(draw_scenario_from(track, rng, k) for k, rng in enumerate(rngs))
+    return found
+
+
+def cost(errors: Mapping[str, float], shortfall: float) -> float:
+    """Cost of a controller: mean over the tracks of log(mean error), and what its margins lack.
+
+    So it is the logarithm of what the leaderboard's score turns on, the geometric mean over tracks.
+    """
+    return float(np.mean(np.log(list(errors.values())))) + MARGIN_COST * shortfall
+
+
+def check_search(name: str, *, generations: int, population: int, scenarios: int, seed: int, workers: int) -> None:
+    """Refuse a search that cannot be made."""
+    require_name("search", name, SEARCHES)
+    if importlib.util.find_spec("cma") is None:
+        raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'")
+    require_least(1, generations=generations, scenarios=scenarios, workers=workers)
+    require_least(2, population=population)
+    require_least(0, seed=seed)
+
+
+def pieces(name: str, population: int) -> int:
+    """How many pieces of work a generation has: candidates, the mean and the reference, on every track."""
+    return (population + 2) * len(SEARCHES[name].tracks)
+
+
+def tune(
+    name: str,
+    folder: Path,
+    *,
+    generations: int,
+    population: int,
+    scenarios: int,
+    seed: int,
+    workers: int,
+    on_piece: Callable[[], object] = lambda: None,
+    on_generation: Callable[[dict[str, Any]], object] = lambda _: None,
+) -> dict[str, Any]:
+    """Search, or go on with the search in `folder`.
+
+    Args:
+        name: One of `SEARCHES`.
+        folder: Where the log of the search is written after every generation; what was told is all of its state. What
+            has been played of an unfinished generation lies there too.
+        generations: How many in all.
+        population: Candidates a generation.
+        scenarios: Scenarios of each track a candidate.
+        seed: Seed of the search; other settings than those of an unfinished search are refused.
+        workers: Processes.
+        on_piece: Called after every piece of work.
+        on_generation: Called with the head of each line of the log.
+
+    Returns:
+        The last line of the log: the mean of the search distribution, its cost, errors and margins.
+    """
+    check_search(
+        name, generations=generations, population=population, scenarios=scenarios, seed=seed, workers=workers
+    )  # fmt: skip
+    settings = {"search": name, "population": population, "scenarios": scenarios, "seed": seed}
+    path, unfinished = folder / log_name(name), folder / f"{name}-unfinished"
+    search, evolution, lines = SEARCHES[name], _evolution(name, population, seed), read_log(path, settings)
+    _replay(name, evolution, lines, path)
+    for _ in range(len(lines) * pieces(name, population)):
+        on_piece()
+    for generation in range(len(lines), generations):
+        points, mean = evolution.ask(), evolution.mean.copy()
+        # The mean of the distribution is played too: it is the answer, so its cost belongs in the log.
+        values = [*(decode(search.parameters, x) for x in [*points, mean]), None]
+        drawn = draw_scenarios(name, generation, seed, scenarios)
+        jobs = [Candidate(name, own, track, drawn[track]) for own in values for track in drawn]
+        played = finish(play_candidate, jobs, workers=workers, folder=unfinished, on_done=lambda *_: on_piece())
+        means = np.array([np.mean(one["errors"]) for one in played]).reshape(len(values), len(drawn))
+        errors = [dict(zip(drawn, row.tolist(), strict=True)) for row in means]
+        costs = [cost(own, _shortfall(search, one)) for own, one in zip(errors, values, strict=True)]
+        evolution.tell(points, costs[:population])
+        ticks = sum(one["ticks"] for one in played)
+        lines.append(_line(name, generation, costs, errors[population], ticks, mean, evolution))
+        write_text(path, log_text(settings, lines))
+        shutil.rmtree(unfinished, ignore_errors=True)
+        on_generation({name: lines[-1][name] for name in ("generation", "cost", "reference", "best", "sigma")})
+    return lines[-1]
+
+
+def log_name(name: str) -> str:
+    """Name of a search's file."""
+    return f"{name}.json"
+
+
+def _shortfall(search: Search, values: dict[str, float] | None) -> float:
+    """What the margins of parameters lack; those of the reference are not counted."""
+    try:
+        return 0.0 if values is None else search.shortfall(search.configuration(values))
+    except InvalidValueError:
+        return 0.0  # its errors are `CAP`
+
+
+def _evolution(name: str, population: int, seed: int) -> Any:  # noqa: ANN401 - cma is optional
+    """A search at its beginning: what it does from here on rests on the costs that it is told, and on nothing else."""
+    import cma
+
+    # Of its own: whatever draws from NumPy's global generator meanwhile would change the search.
+    draw = np.random.RandomState(seed + 1).randn
+    options = {"popsize": population, "randn": draw, "seed": math.nan, "verbose": -9, "CMA_diagonal": True}
+    return cma.CMAEvolutionStrategy(np.zeros(len(SEARCHES[name].parameters)), STEP, options)
+
+
+def _line(
+    name: str, generation: int, costs: list[float], errors: dict[str, float], ticks: int, mean: np.ndarray,
+    evolution: Any,  # noqa: ANN401 - cma's
+) -> dict[str, Any]:  # fmt: skip
+    """The log's line of a generation, from its costs, those of mean and reference last; the search was told them."""
+    search = SEARCHES[name]
+    rounded = {key: float(f"{value:.4g}") for key, value in decode(search.parameters, evolution.mean).items()}
+    return {
+        "generation": generation,
+        "cost": costs[-2],
+        "reference": costs[-1],
+        "best": min(costs[:-2]),
+        "sigma": float(evolution.sigma),
+        "shortfall": _shortfall(search, decode(search.parameters, mean)),
+        "ticks": ticks,
+        "parameters": rounded,
+        "costs": costs,
+        "errors": errors,
+    }
+
+
+def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """The lines of a search's file; none where there is no file (`SpidarError` for one that is not this search's).
+
+    Args:
+        path: Its file.
+        settings: What it has to have been begun with.
+    """
+    if not path.exists():
+        return []
+    try:
+        data = read_file(path, MOST_BYTES)
+        content = parse_json(data)
+        require_form(content, FORM, path.name)
+        if data != log_text(content["settings"], content["log"]).encode():
+            raise BorderError("its checksum is not that of its content")
+    except BorderError as error:
+        raise SpidarError(f"{path} is damaged ({error}); valid: another folder, or this one without it") from error
+    if content["settings"] != settings:
+        raise SpidarError(
+            f"{path} holds a search with {content['settings']}; valid: the same settings, or another folder"
+        )
+    return content["log"]
+
+
+def _replay(name: str, evolution: Any, lines: list[dict[str, Any]], path: Path) -> None:  # noqa: ANN401 - cma's
+    """Bring a search to where the one of the log was (`SpidarError` where it does not get there)."""
+    for generation, line in enumerate(lines):
+        points, mean = evolution.ask(), evolution.mean.copy()
+        fits = len(line["costs"]) == len(points) + 2
+        if fits:
+            evolution.tell(points, line["costs"][:-2])
+        of = partial(_line, name, generation, line["costs"], line["errors"], line["ticks"], mean)
+        if not fits or line != of(evolution):
+            raise SpidarError(
+                f"{path}: told its costs, the search does not come to generation {generation} of the log; "
+                "valid: the versions of cma and numpy that wrote it, or another folder"
+            )
+
+
+def log_text(settings: dict[str, Any], lines: list[dict[str, Any]]) -> str:
+    """The file of a search, with its checksum."""
+    content = {"settings": settings, "log": lines}
+    digest = hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    return json_text({**content, "sha256": digest}) + "\n"

@@ -1,0 +1,185 @@
+"""Pins the search for `tuned` and `robust_overlapped`: its cost, its scenarios, its files, its interruptions."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from spidar_gym.benchmark import scoring
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import CAP, SPLITS, TRACKS
+from spidar_gym.control.presets import ROBUST_OVERLAPPED_V1, TUNED_V1
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
+from spidar_gym.tune import search as tuning
+from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, play_candidate
+
+REFERENCES = {"flight": TUNED_V1, "crawl": ROBUST_OVERLAPPED_V1}
+BUDGET = {"population": 4, "scenarios": 1, "seed": 0, "workers": 1}
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_a_search_begins_at_its_reference_on_all_tracks_of_its_group(name):
+    search = SEARCHES[name]
+    assert search.configuration({p.name: p.start for p in search.parameters}) == REFERENCES[name]
+    assert search.tracks == tuple(t for t in TRACKS if t.startswith({"flight": "flight", "crawl": "ground"}[name]))
+
+
+def test_the_cost_is_the_logarithm_of_the_geometric_mean_over_tracks_and_margins_come_on_top():
+    errors = {"a": 0.1, "b": 0.4}
+    assert cost(errors, 0.0) == pytest.approx(np.log(0.2))
+    assert cost(errors, 0.3) > cost(errors, 0.1) > cost(errors, 0.0)
+    halved = cost({"a": 0.05, "b": 0.4}, 0.0)
+    assert halved == pytest.approx(cost({"a": 0.1, "b": 0.2}, 0.0))
+
+
+def test_scenarios_are_the_searchs_own_and_other_ones_in_every_generation():
+    drawn = [draw_scenarios("flight", generation, seed, 2) for generation, seed in ((0, 0), (1, 0), (0, 1))]
+    assert drawn[0] == draw_scenarios("flight", 0, 0, 2)
+    seeds = [one.seed for draw in drawn for scenarios in draw.values() for one in scenarios]
+    seeds += [
+        one.seed for split in SPLITS for name in SEARCHES["flight"].tracks for one in load_scenarios(name, split)[0]
+    ]
+    assert len(set(seeds)) == len(seeds)
+    wind = drawn[0]["flight-wind"][0]
+    assert 1.0 <= wind.disturbances["wind"] <= 3.0
+    assert drawn[0]["flight-randomised"][0].robot != drawn[1]["flight-randomised"][0].robot
+
+
+def test_a_candidate_with_the_references_numbers_flies_as_the_reference_does():
+    scenarios = draw_scenarios("flight", 0, 0, 1)["flight-narrow"]
+    start = {p.name: p.start for p in SEARCHES["flight"].parameters}
+    same, own = (play_candidate(Candidate("flight", v, "flight-narrow", scenarios)) for v in (start, None))
+    assert same == own
+    assert own["ticks"] == 640
+    weak = play_candidate(Candidate("flight", start | {"z_p": 1.6, "z_d": 1.5}, "flight-narrow", scenarios))
+    assert weak["errors"][0] > own["errors"][0]
+
+
+def test_a_start_pose_out_of_reach_costs_what_a_failure_does():
+    values = {p.name: p.start for p in SEARCHES["crawl"].parameters} | {"inner": 1.5, "outer": 0.0}
+    scenarios = load_scenarios("ground-paper", "validation")[0][:2]
+    assert play_candidate(Candidate("crawl", values, "ground-paper", scenarios)) == {"errors": [CAP] * 2, "ticks": 0}
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Tracks of eight ticks."""
+    monkeypatch.setattr(scoring, "_ticks", lambda track: 8)
+    monkeypatch.setattr(tuning, "draw_scenarios", lambda name, *_: {
+        track: load_scenarios(track, "validation")[0][:1] for track in ("flight-paper", "flight-forms")
+    })  # fmt: skip
+
+
+def log(folder):
+    return json.loads((folder / "flight.json").read_text(encoding="utf-8"))
+
+
+def test_a_search_writes_its_log_and_answers_with_its_last_line(short, tmp_path):
+    done, heads = [], []
+    last = tuning.tune(
+        "flight", tmp_path, generations=2, **BUDGET, on_piece=lambda: done.append(None), on_generation=heads.append
+    )
+    written = log(tmp_path)
+    assert written["settings"] == {"search": "flight", "population": 4, "scenarios": 1, "seed": 0}
+    assert [line["generation"] for line in written["log"]] == [0, 1]
+    assert written["log"][-1] == last
+    assert [head["cost"] for head in heads] == [line["cost"] for line in written["log"]]
+    # Four candidates, the mean of the distribution and the reference, on two tracks each, for eight ticks.
+    assert len(done) == 2 * 6 * 2
+    assert last["ticks"] == 6 * 2 * 8
+    assert set(last["parameters"]) == {p.name for p in SEARCHES["flight"].parameters}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight.json"]
+
+
+def test_the_log_has_the_cost_of_the_mean_of_the_distribution_and_of_the_reference_on_the_same_scenarios(
+    short, tmp_path
+):
+    """They are the same controller at the beginning."""
+    line = tuning.tune("flight", tmp_path, generations=1, **BUDGET)
+    assert line["cost"] == line["reference"] == pytest.approx(cost(line["errors"], 0.0))
+    assert line["shortfall"] == 0.0
+    assert line["best"] == min(line["costs"][:4]) != line["cost"]
+    later = tuning.tune("flight", tmp_path, generations=2, **BUDGET)
+    assert later["cost"] != later["reference"]
+
+
+def test_an_interrupted_search_goes_on_as_if_it_had_not_been(short, tmp_path):
+    tuning.tune("flight", tmp_path / "whole", generations=3, **BUDGET)
+    for generations in (1, 2, 3):
+        # Another process would start with another state of NumPy's global generator, and others draw from it.
+        np.random.seed(generations)  # noqa: NPY002 - the global state must not matter
+        draw = lambda: np.random.random(generations)  # noqa: E731, NPY002, B023 - called at once
+        tuning.tune("flight", tmp_path / "parts", generations=generations, **BUDGET, on_piece=draw)
+    assert log(tmp_path / "whole") == log(tmp_path / "parts")
+    finished = log(tmp_path / "parts")["log"][-1]
+    assert tuning.tune("flight", tmp_path / "parts", generations=2, **BUDGET) == finished
+
+
+def test_another_seed_is_another_search(short, tmp_path):
+    a, b = (tuning.tune("flight", tmp_path / str(seed), generations=1, **(BUDGET | {"seed": seed})) for seed in (0, 1))
+    assert a["parameters"] != b["parameters"]
+
+
+@pytest.mark.parametrize("other", [{"population": 5}, {"scenarios": 2}, {"seed": 1}])
+def test_a_search_of_other_settings_is_not_mixed_with_one_in_the_folder(short, tmp_path, other):
+    tuning.tune("flight", tmp_path, generations=1, **BUDGET)
+    before = log(tmp_path)
+    with pytest.raises(SpidarError, match="valid: the same settings, or another folder"):
+        tuning.tune("flight", tmp_path, generations=2, **(BUDGET | other))
+    assert log(tmp_path) == before
+
+
+def test_every_flipped_bit_of_a_log_is_noticed(short, tmp_path):
+    tuning.tune("flight", tmp_path, generations=2, **BUDGET)
+    path = tmp_path / "flight.json"
+    whole, rng = path.read_bytes(), np.random.default_rng(0)
+    for place in rng.choice(len(whole), 300, replace=False).tolist():
+        data = bytearray(whole)
+        data[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(data)
+        with pytest.raises(SpidarError) as caught:
+            tuning.tune("flight", tmp_path, generations=2, **BUDGET)
+        assert str(caught.value).isprintable()
+        assert "valid: " in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda log: log[1]["costs"].reverse(),
+        lambda log: log[1]["costs"].pop(),
+        lambda log: log[1].update(sigma=0.25),
+        lambda log: log[0]["parameters"].update(z_p=1.0),
+        lambda log: log[0].update(cost=0.0),
+        lambda log: log.pop(0),
+    ],
+)
+def test_a_log_whose_costs_do_not_lead_to_it_is_refused_though_its_checksum_is_right(short, tmp_path, change):
+    tuning.tune("flight", tmp_path, generations=2, **BUDGET)
+    content = log(tmp_path)
+    change(content["log"])
+    (tmp_path / "flight.json").write_text(tuning.log_text(content["settings"], content["log"]), encoding="utf-8")
+    with pytest.raises(SpidarError, match=r"told its costs, the search does not come to generation .*; valid: "):
+        tuning.tune("flight", tmp_path, generations=3, **BUDGET)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "least"),
+    [("generations", 0, 1), ("scenarios", 0, 1), ("workers", 0, 1), ("population", 1, 2), ("seed", -1, 0)],
+)
+def test_a_search_that_cannot_be_made_is_refused_before_it_flies(tmp_path, name, value, least):
+    with pytest.raises(InvalidValueError, match=f"{name} = {value} .*at least {least}"):
+        tuning.tune("flight", tmp_path, **({"generations": 1} | BUDGET | {name: value}))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_search_without_cma_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cma", None)
+    with pytest.raises(MissingDependencyError, match=r"cma is not available; install it with: .*spidar-gym\[tune\]"):
+        tuning.tune("flight", tmp_path, generations=1, **BUDGET)
+
+
+def test_a_search_that_does_not_exist_is_refused_with_those_that_do(tmp_path):
+    with pytest.raises(UnknownNameError, match="flight, crawl"):
+        tuning.tune("swim", tmp_path, generations=1, **BUDGET)
