@@ -89,6 +89,19 @@ class Fleet:
         for name in ("start", "deadline", "joint_target"):
             goals[name] = [getattr(goal, name) for goal in start.goals]
 
+    def ask_advice(self) -> None:
+        """Let the controller say at every tick what it would command in place of a `direct` action, for imitation.
+
+        From then on ``robots["advice"]`` is its command for what was seen before the tick. Where ``robots["is_led"]``
+        is set, that is done in place of the action, and told as if it had been the action.
+
+        Raises:
+            InvalidValueError: For a crawl, or an action mode that has the controller fly anyway.
+        """
+        if self.kind != "hover" or not np.all(self.rules["rules"]["mode"]["is_direct"]):
+            raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
+        self.rules["rules"]["is_advised"] = 1
+
     def make_room(self, goals: int) -> None:
         """Let an episode have at least so many forms."""
         robots, room = self.goals.shape

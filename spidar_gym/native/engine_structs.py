@@ -223,6 +223,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("horizon", "i8", (), "ticks of an episode; success is judged there"),
         ("truncates autoreset", "i4", (), "whether it ends there; sp_autoreset"),
         ("is_commanded is_judged", "i4", (), "whether Python commands; whether it refers, previews and judges"),
+        ("is_advised", "i4", (), "whether the controller says what it would do where an action goes past it"),
     )),
     CStruct("hover_rules", "The task of a flight.", (
         ("rules", "rules", (), ""),
@@ -269,6 +270,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("trim", "f8", (6,), "what a hover takes beyond the description [N, Nm]"),
         ("goals current flown", "i4", (), "how many; which is the target; ticks"),
         ("position_sum attitude_sum", "f8", (), "of squared errors [m²], [rad²]"),
+        ("is_led", "i4", (), "whether the controller's advice is done in place of the action"),
+        ("advice", "command", (), "what the controller would have commanded at the last tick"),
     )),
     CStruct("info", "What is told of every robot after a tick.", (
         ("thrust_command thrust", "f8", (N_ROTORS,), "[N]"),

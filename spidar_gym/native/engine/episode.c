@@ -82,6 +82,19 @@ void sp_act_directly(const double *action, const sp_robot *robot, double joint_s
     sp_vectoring_to_force(command->thrust, vectoring, forces_l);
 }
 
+/* The action that `sp_act_directly` makes this command of. */
+void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        action[i] = 2.0 * command->thrust[i] / robot->max_thrust - 1.0;
+        for (int k = 0; k < 2; k++)
+            action[SP_ROTORS * (1 + k) + i] =
+                (wrapped(command->vectoring[2 * i + k] + SP_PI, SP_TWO_PI) - SP_PI) / SP_PI;
+    }
+    for (int j = 0; j < SP_JOINTS; j++)
+        action[3 * SP_ROTORS + j] = sp_clip(command->joint_position[j] / robot->joint_limit, -1.0, 1.0);
+}
+
 /* 1 at no error, ½ at `margin`, falling towards 0. */
 double sp_tolerance(double error, double margin)
 {

@@ -10,6 +10,7 @@ void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode);
 void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode);
 void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
                      double *forces_l, double *joints, double *joint_velocity, sp_command *command);
+void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action);
 void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
              sp_info *info);
 void sp_end_tick(sp_engine *engine, const sp_rules *rules, sp_episode *episode, int robot);

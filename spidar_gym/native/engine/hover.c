@@ -187,15 +187,35 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     update_errors(numbers, h);
 }
 
+/* What the controller would do: its integrals and observer go on as they do where it flies, but what it remembers of the
+ * last command stays that of the command that is done. */
+static void advise(sp_room *room, sp_hover *h)
+{
+    sp_flight_memory *memory = &h->flight.memory, before = *memory;
+    sp_residual none = {0};
+    none.joint_speed_scale = 1.0;
+    sp_flight_step(&h->flight, &h->episode.seen, &h->reference, &none, &h->percept, room, &h->advice);
+    if (h->is_led) return;
+    sp_copy(memory->vectoring, before.vectoring, 2 * SP_ROTORS);
+    sp_copy(memory->forces_l, before.forces_l, SP_FORCES);
+    sp_copy(memory->joint_position, before.joint_position, SP_JOINTS);
+}
+
 /* The command of this tick. */
 static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
 {
     sp_episode *episode = &h->episode;
     sp_flight_memory *memory = &h->flight.memory;
     const sp_action_mode *mode = &rules->rules.mode;
-    if (mode->is_direct) {
+    if (mode->is_direct && rules->rules.is_advised) advise(room, h);
+    if (mode->is_direct && rules->rules.is_advised && h->is_led) {
+        episode->command = h->advice;
+        sp_direct_action(&h->advice, room->robot, episode->action);
+        sp_copy(h->joint_velocity, h->flight.joint_velocity, SP_JOINTS);
+    } else if (mode->is_direct) {
         sp_act_directly(episode->action, room->robot, rules->controller.joint_speed, memory->vectoring,
                         memory->forces_l, memory->joint_position, h->joint_velocity, &episode->command);
+        sp_copy(memory->joint_velocity, h->joint_velocity, SP_JOINTS);
     } else {
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
         sp_flight_step(&h->flight, &episode->seen, &h->reference, &episode->residual, &h->percept, room,

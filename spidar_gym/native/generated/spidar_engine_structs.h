@@ -326,6 +326,7 @@ typedef struct {
     int64_t horizon; /* ticks of an episode; success is judged there */
     int32_t truncates, autoreset; /* whether it ends there; sp_autoreset */
     int32_t is_commanded, is_judged; /* whether Python commands; whether it refers, previews and judges */
+    int32_t is_advised; /* whether the controller says what it would do where an action goes past it */
 } sp_rules;
 
 /* The task of a flight. */
@@ -378,6 +379,8 @@ typedef struct {
     double trim[6]; /* what a hover takes beyond the description [N, Nm] */
     int32_t goals, current, flown; /* how many; which is the target; ticks */
     double position_sum, attitude_sum; /* of squared errors [m²], [rad²] */
+    int32_t is_led; /* whether the controller's advice is done in place of the action */
+    sp_command advice; /* what the controller would have commanded at the last tick */
 } sp_hover;
 
 /* What is told of every robot after a tick. */

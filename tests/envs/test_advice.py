@@ -1,0 +1,81 @@
+"""Pins the controller's advice in `direct` flights: led by it they are the controller's own, and it can be said."""
+
+import numpy as np
+import pytest
+
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import InvalidValueError
+
+FLIGHTS = {
+    "fast": {"forms": "independent", "joint_speed": 1.0},
+    "drawn": {"forms": "independent", "joint_speed": 0.6, "sensors": True, "randomization": 1.0},
+    "narrow": {"forms": "narrow", "joint_speed": 0.2},
+}
+ROBOTS, TICKS, SIZE = 3, 120, 40
+
+
+def advised(options, preset="tuned"):
+    """Direct flights, and how much of an observation is not its action."""
+    vector = NativeVectorEnv(HOVER, ROBOTS, preset=preset, action_mode="direct", **options)
+    vector.fleet.ask_advice()
+    return vector, vector.single_observation_space.shape[0] - SIZE
+
+
+@pytest.mark.parametrize("preset", ["tuned", "paper"])
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_a_flight_that_is_led_is_the_controllers(name, preset):
+    own = NativeVectorEnv(HOVER, ROBOTS, preset=preset, **FLIGHTS[name])
+    led, size = advised(FLIGHTS[name], preset)
+    led.robots["is_led"] = True
+    first, second = own.reset(seed=3)[0], led.reset(seed=3)[0]
+    nobody = np.zeros((ROBOTS, *own.single_action_space.shape))
+    for _ in range(TICKS):
+        np.testing.assert_array_equal(first[:, :size], second[:, :size])
+        first, second = own.step(nobody)[0], led.step(np.zeros((ROBOTS, SIZE)))[0]
+    assert own.robots["episode"]["ticks"].tolist() == [TICKS] * ROBOTS
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_the_advice_is_an_action_that_flies_the_same_when_it_is_said_by_somebody_else(name):
+    led, _ = advised(FLIGHTS[name])
+    student, size = advised(FLIGHTS[name])
+    led.robots["is_led"] = True
+    led.reset(seed=3)
+    student.reset(seed=3)
+    for _ in range(TICKS):
+        first = led.step(np.zeros((ROBOTS, SIZE)))[0]
+        said = led.robots["episode"]["action"][:, :SIZE].copy()
+        np.testing.assert_allclose(first[:, size:], said, rtol=0.0, atol=1e-6)
+        second = student.step(said)[0]
+        np.testing.assert_allclose(second, first, rtol=0.0, atol=1e-6)
+        for word in ("thrust", "joint_position"):
+            np.testing.assert_allclose(
+                student.robots["advice"][word], led.robots["advice"][word], rtol=0.0, atol=1e-6
+            )  # fmt: skip
+
+
+def test_whoever_is_not_led_does_what_they_say_and_is_told_what_would_have_been_better():
+    """An unwise student: all rotors at half thrust, whatever happens, while the teacher answers the growing fall."""
+    asked, _ = advised(FLIGHTS["fast"])
+    alone = NativeVectorEnv(HOVER, ROBOTS, preset="tuned", action_mode="direct", **FLIGHTS["fast"])
+    asked.reset(seed=5)
+    alone.reset(seed=5)
+    action = np.zeros((ROBOTS, SIZE))
+    action[:, :8] = -0.5
+    totals = []
+    for _ in range(8):
+        asked.step(action)
+        alone.step(action)
+        for part in ("position_w", "velocity_w", "joint_position", "thrust", "vectoring"):
+            np.testing.assert_array_equal(
+                asked.robots["plant"]["state"][part], alone.robots["plant"]["state"][part]
+            )  # fmt: skip
+        totals.append(asked.robots["advice"]["thrust"].sum(axis=1))
+    assert np.all(totals[-1] > totals[0])
+
+
+def test_advice_is_refused_where_the_controller_flies_anyway_and_on_the_ground():
+    for name, options in ((HOVER, {}), (CRAWL, {"action_mode": "direct"})):
+        with pytest.raises(InvalidValueError, match="expected a flight with action_mode=direct"):
+            NativeVectorEnv(name, 1, **options).fleet.ask_advice()
