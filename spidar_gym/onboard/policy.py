@@ -16,7 +16,8 @@ from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.codegen.header import array, header, hex_float
 from spidar_gym.native.constants import MAX_ACTION, MAX_OBSERVATION, MAX_WIDTH
-from spidar_gym.policies.artifact import Artifact, Washout
+from spidar_gym.policies.artifact import Artifact
+from spidar_gym.policies.filters import Washout
 
 RATE = 10.0
 """Largest change of every entry of an action in a second; from −1 to 1 it is 2."""
@@ -44,6 +45,10 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         return _header("no policy", _words("SP_POLICY_NONE", "", "", (0,), "0"), {})
     require_name("environment of a residual", artifact.env_id, ENVIRONMENTS)
     kind, env, modes, fields = ENVIRONMENTS[artifact.env_id]
+    if artifact.skip.size or len(artifact.mean) > artifact.sees:
+        raise InvalidValueError(
+            "network", "a skip matrix or traces", "layers alone: the core has no memory of what was seen"
+        )
     mode = _mode(artifact, str(_argument(artifact, env, "action_mode")), modes)
     bound = np.concatenate([np.full(field.size, field.bound) for field in fields(mode.size)])
     sizes = (len(artifact.mean), *(len(bias) for bias in artifact.biases))

@@ -10,23 +10,38 @@ import gymnasium
 import numpy as np
 
 from spidar_gym.border import MOST_WORDS, BorderError, pack, read_file, require_form, unpack
-from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
+from spidar_gym.policies.filters import Traces, Washout
 from spidar_gym.policies.policy import KINDS, check_name
 from spidar_gym.policies.provenance import versions
+from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.robot.description import model_hash
 
-FORMAT = 2
+FORMAT = 3
 """Version of the format."""
+READABLE = (2, FORMAT)
+"""Versions that are read: those before 3 had neither traces nor a skip matrix."""
 ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))}
 """Valid activations of the hidden layers."""
-OUTPUTS = ("clip", "tanh")
-"""How the last layer becomes an action: clipped to ± 1 (PPO), or squashed (SAC)."""
+OUTPUTS = ("clip", "tanh", "turn")
+"""How the last layer becomes an action: clipped to ± 1 (PPO), squashed (SAC), or with sines and cosines for angles.
+
+`turn` is for `direct`: of `TURN_SIZE` numbers the `ANGLES` after the thrusts are sines, those after them cosines, and
+each angle is that of its pair, so that the network crosses ± π without a jump.
+"""
+ANGLES = 2 * N_ROTORS
+"""Vectoring angles of a `direct` action, behind its thrusts."""
+TURNED = 3 * N_ROTORS + N_JOINTS
+"""Length of a `direct` action."""
+TURN_SIZE = TURNED + ANGLES
+"""Numbers of which `turn` makes one."""
 VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
 """Fields of an artifact that are vectors in its file, and what they are part of."""
+LATER = {"traced": np.zeros(0), "trace_times": np.zeros(0), "skip": np.zeros((0, 0), np.float32)}
+"""Fields that came with format 3, and what they are where there are none."""
 TITLE = "policy.json"
 """The words in the file."""
 MOST_LAYERS, MOST_WIDTH = 8, 1024
@@ -56,38 +71,6 @@ class ArtifactError(SpidarError):
     """An artifact that cannot be read, or that was learned in another environment or on another robot."""
 
 
-class Washout:
-    """A first-order high-pass on entries of an action: what stays fades, so that none drifts into an offset."""
-
-    def __init__(self, times: np.ndarray) -> None:
-        """Begin with nothing to take away.
-
-        Args:
-            times: Time constant of every entry of the action [s], 0 where it passes unchanged; or none at all.
-
-        Raises:
-            InvalidValueError: For a time that is negative or not finite.
-        """
-        for time in times.tolist():
-            require_not_negative(washout=time)
-        self.share = np.array([-math.expm1(-1.0 / (CONTROL_RATE * t)) if t > 0.0 else 0.0 for t in times.tolist()])
-        """Share of the way to the action that its low-pass goes in a tick."""
-        self.reset()
-
-    def reset(self, *robots: int) -> None:
-        """Forget the actions so far, of one robot or of so many."""
-        self.low_passed = np.zeros((*robots, len(self.share)))
-        """The actions, low-passed."""
-
-    def __call__(self, action: np.ndarray) -> np.ndarray:
-        """The action of this tick, with its type: where it is washed out within ± 1, elsewhere as it came."""
-        if not self.share.any():
-            return action
-        self.low_passed = self.low_passed + self.share * (action - self.low_passed)
-        washed = np.clip(action - self.low_passed, -1.0, 1.0).astype(action.dtype)
-        return np.where(self.share > 0.0, washed, action)
-
-
 @dataclass(frozen=True)
 class Artifact:
     """A multi-layer perceptron from observations to actions, and where it comes from."""
@@ -107,9 +90,9 @@ class Artifact:
     biases: tuple[np.ndarray, ...]
     """b of every layer, shape (out,)."""
     mean: np.ndarray
-    """Mean of the observations; they enter the network as (o − mean) / √variance, clipped."""
+    """Mean of observations and traces; they enter the network as (o − mean) / √variance, clipped."""
     variance: np.ndarray
-    """Variance of the observations, above 0."""
+    """Variance of observations and traces, above 0."""
     clip: float = 10.0
     """Bound of a normalised observation."""
     activation: str = "tanh"
@@ -118,6 +101,12 @@ class Artifact:
     """How the last layer becomes an action."""
     washout: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Time constants of the `Washout` of every entry of the action [s], or none at all."""
+    traced: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Entries of the observation that have `Traces`, which enter the network behind it."""
+    trace_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Time constants of those traces [s]."""
+    skip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    """Matrix straight from the network's input to its last layer, (out, in), or of no size."""
     training: Mapping[str, Any] = field(default_factory=dict)
     """Command, seed, steps, wall time, and the learning `curve`."""
 
@@ -129,14 +118,19 @@ class Artifact:
         check_name(self.name)
         if not (isinstance(self.clip, int | float) and 0.0 < self.clip < math.inf):
             raise InvalidValueError("clip", self.clip, "a number above 0")
-        arrays = {name: getattr(self, name) for name in VECTORS}
+        arrays = {name: getattr(self, name) for name in (*VECTORS, *LATER)}
         arrays |= {f"weights[{k}]": w for k, w in enumerate(self.weights)}
         arrays |= {f"biases[{k}]": b for k, b in enumerate(self.biases)}
         for name, array in arrays.items():
             if array.dtype.kind != "f" or not np.isfinite(array).all():
                 raise InvalidValueError(name, "NaN, infinite or no number", "finite numbers")
-            if array.ndim != (2 if name.startswith("weights") else 1):
+            if array.ndim != (2 if name.startswith(("weights", "skip")) else 1):
                 raise InvalidValueError(name, array.shape, "a matrix for weights, vectors otherwise")
+        self._check_network()
+        self._check_memory()
+
+    def _check_network(self) -> None:
+        """Refuse layers that do not fit each other."""
         if not (self.variance > 0.0).all() or self.variance.shape != self.mean.shape:
             raise InvalidValueError("variance", self.variance.shape, f"{self.mean.shape} numbers above 0")
         if not (self.weights and len(self.weights) == len(self.biases)):
@@ -146,24 +140,56 @@ class Artifact:
             if w.shape != (len(b), size):
                 raise InvalidValueError("weights", w.shape, f"({len(b)}, {size})")
             size = len(b)
-        if len(self.washout) not in (0, size):
-            raise InvalidValueError("washout", self.washout.shape, f"({size},) time constants, or none")
+        if self.skip.shape not in ((0, 0), (size, len(self.mean))):
+            raise InvalidValueError("skip", self.skip.shape, f"({size}, {len(self.mean)}), or none")
+        if self.output == "turn" and size != TURN_SIZE:
+            raise InvalidValueError("last layer", size, f"{TURN_SIZE} numbers for a turn")
+
+    def _check_memory(self) -> None:
+        """Refuse a washout and traces of what is not there."""
+        if len(self.washout) not in (0, self.answers):
+            raise InvalidValueError("washout", self.washout.shape, f"({self.answers},) time constants, or none")
         require_not_negative(washout=float(self.washout.min(initial=0.0)))
+        require_not_negative(trace_times=float(self.trace_times.min(initial=0.0)))
+        if np.any(self.traced % 1.0) or not all(0 <= entry < self.sees for entry in self.traced.tolist()):
+            raise InvalidValueError("traced", self.traced.shape, f"entries within 0 … {self.sees - 1}")
+
+    @property
+    def sees(self) -> int:
+        """Length of an observation, without the traces."""
+        return len(self.mean) - len(self.traced) * len(self.trace_times)
+
+    @property
+    def answers(self) -> int:
+        """Length of an action."""
+        return TURNED if self.output == "turn" else len(self.biases[-1])
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, in [−1, 1], in single precision as it was learned.
 
         Args:
-            observation: Shape (…, size): each row is answered as it would be alone, bit for bit.
+            observation: Shape (…, size), traces behind it: each row is answered as it would be alone, bit for bit.
         """
         x = (observation - self.mean) / np.sqrt(self.variance)
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
-        last = len(self.weights) - 1
+        first, last = x, len(self.weights) - 1
         for k, (w, b) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = np.matmul(w, x[..., None])[..., 0] + b  # a product for each row: their number changes no bit
             if k < last:
                 x = ACTIVATIONS[self.activation](x)
+        if self.skip.size:
+            x = x + np.matmul(self.skip, first[..., None])[..., 0]
+        if self.output == "turn":
+            return turned(x)
         return np.tanh(x) if self.output == "tanh" else np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
+
+
+def turned(x: np.ndarray) -> np.ndarray:
+    """The `direct` action (…, 40) of a last layer (…, 56): thrusts, sines, cosines, joints."""
+    thrust, sine, cosine, joints = np.split(x, np.cumsum([N_ROTORS, ANGLES, ANGLES]), axis=-1)
+    angle = np.arctan2(sine, cosine) / np.float32(np.pi)
+    action = np.concatenate([thrust, angle, joints], axis=-1)
+    return np.minimum(np.maximum(action, np.float32(-1.0)), np.float32(1.0))
 
 
 def interface(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -195,6 +221,8 @@ def write_artifact(artifact: Artifact, path: Path) -> None:
         "training": dict(artifact.training),
     }
     arrays: dict[str, np.ndarray] = {name: getattr(artifact, name).astype(np.float64) for name in VECTORS}
+    arrays |= {name: getattr(artifact, name).astype(np.float64) for name in ("traced", "trace_times")}
+    arrays["skip"] = artifact.skip.astype(np.float32)
     for k, (w, b) in enumerate(zip(artifact.weights, artifact.biases, strict=True)):
         arrays[f"weight{k}"], arrays[f"bias{k}"] = w.astype(np.float32), b.astype(np.float32)
     write_bytes(path, pack(TITLE, meta, arrays))
@@ -210,8 +238,8 @@ def read_artifact(path: Path) -> Artifact:
     try:
         meta, arrays = unpack(TITLE, read_file(path, MOST_BYTES))
         was = meta.get("format") if isinstance(meta, dict) else None
-        if was != FORMAT:
-            raise ArtifactError(f"{path} has format {was!r:.20}; valid: format {FORMAT}")
+        if was not in READABLE or isinstance(was, bool):
+            raise ArtifactError(f"{path} has format {was!r:.20}; valid: format {' or '.join(map(str, READABLE))}")
         require_form(meta, FORM, TITLE)
         return _artifact(path, meta, arrays)
     except BorderError as error:
@@ -235,21 +263,22 @@ def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarr
     if not 1 <= meta["layers"] <= MOST_LAYERS:
         raise InvalidValueError("layers", meta["layers"], f"1 … {MOST_LAYERS}")
     layers = range(meta["layers"])
+    later = LATER
+    if meta["format"] == FORMAT:
+        later = {name: arrays[name] for name in LATER if name in arrays}
     needed = [*VECTORS, *(f"{part}{k}" for k in layers for part in ("weight", "bias"))]
-    missing = [name for name in needed if name not in arrays]
+    missing = [name for name in needed if name not in arrays] + [name for name in LATER if name not in later]
     if missing:
         what = VECTORS.get(missing[0], "network")
         raise ArtifactError(f"{path} lacks {missing[0]} of its {what}; valid: an artifact with all its parts")
     weights, biases = (tuple(arrays[f"{part}{k}"] for k in layers) for part in ("weight", "bias"))
     known: dict[str, Any] = {name: meta[name] for name in (*LINES, "arguments", "training")}
-    known |= {name: arrays[name] for name in VECTORS}
+    known |= {name: arrays[name] for name in VECTORS} | later
     artifact = Artifact(**known, clip=float(meta["clip"]), weights=weights, biases=biases)
     sizes = sum(size for _, size, _ in meta["interface"]["observation"]), meta["interface"]["action"]
-    if (len(artifact.mean), len(artifact.biases[-1])) != sizes:
-        raise ArtifactError(
-            f"{path}: a network from {len(artifact.mean)} to {len(artifact.biases[-1])}; valid: {sizes}"
-        )
-    widest = max(len(bias) for bias in artifact.biases)
+    if (artifact.sees, artifact.answers) != sizes:
+        raise ArtifactError(f"{path}: a network from {artifact.sees} to {artifact.answers}; valid: {sizes}")
+    widest = max(len(artifact.mean), *(len(bias) for bias in artifact.biases))
     if widest > MOST_WIDTH:
         raise InvalidValueError("widest layer", widest, f"at most {MOST_WIDTH} numbers")
     return artifact
@@ -284,22 +313,25 @@ class LearnedPolicy:
         self.name, self.kind, self.training = artifact.name, artifact.kind, dict(artifact.training)
         self.__doc__ = artifact.doc
         self.washout = Washout(artifact.washout)
+        self.traces = Traces(artifact.traced, artifact.trace_times)
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
         """What it was learned with; None elsewhere."""
         return self.artifact.arguments if env_id == self.artifact.env_id else None
 
     def reset(self, seed: int) -> None:
-        """Forget what the washout has seen; there is nothing to draw."""
+        """Forget what washout and traces have seen; there is nothing to draw."""
         self.washout.reset()
+        self.traces.reset()
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, washed out."""
-        return self.washout(self.artifact.act(observation))
+        return self.washout(self.artifact.act(self.traces(observation)))
 
     def reset_batch(self, seeds: Sequence[int]) -> None:
-        """Forget what the washout has seen of each robot."""
+        """Forget what washout and traces have seen of each robot."""
         self.washout.reset(len(seeds))
+        self.traces.reset(len(seeds))
 
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
         """The network's answers, washed out."""

@@ -11,8 +11,18 @@ import pytest
 from support.artifacts import flier, made
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import artifact as artifacts
-from spidar_gym.policies.artifact import Artifact, ArtifactError, interface, read_artifact, write_artifact
+from spidar_gym.policies.artifact import (
+    LATER,
+    TURN_SIZE,
+    Artifact,
+    ArtifactError,
+    interface,
+    read_artifact,
+    turned,
+    write_artifact,
+)
 
 
 def rewritten(path, folder, *, change=lambda meta: None, arrays=None, drop=()):
@@ -38,7 +48,7 @@ def same(a, b):
     """Whether two artifacts are equal, arrays bit for bit and with their types."""
     for part in fields(Artifact):
         x, y = getattr(a, part.name), getattr(b, part.name)
-        if part.name in ("weights", "biases", "mean", "variance", "washout"):
+        if part.name in ("weights", "biases", "mean", "variance", "washout", "traced", "trace_times", "skip"):
             x, y = (list(v) if isinstance(v, tuple) else [v] for v in (x, y))
             if [(v.dtype, v.shape, v.tobytes()) for v in x] != [(v.dtype, v.shape, v.tobytes()) for v in y]:
                 return False
@@ -150,8 +160,8 @@ def test_an_artifact_without_its_words_is_refused(written, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda meta: meta.update(format=1), "has format 1; valid: format 2"),
-        (lambda meta: meta.pop("format"), "has format None; valid: format 2"),
+        (lambda meta: meta.update(format=1), "has format 1; valid: format 2 or 3"),
+        (lambda meta: meta.pop("format"), "has format None; valid: format 2 or 3"),
         (
             lambda meta: meta.update(env_id="spidar_gym/Hover-v9"),
             "was learned in spidar_gym/Hover-v9; valid: .*Hover-v0",
@@ -230,3 +240,72 @@ class Trap:
 def test_no_pickle_in_an_artifact_is_opened(written, tmp_path):
     trap = np.array([Trap()], object)
     assert "is no artifact" in refused(rewritten(written, tmp_path, arrays={"weight1": trap}))
+
+
+def remembering(**options):
+    """A `direct` flight's network with traces of three entries at two time constants, and a skip matrix."""
+    size = sum(n for _, n, _ in interface(HOVER, {"action_mode": "direct"})["observation"])
+    rng = np.random.default_rng(4)
+    return made(
+        (size + 6, 7, TURN_SIZE), env_id=HOVER, arguments={"action_mode": "direct"}, output="turn",
+        traced=np.array([0.0, 2.0, 5.0]), trace_times=np.array([0.2, 1.0]),
+        skip=rng.normal(size=(TURN_SIZE, size + 6)).astype(np.float32), **options,
+    )  # fmt: skip
+
+
+def test_a_network_with_traces_a_skip_and_turns_is_read_as_it_was_written_and_acts(tmp_path):
+    net = remembering()
+    write_artifact(net, tmp_path / "net.npz")
+    found = read_artifact(tmp_path / "net.npz")
+    assert same(net, found)
+    assert (found.sees, found.answers) == (len(net.mean) - 6, 40)
+    x = np.random.default_rng(5).normal(size=(3, len(net.mean)))
+    inputs = np.clip((x - net.mean) / np.sqrt(net.variance), -net.clip, net.clip)
+    hidden = np.tanh(inputs @ net.weights[0].T + net.biases[0])
+    last = hidden @ net.weights[1].T + net.biases[1] + inputs @ net.skip.T
+    action = found.act(x)
+    np.testing.assert_allclose(action, turned(last), atol=1e-4)
+    for row in range(3):
+        np.testing.assert_array_equal(found.act(x[row]), action[row])
+
+
+def test_an_angle_is_that_of_its_sine_and_cosine_whatever_their_size():
+    rng = np.random.default_rng(6)
+    angles, size = rng.uniform(-np.pi, np.pi, (50, 16)), rng.uniform(0.1, 4.0, (50, 16))
+    rest = rng.uniform(-2.0, 2.0, (50, 24))
+    last = np.concatenate([rest[:, :8], size * np.sin(angles), size * np.cos(angles), rest[:, 8:]], axis=1)
+    action = turned(last)
+    np.testing.assert_allclose(np.pi * action[:, 8:24], angles, atol=1e-6)
+    np.testing.assert_array_equal(action[:, :8], np.clip(rest[:, :8], -1.0, 1.0))
+    np.testing.assert_array_equal(action[:, 24:], np.clip(rest[:, 8:], -1.0, 1.0))
+
+
+def test_a_file_of_format_2_is_read_as_a_network_that_sees_the_present_alone(tmp_path):
+    write_artifact(flier(), tmp_path / "net.npz")
+    old = rewritten(
+        tmp_path / "net.npz", tmp_path, change=lambda meta: meta.update(format=2), drop=[f"{n}.npy" for n in LATER]
+    )
+    assert same(read_artifact(old), flier())
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_a_file_of_format_3_without_a_part_is_refused(tmp_path, name):
+    write_artifact(flier(), tmp_path / "net.npz")
+    assert f"lacks {name} of its network" in refused(
+        rewritten(tmp_path / "net.npz", tmp_path, drop=[f"{name}.npy"])
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"skip": np.zeros((2, 4), np.float32)}, r"\(2, 3\), or none"),
+        ({"output": "turn"}, "56 numbers for a turn"),
+        ({"traced": np.array([0.5]), "trace_times": np.ones(1)}, "entries within 0 … 1"),
+        ({"traced": np.array([2.0]), "trace_times": np.ones(1)}, "entries within 0 … 1"),
+        ({"traced": np.array([0.0]), "trace_times": -np.ones(1)}, "at least 0"),
+    ],
+)
+def test_a_memory_that_does_not_fit_is_refused(options, expected):
+    with pytest.raises(InvalidValueError, match=expected):
+        made(**options)

@@ -12,7 +12,8 @@ from spidar_gym.benchmark.track import HOVER
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.policies.artifact import ArtifactError, LearnedPolicy, Washout, read_artifact, write_artifact
+from spidar_gym.policies.artifact import ArtifactError, LearnedPolicy, read_artifact, write_artifact
+from spidar_gym.policies.filters import Traces, Washout
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import Policy, defined_on, policy_digest, policy_doc, policy_kind
 
@@ -128,3 +129,27 @@ def test_a_learned_policy_washes_out_and_forgets_at_a_reset(tmp_path):
         policy.reset(seed)
         np.testing.assert_array_equal([policy.act(observation) for observation in observations], expected)
     assert np.abs(policy.act(observations[0]) - expected[0]).max() > 0.01, "without a reset it remembers"
+
+
+def test_a_trace_of_what_stays_comes_to_it_to_a_part_in_e_in_one_time_constant():
+    traces, seen = Traces(np.array([1.0, 2.0]), np.array([0.5, 2.0])), np.array([9.0, 1.0, -3.0])
+    for _ in range(round(0.5 * CONTROL_RATE)):
+        shown = traces(seen)
+    np.testing.assert_array_equal(shown[:3], seen)
+    grown = 1.0 - math.exp(-1.0), 1.0 - math.exp(-0.25)
+    np.testing.assert_allclose(shown[3:], [grown[0], -3.0 * grown[0], grown[1], -3.0 * grown[1]], rtol=1e-9)
+    traces.reset()
+    np.testing.assert_allclose(traces(0.0 * seen)[3:], 0.0)
+
+
+def test_traces_of_many_robots_are_those_of_each_alone_and_none_show_nothing():
+    rng = np.random.default_rng(0)
+    seen = rng.normal(size=(20, 3, 4))
+    entries, times = np.array([3.0, 0.0]), np.array([0.1, 1.0])
+    together = Traces(entries, times)
+    together.reset(3)
+    shown = np.stack([together(now) for now in seen])
+    for robot in range(3):
+        alone = Traces(entries, times)
+        np.testing.assert_array_equal(np.stack([alone(now) for now in seen[:, robot]]), shown[:, robot])
+    np.testing.assert_array_equal(Traces(np.zeros(0), np.zeros(0))(seen[0]), seen[0])

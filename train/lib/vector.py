@@ -18,7 +18,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.policies.artifact import Washout
+from spidar_gym.policies.filters import Washout
 from train.lib.envs import EnvConfig, Scaling, scaling_of, training_seed
 from train.lib.rewards import RewardConfig, Tick
 
