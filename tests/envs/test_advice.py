@@ -6,6 +6,7 @@ import pytest
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import ROBOT
 
 FLIGHTS = {
     "fast": {"forms": "independent", "joint_speed": 1.0},
@@ -73,6 +74,25 @@ def test_whoever_is_not_led_does_what_they_say_and_is_told_what_would_have_been_
             )  # fmt: skip
         totals.append(asked.robots["advice"]["thrust"].sum(axis=1))
     assert np.all(totals[-1] > totals[0])
+
+
+def test_what_somebody_else_does_is_not_taken_for_wind():
+    """A hand that pushes 3 N more than it is advised to is known to the observer, as a wind of 3 N would not be."""
+    led, _ = advised({"forms": "paper"})
+    student, _ = advised({"forms": "paper"})
+    led.robots["is_led"] = True
+    led.reset(seed=3)
+    student.reset(seed=3)
+    more = 3.0 / 8.0 / ROBOT.max_thrust
+    for _ in range(40):
+        led.step(np.zeros((ROBOTS, SIZE)))
+        said = led.robots["episode"]["action"][:, :SIZE].copy()
+        said[:, :8] += 2.0 * more
+        student.step(said)
+    rise = student.robots["plant"]["state"]["position_w"][:, 2] - led.robots["plant"]["state"]["position_w"][:, 2]
+    assert np.all(rise > 0.03)
+    memory = [vector.robots["flight"]["memory"]["compensation"]["external_w"] for vector in (student, led)]
+    assert np.abs(memory[0] - memory[1])[:, :3].max() < 0.5
 
 
 def test_advice_is_refused_where_the_controller_flies_anyway_and_on_the_ground():

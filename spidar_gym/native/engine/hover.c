@@ -201,6 +201,17 @@ static void advise(sp_room *room, sp_hover *h)
     sp_copy(memory->joint_position, before.joint_position, SP_JOINTS);
 }
 
+/* The observer compares what was flown: the wrench of the command that is done, not of the advice. */
+static void account(sp_hover *h)
+{
+    const sp_snapshot *s = &h->percept.snapshot;
+    double Q[6 * SP_FORCES], change[SP_FORCES];
+    sp_vectoring_to_force(h->advice.thrust, h->advice.vectoring, change);
+    for (int k = 0; k < SP_FORCES; k++) change[k] = h->flight.memory.forces_l[k] - change[k];
+    sp_thrust_map(s, Q, SP_FORCES);
+    for (int r = 0; r < 6; r++) h->flight.allocation.wrench[r] += sp_row(Q + SP_FORCES * r, change, SP_FORCES);
+}
+
 /* The command of this tick. */
 static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
 {
@@ -216,6 +227,7 @@ static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
         sp_act_directly(episode->action, room->robot, rules->controller.joint_speed, memory->vectoring,
                         memory->forces_l, memory->joint_position, h->joint_velocity, &episode->command);
         sp_copy(memory->joint_velocity, h->joint_velocity, SP_JOINTS);
+        if (rules->rules.is_advised) account(h);
     } else {
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
         sp_flight_step(&h->flight, &episode->seen, &h->reference, &episode->residual, &h->percept, room,
