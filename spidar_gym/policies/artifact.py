@@ -42,6 +42,8 @@ VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
 """Fields of an artifact that are vectors in its file, and what they are part of."""
 LATER = {"traced": np.zeros(0), "trace_times": np.zeros(0), "skip": np.zeros((0, 0), np.float32)}
 """Fields that came with format 3, and what they are where there are none."""
+RENAMED = {"tuned": "tuned_v1", "robust_overlapped": "robust_overlapped_v1"}
+"""Presets that another search has filled since format 2, and which are today what they were then."""
 TITLE = "policy.json"
 """The words in the file."""
 MOST_LAYERS, MOST_WIDTH = 8, 1024
@@ -241,6 +243,8 @@ def read_artifact(path: Path) -> Artifact:
         if was not in READABLE or isinstance(was, bool):
             raise ArtifactError(f"{path} has format {was!r:.20}; valid: format {' or '.join(map(str, READABLE))}")
         require_form(meta, FORM, TITLE)
+        if was != FORMAT and (preset := meta["arguments"].get("preset")) in RENAMED:
+            meta["arguments"] = {**meta["arguments"], "preset": RENAMED[preset]}
         return _artifact(path, meta, arrays)
     except BorderError as error:
         raise ArtifactError(

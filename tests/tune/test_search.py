@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +10,13 @@ import pytest
 from spidar_gym.benchmark import scoring
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, SPLITS, TRACKS
-from spidar_gym.control.presets import ROBUST_OVERLAPPED_V1, TUNED_V1
+from spidar_gym.control.presets import ROBUST_OVERLAPPED_V1, TUNED, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import search as tuning
 from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, play_candidate
 
 REFERENCES = {"flight": TUNED_V1, "crawl": ROBUST_OVERLAPPED_V1}
+SEARCHED = Path(__file__).resolve().parents[2] / "baselines/searches"
 BUDGET = {"population": 4, "scenarios": 1, "seed": 0, "workers": 1}
 
 
@@ -183,3 +185,10 @@ def test_a_search_without_cma_says_what_to_install(tmp_path, monkeypatch):
 def test_a_search_that_does_not_exist_is_refused_with_those_that_do(tmp_path):
     with pytest.raises(UnknownNameError, match="flight, crawl"):
         tuning.tune("swim", tmp_path, generations=1, **BUDGET)
+
+
+def test_tuned_is_what_the_committed_search_ended_with():
+    log = json.loads((SEARCHED / "flight.json").read_text())["log"]
+    assert SEARCHES["flight"].configuration(log[-1]["parameters"]) == TUNED
+    gains = [line["reference"] - line["cost"] for line in log]
+    assert np.exp(np.mean(gains[-20:])) > 1.5

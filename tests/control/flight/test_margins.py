@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from spidar_gym.control.flight.centroidal import CentroidalConfig
-from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.margins import AXES, DELAY, LAG, margins
 from spidar_gym.control.presets import PRESETS, controller_config
@@ -69,9 +68,14 @@ def test_every_preset_keeps_the_margins_that_tuning_demands():
         assert shortfall(controller_config(name)) == 0.0
 
 
-def test_more_delay_costs_phase_and_a_stronger_observer_costs_delay_margin():
-    config = controller_config("tuned")
+@pytest.mark.parametrize("preset", ["tuned", "tuned_v1"])
+def test_more_delay_costs_phase_and_a_stronger_observer_costs_gain_margin(preset):
+    config = controller_config(preset)
     assert margins(config, 0, delay=0.06).phase < margins(config, 0, delay=0.04).phase
-    none = replace(config, compensation=CompensationConfig())
-    assert margins(config, 2).delay < margins(none, 2).delay
+    shares = (0.0, 0.3, 0.6, 0.9)
+    stronger = [replace(config, compensation=replace(config.compensation, observer_gain=g)) for g in shares]
+    for axis in range(4):
+        gains = [margins(one, axis).gain for one in stronger]
+        assert gains == sorted(gains, reverse=True)
+        assert gains[0] > 1.05 * gains[-1]
     assert np.isfinite(margins(config, 1).sensitivity)
