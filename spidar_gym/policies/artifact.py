@@ -14,10 +14,10 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
+from spidar_gym.policies import torso
 from spidar_gym.policies.filters import Traces, Washout
 from spidar_gym.policies.policy import KINDS, check_name
 from spidar_gym.policies.provenance import versions
-from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.robot.description import model_hash
 
 FORMAT = 3
@@ -26,18 +26,11 @@ READABLE = (2, FORMAT)
 """Versions that are read: those before 3 had neither traces nor a skip matrix."""
 ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))}
 """Valid activations of the hidden layers."""
-OUTPUTS = ("clip", "tanh", "turn")
-"""How the last layer becomes an action: clipped to ± 1 (PPO), squashed (SAC), or with sines and cosines for angles.
+OUTPUTS = ("clip", "tanh", "torso")
+"""How the last layer becomes an action: clipped to ± 1 (PPO), squashed (SAC), or a `direct` command in torso axes.
 
-`turn` is for `direct`: of `TURN_SIZE` numbers the `ANGLES` after the thrusts are sines, those after them cosines, and
-each angle is that of its pair, so that the network crosses ± π without a jump.
+With `torso` the network sees the `features` of an observation in its place, and its numbers are a `command`'s.
 """
-ANGLES = 2 * N_ROTORS
-"""Vectoring angles of a `direct` action, behind its thrusts."""
-TURNED = 3 * N_ROTORS + N_JOINTS
-"""Length of a `direct` action."""
-TURN_SIZE = TURNED + ANGLES
-"""Numbers of which `turn` makes one."""
 VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
 """Fields of an artifact that are vectors in its file, and what they are part of."""
 LATER = {"traced": np.zeros(0), "trace_times": np.zeros(0), "skip": np.zeros((0, 0), np.float32)}
@@ -92,9 +85,9 @@ class Artifact:
     biases: tuple[np.ndarray, ...]
     """b of every layer, shape (out,)."""
     mean: np.ndarray
-    """Mean of observations and traces; they enter the network as (o − mean) / √variance, clipped."""
+    """Mean of what the network sees, observation or features and the traces; it enters as (o − mean) / √variance."""
     variance: np.ndarray
-    """Variance of observations and traces, above 0."""
+    """Variance of the same, above 0."""
     clip: float = 10.0
     """Bound of a normalised observation."""
     activation: str = "tanh"
@@ -144,8 +137,8 @@ class Artifact:
             size = len(b)
         if self.skip.shape not in ((0, 0), (size, len(self.mean))):
             raise InvalidValueError("skip", self.skip.shape, f"({size}, {len(self.mean)}), or none")
-        if self.output == "turn" and size != TURN_SIZE:
-            raise InvalidValueError("last layer", size, f"{TURN_SIZE} numbers for a turn")
+        if self.output == "torso" and (self.sees, size) != (torso.OBSERVATION, torso.ACTION):
+            raise InvalidValueError("network", (len(self.mean), size), f"{torso.FEATURES} and traces to {torso.ACTION}")
 
     def _check_memory(self) -> None:
         """Refuse a washout and traces of what is not there."""
@@ -159,12 +152,13 @@ class Artifact:
     @property
     def sees(self) -> int:
         """Length of an observation, without the traces."""
-        return len(self.mean) - len(self.traced) * len(self.trace_times)
+        shown = len(self.mean) - len(self.traced) * len(self.trace_times)
+        return shown - torso.FEATURES + torso.OBSERVATION if self.output == "torso" else shown
 
     @property
     def answers(self) -> int:
         """Length of an action."""
-        return TURNED if self.output == "turn" else len(self.biases[-1])
+        return len(self.biases[-1])
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, in [−1, 1], in single precision as it was learned.
@@ -172,7 +166,11 @@ class Artifact:
         Args:
             observation: Shape (…, size), traces behind it: each row is answered as it would be alone, bit for bit.
         """
-        x = (observation - self.mean) / np.sqrt(self.variance)
+        seen, in_torso = observation, self.output == "torso"
+        if in_torso:
+            observation, traces = np.split(observation, [self.sees], axis=-1)
+            seen = np.concatenate([torso.features(observation), traces], axis=-1)
+        x = (seen - self.mean) / np.sqrt(self.variance)
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
         first, last = x, len(self.weights) - 1
         for k, (w, b) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -181,17 +179,9 @@ class Artifact:
                 x = ACTIVATIONS[self.activation](x)
         if self.skip.size:
             x = x + np.matmul(self.skip, first[..., None])[..., 0]
-        if self.output == "turn":
-            return turned(x)
+        if in_torso:
+            return torso.command(x, observation).astype(np.float32)
         return np.tanh(x) if self.output == "tanh" else np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
-
-
-def turned(x: np.ndarray) -> np.ndarray:
-    """The `direct` action (…, 40) of a last layer (…, 56): thrusts, sines, cosines, joints."""
-    thrust, sine, cosine, joints = np.split(x, np.cumsum([N_ROTORS, ANGLES, ANGLES]), axis=-1)
-    angle = np.arctan2(sine, cosine) / np.float32(np.pi)
-    action = np.concatenate([thrust, angle, joints], axis=-1)
-    return np.minimum(np.maximum(action, np.float32(-1.0)), np.float32(1.0))
 
 
 def interface(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,14 +13,13 @@ from support.artifacts import flier, made
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import artifact as artifacts
+from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import (
     LATER,
-    TURN_SIZE,
     Artifact,
     ArtifactError,
     interface,
     read_artifact,
-    turned,
     write_artifact,
 )
 
@@ -243,41 +242,39 @@ def test_no_pickle_in_an_artifact_is_opened(written, tmp_path):
 
 
 def remembering(**options):
-    """A `direct` flight's network with traces of three entries at two time constants, and a skip matrix."""
-    size = sum(n for _, n, _ in interface(HOVER, {"action_mode": "direct"})["observation"])
-    rng = np.random.default_rng(4)
+    """A network in torso axes with traces of three entries at two time constants, and a skip matrix."""
+    size, rng = torso.FEATURES + 6, np.random.default_rng(4)
     return made(
-        (size + 6, 7, TURN_SIZE), env_id=HOVER, arguments={"action_mode": "direct"}, output="turn",
+        (size, 7, 40), env_id=HOVER, arguments={"action_mode": "direct"}, output="torso",
         traced=np.array([0.0, 2.0, 5.0]), trace_times=np.array([0.2, 1.0]),
-        skip=rng.normal(size=(TURN_SIZE, size + 6)).astype(np.float32), **options,
+        skip=rng.normal(size=(40, size)).astype(np.float32), **options,
     )  # fmt: skip
 
 
-def test_a_network_with_traces_a_skip_and_turns_is_read_as_it_was_written_and_acts(tmp_path):
+def test_a_network_with_traces_and_a_skip_in_torso_axes_is_read_as_it_was_written_and_acts(tmp_path):
     net = remembering()
     write_artifact(net, tmp_path / "net.npz")
     found = read_artifact(tmp_path / "net.npz")
     assert same(net, found)
-    assert (found.sees, found.answers) == (len(net.mean) - 6, 40)
-    x = np.random.default_rng(5).normal(size=(3, len(net.mean)))
-    inputs = np.clip((x - net.mean) / np.sqrt(net.variance), -net.clip, net.clip)
+    assert (found.sees, found.answers) == (torso.OBSERVATION, 40)
+    x = np.random.default_rng(5).normal(size=(3, torso.OBSERVATION + 6))
+    seen = np.concatenate([torso.features(x[:, :-6]), x[:, -6:]], axis=1)
+    inputs = np.clip((seen - net.mean) / np.sqrt(net.variance), -net.clip, net.clip)
     hidden = np.tanh(inputs @ net.weights[0].T + net.biases[0])
     last = hidden @ net.weights[1].T + net.biases[1] + inputs @ net.skip.T
     action = found.act(x)
-    np.testing.assert_allclose(action, turned(last), atol=1e-4)
+    np.testing.assert_allclose(action, torso.command(last, x[:, :-6]), atol=1e-4)
     for row in range(3):
         np.testing.assert_array_equal(found.act(x[row]), action[row])
 
 
-def test_an_angle_is_that_of_its_sine_and_cosine_whatever_their_size():
-    rng = np.random.default_rng(6)
-    angles, size = rng.uniform(-np.pi, np.pi, (50, 16)), rng.uniform(0.1, 4.0, (50, 16))
-    rest = rng.uniform(-2.0, 2.0, (50, 24))
-    last = np.concatenate([rest[:, :8], size * np.sin(angles), size * np.cos(angles), rest[:, 8:]], axis=1)
-    action = turned(last)
-    np.testing.assert_allclose(np.pi * action[:, 8:24], angles, atol=1e-6)
-    np.testing.assert_array_equal(action[:, :8], np.clip(rest[:, :8], -1.0, 1.0))
-    np.testing.assert_array_equal(action[:, 24:], np.clip(rest[:, 8:], -1.0, 1.0))
+def test_a_file_of_format_2_says_which_version_of_its_controller_it_was_learned_on(tmp_path):
+    write_artifact(flier(arguments={"preset": "tuned"}), tmp_path / "net.npz")
+    assert read_artifact(tmp_path / "net.npz").arguments == {"preset": "tuned"}
+    old = rewritten(
+        tmp_path / "net.npz", tmp_path, change=lambda meta: meta.update(format=2), drop=[f"{n}.npy" for n in LATER]
+    )
+    assert read_artifact(old).arguments == {"preset": "tuned_v1"}
 
 
 def test_a_file_of_format_2_is_read_as_a_network_that_sees_the_present_alone(tmp_path):
@@ -300,7 +297,7 @@ def test_a_file_of_format_3_without_a_part_is_refused(tmp_path, name):
     ("options", "expected"),
     [
         ({"skip": np.zeros((2, 4), np.float32)}, r"\(2, 3\), or none"),
-        ({"output": "turn"}, "56 numbers for a turn"),
+        ({"output": "torso"}, "201 and traces to 40"),
         ({"traced": np.array([0.5]), "trace_times": np.ones(1)}, "entries within 0 … 1"),
         ({"traced": np.array([2.0]), "trace_times": np.ones(1)}, "entries within 0 … 1"),
         ({"traced": np.array([0.0]), "trace_times": -np.ones(1)}, "at least 0"),

@@ -1,0 +1,139 @@
+"""A `direct` policy in the torso's axes: what its network sees of an observation, and what its numbers command.
+
+In link axes one and the same force is other numbers in every form, and a small turn of it may be a large one of the
+vectoring angles. In the torso's axes hovering is nearly constant, so that a small network learns it. The turns between
+the two are kinematics of the measured joints; nothing here knows the robot's masses, its errors or a controller.
+"""
+
+import numpy as np
+
+from spidar_gym.control.flight.observation import layout
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+
+FORCE = 10.0
+"""What a 1 of the network is of a force [N]."""
+STEP = 0.025
+"""What a 1 of the network is of a joint's change in a tick [rad]: 1 rad/s."""
+HOLD = 0.05
+"""Share of a force that keeps φ where it was: where the thrust lies along φ's axis, φ means nothing."""
+ACTION = 3 * N_ROTORS + N_JOINTS
+"""Length of a `direct` action: thrusts, φ, θ, joints; the network's is as long: forces, then joints."""
+_FIELDS = layout(ACTION)
+_ENDS = np.cumsum([field.size for field in _FIELDS]).tolist()
+_PLACES = {field.name: slice(end - field.size, end) for field, end in zip(_FIELDS, _ENDS, strict=True)}
+OBSERVATION = _ENDS[-1]
+"""Length of the observation."""
+KEPT = (
+    "position_error", "velocity_error", "attitude_error", "angular_velocity_error", "joint_position", "joint_velocity",
+    "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate", "position_integral",
+    "attitude_integral", "restricted_rotors", "next_form", "time_to_next_form",
+)  # fmt: skip
+"""Pieces of the observation that the network sees as they are."""
+KEPT_ENTRIES = np.concatenate([np.arange(OBSERVATION)[_PLACES[name]] for name in KEPT])
+"""Their entries."""
+FEATURES = len(KEPT_ENTRIES) + 3 * 3 * N_ROTORS + N_JOINTS
+"""How many numbers the network sees: `KEPT`, measured directions, commanded forces, links' x axes, commanded joints."""
+_AZIMUTHS = np.array([ROBOT.leg_azimuth(leg) for leg in range(N_LEGS)])
+
+
+def entries(*names: str) -> np.ndarray:
+    """Which entries of the observation of a `direct` flight some of its pieces are."""
+    return np.concatenate([np.arange(OBSERVATION)[_PLACES[name]] for name in names])
+
+
+def links(joint_position: np.ndarray) -> np.ndarray:
+    """Attitudes R_bl of the rotors' links (…, 8, 3, 3) at joint positions (…, 16) [rad]."""
+    q = joint_position.reshape(*joint_position.shape[:-1], N_LEGS, 4)
+    inner = _yaw_pitch(_AZIMUTHS + q[..., 0], q[..., 1])
+    outer = np.matmul(inner, _yaw_pitch(q[..., 2], q[..., 3]))
+    both = np.stack([inner, outer], axis=-3)
+    return both.reshape(*joint_position.shape[:-1], N_ROTORS, 3, 3)
+
+
+def _yaw_pitch(yaw: np.ndarray, pitch: np.ndarray) -> np.ndarray:
+    """Rz(yaw) Ry(pitch), (…, 3, 3)."""
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    rows = [[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, np.zeros_like(yaw), cp]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _directions(sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """Thrust directions u(φ, θ) in link axes (…, 8, 3) of the angles' sines and cosines (…, 16) [Zhao2025, Eq. 1]."""
+    s_phi, s_theta, c_phi, c_theta = sine[..., 0::2], sine[..., 1::2], cosine[..., 0::2], cosine[..., 1::2]
+    return np.stack([s_theta, -s_phi * c_theta, c_phi * c_theta], axis=-1)
+
+
+def _turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Each vector (…, 8, 3) by its matrix."""
+    return np.matmul(R, vectors[..., None])[..., 0]
+
+
+def _commanded_joints(observation: np.ndarray) -> np.ndarray:
+    """Joints of the last command (…, 16) [rad]; before the first, where they are measured."""
+    last = observation[..., _PLACES["previous_action"]]
+    commanded = ROBOT.joint_limit * last[..., 3 * N_ROTORS :]
+    none = ~last.any(axis=-1, keepdims=True)
+    return np.where(none, observation[..., _PLACES["joint_position"]], commanded)
+
+
+def features(observation: np.ndarray) -> np.ndarray:
+    """What the network sees.
+
+    Args:
+        observation: Of a `direct` flight, shape (…, `OBSERVATION`).
+
+    Returns:
+        The pieces of `KEPT`; in torso axes the measured directions of thrust, the commanded forces [N] and the links' x
+        axes, each (8, 3); the joints of the last command [rad]. Shape (…, `FEATURES`).
+    """
+    seen = {name: observation[..., place].astype(float) for name, place in _PLACES.items()}
+    R = links(seen["joint_position"])
+    measured = _turned(R, _directions(seen["vectoring_sine"], seen["vectoring_cosine"]))
+    commanded = _directions(seen["vectoring_command_sine"], seen["vectoring_command_cosine"])
+    forces = _turned(R, seen["thrust_command"][..., None] * commanded)
+    flat = (*observation.shape[:-1], 3 * N_ROTORS)
+    parts = [observation[..., KEPT_ENTRIES], measured.reshape(flat), forces.reshape(flat), R[..., 0].reshape(flat)]
+    return np.concatenate([*parts, _commanded_joints(observation)], axis=-1)
+
+
+def answer(forces_b: np.ndarray, joint_position: np.ndarray, observation: np.ndarray) -> np.ndarray:
+    """What the network would have to say for a command; `command` is its inverse where the servos can follow.
+
+    Args:
+        forces_b: Forces in torso axes (…, 8, 3) [N].
+        joint_position: Commanded joints (…, 16) [rad].
+        observation: Of the same tick (…, `OBSERVATION`).
+    """
+    hover = np.array([0.0, 0.0, ROBOT.weight / N_ROTORS])
+    forces = ((forces_b - hover) / FORCE).reshape(*observation.shape[:-1], 3 * N_ROTORS)
+    return np.concatenate([forces, (joint_position - _commanded_joints(observation)) / STEP], axis=-1)
+
+
+def command(said: np.ndarray, observation: np.ndarray) -> np.ndarray:
+    """The `direct` action, within ± 1, of what the network says.
+
+    Of the two turns (φ, θ) that point a module along its force, the one with φ nearer to the last command is taken.
+    φ is that of the force plus `HOLD` of its length along the last φ; what is across φ's plane is left out for this
+    tick.
+
+    Args:
+        said: Shape (…, 40): forces in torso axes beyond an eighth of the weight, in `FORCE`; changes of the commanded
+            joints, in `STEP`. All zero hovers: every rotor bears an eighth of the weight, and no joint moves.
+        observation: What it was said to, shape (…, `OBSERVATION`).
+    """
+    said = said.astype(float)
+    forces_b = FORCE * said[..., : 3 * N_ROTORS].reshape(*said.shape[:-1], N_ROTORS, 3)
+    forces_b = forces_b + np.array([0.0, 0.0, ROBOT.weight / N_ROTORS])
+    joints = _commanded_joints(observation) + STEP * said[..., 3 * N_ROTORS :]
+    seen = {name: observation[..., _PLACES[name]].astype(float) for name in _PLACES if name.startswith("vectoring_c")}
+    R = links(observation[..., _PLACES["joint_position"]].astype(float))
+    x, y, z = np.moveaxis(_turned(np.swapaxes(R, -1, -2), forces_b), -1, 0)
+    s, c = seen["vectoring_command_sine"][..., 0::2], seen["vectoring_command_cosine"][..., 0::2]
+    hold = HOLD * np.sqrt(x * x + y * y + z * z)
+    side = np.where(c * z - s * y < 0.0, -1.0, 1.0)
+    phi = np.arctan2(hold * s - side * y, hold * c + side * z)
+    along = np.cos(phi) * z - np.sin(phi) * y
+    thrust = np.hypot(x, along)
+    theta = np.arctan2(x, along)
+    action = [2.0 * thrust / ROBOT.max_thrust - 1.0, phi / np.pi, theta / np.pi, joints / ROBOT.joint_limit]
+    return np.minimum(np.maximum(np.concatenate(action, axis=-1), -1.0), 1.0)

@@ -1,0 +1,131 @@
+"""Pins a `direct` policy's torso axes: kinematics, forces commanded as they were said, φ where thrust is along it."""
+
+import numpy as np
+import pytest
+
+from spidar_gym.control.flight.observation import layout
+from spidar_gym.model.dynamics import Model
+from spidar_gym.model.rotor import vectoring_to_force
+from spidar_gym.policies import torso
+from spidar_gym.robot import ROBOT
+
+
+def seen(rng, count=20):
+    """Observations of robots in any form, with any last command."""
+    observation = rng.normal(size=(count, torso.OBSERVATION))
+    for part in ("vectoring", "vectoring_command"):
+        angle = rng.uniform(-np.pi, np.pi, (count, 16))
+        observation[:, torso.entries(f"{part}_sine")] = np.sin(angle)
+        observation[:, torso.entries(f"{part}_cosine")] = np.cos(angle)
+    observation[:, torso.entries("joint_position")] = rng.uniform(-1.2, 1.2, (count, 16))
+    observation[:, torso.entries("thrust_command")] = rng.uniform(5.0, 30.0, (count, 8))
+    observation[:, torso.entries("previous_action")] = rng.uniform(-0.8, 0.8, (count, 40))
+    return observation
+
+
+def done(action, observation):
+    """Forces in torso axes (count, 8, 3) [N] and joints (count, 16) [rad] of actions; as an environment reads them."""
+    thrust = 0.5 * ROBOT.max_thrust * (1.0 + action[:, :8])
+    angles = np.pi * action[:, 8:24].reshape(-1, 2, 8).swapaxes(1, 2)
+    forces_l = np.array([vectoring_to_force(t, a) for t, a in zip(thrust, angles, strict=True)])
+    R = torso.links(observation[:, torso.entries("joint_position")])
+    return np.einsum("nrij,nrj->nri", R, forces_l), ROBOT.joint_limit * action[:, 24:]
+
+
+def after(action, observation):
+    """What is seen when these actions were the last ones."""
+    observation = observation.copy()
+    angles = np.pi * action[:, 8:24].reshape(-1, 2, 8).swapaxes(1, 2).reshape(-1, 16)
+    observation[:, torso.entries("vectoring_command_sine")] = np.sin(angles)
+    observation[:, torso.entries("vectoring_command_cosine")] = np.cos(angles)
+    observation[:, torso.entries("previous_action")] = action
+    return observation
+
+
+def test_links_are_where_pinocchio_has_them():
+    rng, model = np.random.default_rng(0), Model()
+    for q in rng.normal(scale=0.8, size=(5, 16)):
+        np.testing.assert_allclose(
+            torso.links(q), model.snapshot(q, np.eye(3), rng.normal(size=(8, 2))).R_bl, atol=1e-12
+        )  # fmt: skip
+
+
+def test_entries_are_those_of_the_layout_and_features_say_what_they_see():
+    rng = np.random.default_rng(1)
+    assert sum(field.size for field in layout(40)) == torso.OBSERVATION
+    observation = seen(rng)
+    found = torso.features(observation)
+    assert found.shape == (20, torso.FEATURES)
+    np.testing.assert_array_equal(found[:, :3], observation[:, torso.entries("position_error")])
+    directions, forces, axes = np.split(found[:, len(torso.KEPT_ENTRIES) : -16].reshape(20, 24, 3), 3, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=2), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=2), 1.0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(forces, axis=2), observation[:, torso.entries("thrust_command")], atol=1e-9
+    )  # fmt: skip
+    last = observation[:, torso.entries("previous_action")][:, 24:]
+    np.testing.assert_allclose(found[:, -16:], ROBOT.joint_limit * last)
+    observation[:, torso.entries("previous_action")] = 0.0
+    measured = observation[:, torso.entries("joint_position")]
+    np.testing.assert_array_equal(torso.features(observation)[:, -16:], measured)
+
+
+def test_nothing_said_is_an_eighth_of_the_weight_on_every_rotor_and_joints_at_rest():
+    observation = seen(np.random.default_rng(2))
+    for _ in range(60):
+        action = torso.command(np.zeros((20, 40)), observation)
+        before, observation = observation, after(action, observation)
+    forces, joints = done(action, observation)
+    np.testing.assert_allclose(forces, np.tile([0.0, 0.0, ROBOT.weight / 8], (20, 8, 1)), atol=1e-6)
+    np.testing.assert_allclose(joints, ROBOT.joint_limit * before[:, torso.entries("previous_action")][:, 24:])
+
+
+def test_what_is_said_again_and_again_is_done_and_at_once_where_phi_may_turn():
+    rng = np.random.default_rng(3)
+    observation, said = seen(rng), rng.uniform(-1.0, 1.0, (20, 40))
+    said[:, 24:] = 0.0
+    wanted = 10.0 * said[:, :24].reshape(20, 8, 3) + [0.0, 0.0, ROBOT.weight / 8]
+    found = []
+    for _ in range(60):
+        action = torso.command(said, observation)
+        found.append(np.linalg.norm(done(action, observation)[0] - wanted, axis=2))
+        observation = after(action, observation)
+    assert found[-1].max() < 1e-6
+    # At first it lacks what lies across a plane that has not turned all the way; the smaller the force along φ's axis,
+    # the less it lacks.
+    assert np.median(found[0] / np.linalg.norm(wanted, axis=2)) < torso.HOLD
+    assert (found[1] <= found[0] + 1e-9).all()
+
+
+def test_a_force_along_the_links_axis_leaves_phi_where_it_is():
+    observation = seen(np.random.default_rng(4))
+    forces = 20.0 * torso.links(observation[:, torso.entries("joint_position")])[..., 0]
+    joints = observation[:, torso.entries("joint_position")]
+    action = torso.command(torso.answer(forces, joints, observation), observation)
+    s = observation[:, torso.entries("vectoring_command_sine")][:, ::2]
+    c = observation[:, torso.entries("vectoring_command_cosine")][:, ::2]
+    turn = np.exp(1j * np.pi * action[:, 8:16]) / (c + 1j * s)
+    np.testing.assert_allclose(np.angle(turn), 0.0, atol=1e-9)
+    np.testing.assert_allclose(done(action, observation)[0], forces, atol=1e-9)
+
+
+def test_phi_turns_by_no_more_than_a_quarter_and_an_answer_is_what_has_to_be_said():
+    rng = np.random.default_rng(5)
+    observation, said = seen(rng), rng.uniform(-1.0, 1.0, (20, 40))
+    action = torso.command(said, observation)
+    s, c = (observation[:, torso.entries(f"vectoring_command_{part}")][:, ::2] for part in ("sine", "cosine"))
+    assert (np.cos(np.pi * action[:, 8:16]) * c + np.sin(np.pi * action[:, 8:16]) * s > -1e-9).all()
+    _, joints = done(action, observation)
+    wanted = 10.0 * said[:, :24].reshape(20, 8, 3) + [0.0, 0.0, ROBOT.weight / 8]
+    np.testing.assert_allclose(torso.answer(wanted, joints, observation), said, atol=1e-9)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_each_robot_of_many_is_answered_as_it_would_be_alone(dtype):
+    rng = np.random.default_rng(6)
+    observation, said = seen(rng, 33).astype(dtype), rng.normal(size=(33, 40)).astype(dtype)
+    many = torso.features(observation), torso.command(said, observation)
+    assert np.abs(many[1]).max() <= 1.0
+    for k in range(33):
+        np.testing.assert_array_equal(torso.features(observation[k]), many[0][k])
+        np.testing.assert_array_equal(torso.command(said[k], observation[k]), many[1][k])
