@@ -96,6 +96,19 @@ def features(observation: np.ndarray) -> np.ndarray:
     return np.concatenate([*parts, _commanded_joints(observation)], axis=-1)
 
 
+def forces(thrust: np.ndarray, vectoring: np.ndarray, observation: np.ndarray) -> np.ndarray:
+    """Forces in torso axes (…, 8, 3) [N] of thrusts (…, 8) [N] and vectoring angles (…, 8, 2) [rad].
+
+    Args:
+        thrust: λ.
+        vectoring: (φ, θ).
+        observation: Shape (…, `OBSERVATION`): where the joints are measured.
+    """
+    flat = vectoring.reshape(*vectoring.shape[:-2], 2 * N_ROTORS)
+    R = links(observation[..., _PLACES["joint_position"]].astype(float))
+    return _turned(R, thrust[..., None] * _directions(np.sin(flat), np.cos(flat)))
+
+
 def answer(forces_b: np.ndarray, joint_position: np.ndarray, observation: np.ndarray) -> np.ndarray:
     """What the network would have to say for a command; `command` is its inverse where the servos can follow.
 

@@ -29,7 +29,9 @@ def done(action, observation):
     angles = np.pi * action[:, 8:24].reshape(-1, 2, 8).swapaxes(1, 2)
     forces_l = np.array([vectoring_to_force(t, a) for t, a in zip(thrust, angles, strict=True)])
     R = torso.links(observation[:, torso.entries("joint_position")])
-    return np.einsum("nrij,nrj->nri", R, forces_l), ROBOT.joint_limit * action[:, 24:]
+    forces_b = np.einsum("nrij,nrj->nri", R, forces_l)
+    np.testing.assert_allclose(torso.forces(thrust, angles, observation), forces_b, atol=1e-12)
+    return forces_b, ROBOT.joint_limit * action[:, 24:]
 
 
 def after(action, observation):
