@@ -65,7 +65,7 @@ class StudyConfig:
     def __post_init__(self) -> None:
         require_least(1, hidden=self.hidden, batch=self.batch, updates=self.updates, room=self.room)
         require_least(1, first_updates=self.first_updates, average=self.average)
-        require_above(0.0, lr=self.lr)
+        require_above("1", lr=self.lr)
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ OBSERVATION = _ENDS[-1]
 KEPT = (
     "position_error", "velocity_error", "attitude_error", "angular_velocity_error", "joint_position", "joint_velocity",
     "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate", "position_integral",
-    "attitude_integral", "restricted_rotors", "next_form", "time_to_next_form",
+    "attitude_integral", "next_form", "time_to_next_form",
 )  # fmt: skip
-"""Pieces of the observation that the network sees as they are."""
+"""Pieces of the observation that the network sees as they are; which rotors interference restricts, nobody tells it."""
 KEPT_ENTRIES = np.concatenate([np.arange(OBSERVATION)[_PLACES[name]] for name in KEPT])
 """Their entries."""
 FEATURES = len(KEPT_ENTRIES) + 3 * 3 * N_ROTORS + N_JOINTS

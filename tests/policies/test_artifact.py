@@ -297,7 +297,7 @@ def test_a_file_of_format_3_without_a_part_is_refused(tmp_path, name):
     ("options", "expected"),
     [
         ({"skip": np.zeros((2, 4), np.float32)}, r"\(2, 3\), or none"),
-        ({"output": "torso"}, "201 and traces to 40"),
+        ({"output": "torso"}, "193 and traces to 40"),
         ({"traced": np.array([0.5]), "trace_times": np.ones(1)}, "entries within 0 … 1"),
         ({"traced": np.array([2.0]), "trace_times": np.ones(1)}, "entries within 0 … 1"),
         ({"traced": np.array([0.0]), "trace_times": -np.ones(1)}, "at least 0"),
