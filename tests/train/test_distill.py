@@ -1,0 +1,96 @@
+"""Pins what is learned from a teacher: lessons are its commands, a loss in units, the same bytes with the same seed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+import torch
+
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.policies import torso
+from spidar_gym.policies.artifact import read_artifact
+from train.distill import FORCE, JOINT, NET_FORCE, PRESETS, Shelf, learn, loss_of
+from train.lib.config import override
+from train.lib.taught import Lessons, TaughtFlights
+
+pytestmark = pytest.mark.train
+TINY = override(
+    PRESETS["hover"], tracks=("flight-fast3", "flight-wind"), robots=2, first_ticks=30, rounds=3, ticks=12,
+    validations=1, scenarios=1, workers=1, hidden=16, first_updates=20, updates=5, batch=32, room=400,
+)  # fmt: skip
+
+
+def test_who_says_what_the_teacher_said_a_tick_ago_flies_nearly_as_well():
+    flights, rng = TaughtFlights(("flight-forms",), "tuned", 3, 1, (1.0,)), np.random.default_rng(0)
+    said = flights.fly(None, 60, rng).answers[-3:]
+    worst = 0.0
+    for _ in range(40):
+        said = flights.fly(lambda _, last=said: last, 1, rng).answers
+        errors = flights._vectors[0].robots["position_error"]
+        worst = max(worst, float(np.linalg.norm(errors, axis=1).max()))
+    flights.close()
+    assert not flights.led.any()
+    assert 0.0 < worst < 0.03
+
+
+def test_what_is_seen_is_what_a_flight_without_a_controller_shows():
+    flights = TaughtFlights(("flight-randomised",), "tuned", 2, 2, ())
+    alone = flights._vectors[0].buffers["observations"].copy()
+    flights.fly(None, 20, np.random.default_rng(0))
+    seen = flights._seen
+    names = ("position_integral", "attitude_integral")
+    np.testing.assert_array_equal(seen[:, torso.entries(*names)], alone[:, torso.entries(*names)])
+    assert np.ptp(
+        flights._vectors[0].buffers["observations"][:, torso.entries(*names)] - alone[:, torso.entries(*names)]
+    )
+    flights.close()
+
+
+def test_the_loss_counts_forces_joints_and_what_they_add_up_to_in_their_units():
+    answers, levers, one = torch.zeros(1, 40), torch.zeros(1, 8, 3), torch.ones(1)
+
+    def loss(said):
+        return (2.0 * (loss_of(said, answers, levers, one).item() + 1.0)) ** 2 - 4.0
+
+    said = answers.clone()
+    said[0, 0] = 1.0 / torso.FORCE
+    assert loss(said) == pytest.approx(1.0 / FORCE**2 + 1.0 / NET_FORCE**2, rel=1e-3)
+    said[0, 3] = -1.0 / torso.FORCE  # the other way: the robot feels nothing of the two
+    assert loss(said) == pytest.approx(2.0 / FORCE**2, rel=1e-3)
+    said = answers.clone()
+    said[0, 30] = JOINT / torso.STEP
+    assert loss(said) == pytest.approx(1.0, rel=1e-3)
+    levers[0, 0, 1] = 0.5
+    said = answers.clone()
+    said[0, 2] = 1.0 / torso.FORCE
+    assert loss(said) > 1.0 / FORCE**2 + 1.0 / NET_FORCE**2 + 1.0
+
+
+def test_a_full_shelf_keeps_the_latest_lessons():
+    def lessons(value, rows):
+        return Lessons(np.full((rows, 2), value), np.zeros((rows, 40)), np.zeros((rows, 8, 3)), np.ones(rows))
+
+    shelf = Shelf(10, lessons(1.0, 6))
+    assert shelf.count == 6
+    shelf.add(lessons(2.0, 7))
+    drawn = shelf.draw(np.random.default_rng(0), 1000)[0][:, 0]
+    assert shelf.count == 10
+    assert float((drawn == 2.0).float().mean()) == pytest.approx(0.7, abs=0.06)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_a_policy_without_traces_sees_none(tmp_path):
+    first, again = (learn(override(TINY, out=tmp_path / name)) for name in ("a", "b"))
+    assert first.read_bytes() == again.read_bytes()
+    net = read_artifact(first)
+    assert len(net.mean) == torso.FEATURES + 12 * len(TINY.trace_times)
+    other = read_artifact(learn(override(TINY, seed=1, trace_times=(), out=tmp_path / "c")))
+    assert len(other.mean) == torso.FEATURES
+    assert other.act(np.zeros(torso.OBSERVATION)).shape == (40,)
+
+
+@pytest.mark.parametrize("changes", [{"robots": 0}, {"tracks": ("ground-paper",)}, {"rounds": 0}])
+def test_what_is_no_course_is_refused(changes):
+    with pytest.raises(InvalidValueError):
+        replace(TINY, **changes)
