@@ -200,7 +200,7 @@ def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd):
     main(["eval", "--baselines", "--tracks", "flight-fast3", "--scenarios", "1", "--workers", "1"])
     out = capfd.readouterr().out
     names = {path.stem for path in (here / "out" / "scores").glob("*.json")}
-    assert names == {"qp", "qp_as_flown", "qp_unconstrained", "pinv", "qp_tuned", "hold"}
+    assert names == {"qp", "qp_as_flown", "qp_unconstrained", "pinv", "qp_tuned", "qp_tuned_v1", "hold"}
     assert len(names) == len(BASELINES) - 2, "two only crawl"
     assert all(f"\n{name}: " in "\n" + out for name in names)
 
