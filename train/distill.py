@@ -332,7 +332,7 @@ def _learn(
 
 
 def _scaling(lessons: "Lessons") -> Scaling:
-    """Of what the teacher's flights showed."""
+    """How inputs enter the network, by what the teacher's flights showed."""
     bound = np.maximum(np.abs(lessons.inputs).max(axis=0), 1.0)
     return scaling_of(lessons.inputs, bound)
 
