@@ -33,8 +33,8 @@ N_ANGLES = N_JOINTS + 2 * N_ROTORS
 """Angles that the encoders tell."""
 N_BODIES = 1 + N_ANGLES
 """Bodies of the kinematic tree: the torso, and one behind each joint and each vectoring servo."""
-MAX_OBSERVATION, MAX_ACTION, MAX_WIDTH = 512, 24, 1024
-"""Numbers that a policy sees and answers at most, and those of the widest layer between them."""
+MAX_OBSERVATION, MAX_TRACES, MAX_ACTION, MAX_WIDTH = 512, 128, 40, 1024
+"""Numbers that a policy sees, remembers and answers at most, and those of the widest layer between them."""
 MAX_ENTRIES = 48
 """Entries of an action, the modes without a controller included."""
 SIZES = {
@@ -132,7 +132,8 @@ ENUMERATIONS = {
         Enumeration("phase", "Phases of the gait.", PHASES),
         Enumeration("channel", "What the entries of a policy's action are, in this order.", CHANNELS, "CHANNEL_",
                     tuple(1 << k for k in range(len(CHANNELS)))),
-        Enumeration("policy_target", "What a policy adds to.", ("none", "flight", "crawl"), "POLICY_", (-1, 0, 1)),
+        Enumeration("policy_target", "What a policy adds to; direct commands a flight.",
+                    ("none", "flight", "crawl", "direct"), "POLICY_", (-1, 0, 1, 2)),
     )
 }  # fmt: skip
 """By name of the type without `sp_`."""

@@ -14,6 +14,7 @@ from spidar_gym.native.constants import (
     MAX_OBSERVATION,
     MAX_SIDES,
     MAX_STEPS,
+    MAX_TRACES,
     N_ANGLES,
     N_BODIES,
     PROGRAMS,
@@ -219,6 +220,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("action", "f8", (MAX_ACTION,), "last, as it was applied, in [−1, 1]"),
         ("leg_momentum", "f8", (3,), "[Nms]"),
         ("slow", "f8", (MAX_ACTION,), "low-passed answers that the washout takes away"),
+        ("traces", "f8", (MAX_TRACES,), "low-passes of what it saw"),
         ("observation", "f4", (MAX_OBSERVATION,), "what it saw last"),
     )),
 )  # fmt: skip

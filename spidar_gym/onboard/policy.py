@@ -15,10 +15,20 @@ from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.codegen.header import array, header, hex_float
-from spidar_gym.native.constants import MAX_ACTION, MAX_OBSERVATION, MAX_WIDTH
+from spidar_gym.native.constants import MAX_ACTION, MAX_OBSERVATION, MAX_TRACES, MAX_WIDTH
+from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact
-from spidar_gym.policies.filters import Washout
+from spidar_gym.policies.filters import Traces, Washout
 
+TORSO_UNITS = {"FORCE": torso.FORCE, "JOINT_STEP": torso.STEP, "HOLD": torso.HOLD}
+"""What a network in torso axes says, by names in C."""
+TORSO_PLACES = {
+    "JOINTS": "joint_position", "SINE": "vectoring_sine", "COSINE": "vectoring_cosine", "THRUST": "thrust_command",
+    "COMMAND_SINE": "vectoring_command_sine", "COMMAND_COSINE": "vectoring_command_cosine", "ACTION": "previous_action",
+}  # fmt: skip
+"""Pieces of the observation that its kinematics read, by names in C."""
+BLOCK = 32
+"""Outputs of a layer that the core computes side by side."""
 RATE = 10.0
 """Largest change of every entry of an action in a second; from −1 to 1 it is 2."""
 ENVIRONMENTS = {
@@ -45,18 +55,17 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         return _header("no policy", _words("SP_POLICY_NONE", "", "", (0,), "0"), {})
     require_name("environment of a residual", artifact.env_id, ENVIRONMENTS)
     kind, env, modes, fields = ENVIRONMENTS[artifact.env_id]
-    if artifact.skip.size or len(artifact.mean) > artifact.sees:
-        raise InvalidValueError(
-            "network", "a skip matrix or traces", "layers alone: the core has no memory of what was seen"
-        )
     mode = _mode(artifact, str(_argument(artifact, env, "action_mode")), modes)
     bound = np.concatenate([np.full(field.size, field.bound) for field in fields(mode.size)])
     sizes = (len(artifact.mean), *(len(bias) for bias in artifact.biases))
-    _check_sizes(sizes, (len(bound), mode.size))
+    traces = len(artifact.traced) * len(artifact.trace_times)
+    _check_sizes(artifact, max(sizes), traces, (len(bound), mode.size))
     # A controller of one's own has no name.
     preset = "" if "controller" in artifact.arguments else str(_argument(artifact, env, "preset"))
-    channels = " | ".join(f"SP_CHANNEL_{channel.name.upper()}" for channel in mode.channels)
-    words = _words(kind, artifact.name, preset, sizes, channels)
+    added = mode.channels if mode.residual else ()
+    channels = " | ".join(f"SP_CHANNEL_{channel.name.upper()}" for channel in added) or "0"
+    words = _words(kind if mode.residual else "SP_POLICY_DIRECT", artifact.name, preset, sizes, channels)
+    words |= {"SEES": artifact.sees, "TRACES": traces, "SKIP": int(artifact.skip.size > 0)}
     words["RELU"] = int(artifact.activation == "relu")
     words["SQUASH"] = int(artifact.output == "tanh")
     words["CLIP"] = f"{hex_float(artifact.clip)} /* of a normalised observation */"
@@ -69,10 +78,19 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "BOUND": bound,
         "WASHOUT": share if len(share) else np.zeros(mode.size),
         "AUTHORITY": np.concatenate(
-            [np.broadcast_to(actions.AUTHORITIES[each.name], each.size) for each in mode.channels]
+            [np.broadcast_to(actions.AUTHORITIES[each.name], each.size) for each in added] or [np.zeros(1)]
         ),
-        "WEIGHTS": np.concatenate([part.astype(np.float32).reshape(-1) for layer in layers for part in layer]),
+        "WEIGHTS": np.concatenate([blocks(w, b) for w, b in layers]),
     }
+    if artifact.skip.size:
+        none = np.zeros(len(artifact.skip), np.float32)
+        arrays["WEIGHTS"] = np.concatenate([arrays["WEIGHTS"], blocks(artifact.skip, none)])
+    if traces:
+        arrays["TRACED"] = np.tile(artifact.traced, len(artifact.trace_times)).astype(int)
+        arrays["TRACE_SHARE"] = Traces(artifact.traced, artifact.trace_times).share
+    if artifact.output == "torso":
+        words |= _torso_words()
+        arrays["KEPT"] = torso.KEPT_ENTRIES
     return _header(f"the policy {artifact.name}, learned in {artifact.env_id}", words, arrays)
 
 
@@ -82,26 +100,51 @@ def _argument(artifact: Artifact, env: type, name: str) -> object:
 
 
 def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> ActionMode:
-    """The action mode, where it adds to a controller."""
+    """The action mode, where the core has it: one that adds to the controller, or `direct` in flight."""
     mode = actions.find_action_mode(name, modes)
-    if mode.residual is None:
+    if mode.residual is None and artifact.env_id != HOVER:
         adding = ", ".join(n for n, m in modes.items() if m.residual is not None)
         raise InvalidValueError(f"action mode of {artifact.name}", name, f"one that adds to the controller: {adding}")
+    if mode.residual is None and artifact.washout.any():
+        raise InvalidValueError(
+            f"washout of {artifact.name}", "given", "none without a controller, where what stays flies"
+        )
     return mode
 
 
-def _check_sizes(sizes: tuple[int, ...], shown: tuple[int, int]) -> None:
+def blocks(weights: np.ndarray, biases: np.ndarray) -> np.ndarray:
+    """A layer as the core reads it: the weights of every `BLOCK` outputs by input, then all biases, padded with 0."""
+    out, size = weights.shape
+    padded = np.zeros((-(-out // BLOCK) * BLOCK, size), np.float32)
+    padded[:out] = weights
+    last = np.zeros(len(padded), np.float32)
+    last[:out] = biases
+    return np.concatenate([padded.reshape(-1, BLOCK, size).transpose(0, 2, 1).reshape(-1), last])
+
+
+def _check_sizes(artifact: Artifact, width: int, traces: int, shown: tuple[int, int]) -> None:
     """Refuse a network that does not fit its environment, or the core's arrays."""
-    if (sizes[0], sizes[-1]) != shown:
-        raise InvalidValueError("network", f"{sizes[0]} to {sizes[-1]}", f"{shown[0]} to {shown[1]}")
+    if (artifact.sees, artifact.answers) != shown:
+        raise InvalidValueError("network", f"{artifact.sees} to {artifact.answers}", f"{shown[0]} to {shown[1]}")
     found = (
-        ("observation", sizes[0], MAX_OBSERVATION),
-        ("action", sizes[-1], MAX_ACTION),
-        ("width", max(sizes), MAX_WIDTH),
+        ("observation", artifact.sees, MAX_OBSERVATION),
+        ("traces", traces, MAX_TRACES),
+        ("action", artifact.answers, MAX_ACTION),
+        ("width", width, MAX_WIDTH),
     )
     for name, size, most in found:
         if size > most:
             raise InvalidValueError(f"network's {name}", size, f"at most {most} numbers")
+
+
+def _torso_words() -> dict[str, object]:
+    """Units of a network in torso axes, and where it finds what in an observation."""
+    return {
+        "TORSO": 1,
+        "KEPT_SIZE": len(torso.KEPT_ENTRIES),
+        **{name: hex_float(value) for name, value in TORSO_UNITS.items()},
+        **{f"AT_{name}": int(torso.entries(piece)[0]) for name, piece in TORSO_PLACES.items()},
+    }
 
 
 def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: str) -> dict[str, object]:
@@ -112,7 +155,18 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
         "PRESET": f'"{preset}" /* whose controller it adds to */',
         "LAYERS": len(sizes) - 1,
         "SIZES": f"{{{', '.join(map(str, sizes))}}}",
-        "WIDTH": max(1, *sizes),
+        "BLOCK": BLOCK,
+        "WIDTH": f"{-(-max(1, *sizes) // BLOCK) * BLOCK} /* of the widest layer, in whole blocks */",
+        "SEES": 0,
+        "TRACES": 0,
+        "SKIP": 0,
+        "TORSO": 0,
+        "KEPT_SIZE": 0,
+        **{name: "0.0" for name in ("FORCE", "JOINT_STEP", "HOLD")},
+        **{
+            f"AT_{name}": 0
+            for name in ("JOINTS", "SINE", "COSINE", "THRUST", "COMMAND_SINE", "COMMAND_COSINE", "ACTION")
+        },
         "ACTIONS": sizes[-1],
         "CHANNELS": f"({channels})",
         "RELU": 0,
@@ -125,7 +179,9 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
 def _header(what: str, words: dict[str, object], arrays: dict[str, np.ndarray]) -> str:
     """The header; arrays that are missing have one zero, since C knows none of length 0."""
     lines = [f"#define SP_POLICY_{name} {value}" for name, value in words.items()]
-    doubles = ("MEAN", "DEVIATION", "BOUND", "WASHOUT", "AUTHORITY")
+    for name in ("TRACED", "KEPT"):
+        lines += ["", *array("int", f"SP_POLICY_{name}", [str(k) for k in arrays.get(name, np.zeros(1, int)).tolist()])]
+    doubles = ("MEAN", "DEVIATION", "BOUND", "WASHOUT", "AUTHORITY", "TRACE_SHARE")
     for name, kind in (*((n, "double") for n in doubles), ("WEIGHTS", "float")):
         numbers, suffix = arrays.get(name, np.zeros(1)).tolist(), "f" if kind == "float" else ""
         lines += ["", *array(kind, f"SP_POLICY_{name}", [hex_float(x) + suffix for x in numbers])]

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from support.needs import needs_compiler
-from support.networks import made
+from support.networks import in_torso_axes, made
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.crawl.footsteps import Move
@@ -22,7 +22,7 @@ from spidar_gym.native.library import Struct, expected_digest, pointer
 from spidar_gym.native.recipe import FLAGS, includes, interface_header, seal, sources
 from spidar_gym.native.structs import fill
 from spidar_gym.onboard.policy import RATE, policy_header
-from spidar_gym.policies.artifact import Washout
+from spidar_gym.policies.artifact import LearnedPolicy, Washout
 from spidar_gym.state import NO_RESIDUAL, Residual
 
 pytestmark = needs_compiler
@@ -123,6 +123,14 @@ class Learned:
             )  # fmt: skip
         return self.own["residual"]
 
+    def command_directly(self):
+        """The policy's command, without a controller."""
+        self.library.sp_policy_direct(
+            self.controller.room.robot, self["policy"], self.controller._flight.pointer, self["robot_state"],
+            self["control_state"], self["preview"], self["command"],
+        )  # fmt: skip
+        return self.own["command"].record
+
     def command(self, residual):
         """The controller's command with a residual, or without one."""
         given = None if residual is None else residual.pointer
@@ -207,6 +215,40 @@ def test_the_core_sees_what_the_environment_shows_and_answers_what_the_network_d
     assert np.mean(np.ptp(shown, axis=0) > 0.0) > 0.6
     if net.env_id == HOVER:
         assert len({goal.tobytes() for goal in np.array(shown)[:, -size - 17 : -size - 1]}) > 1, "the plan went on"
+
+
+@pytest.mark.parametrize(
+    ("net", "least"),
+    [(in_torso_axes(), 40), (made(mode="direct", loud=0.2), 10), (made(mode="direct", output="tanh"), 8)],
+    ids=["torso axes, traces, skip", "clipped", "squashed"],
+)
+def test_a_policy_without_a_controller_flies_as_in_its_environment(core, net, least):
+    core(net)
+    env = make(net, control="core")
+    observation, _ = env.reset(seed=3)
+    learned, policy = Learned(env, beside(env)), LearnedPolicy(net)
+    policy.reset(0)
+    seen, answered, actions = [], [], []
+    for _ in range(TICKS):
+        learned.look()
+        found = learned.command_directly()
+        action = policy.act(observation)
+        seen.append(np.abs(learned.seen[: len(observation)] - observation).max())
+        answered.append(np.abs(learned.action[: len(action)] - action))
+        answered[-1][8:24] = np.minimum(answered[-1][8:24], 2.0 - answered[-1][8:24])  # angles, in half turns
+        actions.append(action)
+        # Both go on from the same action: a flight without a controller lets no difference fade.
+        observation, _, terminated, _, _ = env.step(learned.action[: len(action)].astype(np.float32))
+        expected = Struct("command")
+        fill(expected.record, env.command)
+        assert apart(found, expected.record) < 1e-12
+        if terminated:
+            break
+    print(f"\n{len(seen)} ticks: observation {max(seen):.1e}, action {np.max(answered):.1e}")
+    assert len(seen) >= least
+    assert max(seen) < 1e-6
+    assert np.max(answered) < 1e-5
+    assert np.ptp(actions, axis=0).max() > 0.05
 
 
 @pytest.mark.parametrize("name", ["wrench", "washed wrench and joints", "gait and legs"])
@@ -319,7 +361,12 @@ def test_no_policy_and_one_that_is_silent_change_no_bit_of_a_command(core, name,
 
 def test_a_policy_says_where_it_was_learned_and_is_silent_elsewhere(core):
     kinds = {}
-    for name, net in (("none", None), (HOVER, made()), (CRAWL, made(CRAWL, "residual_gait"))):
+    for name, net in (
+        ("none", None),
+        (HOVER, made()),
+        (CRAWL, made(CRAWL, "residual_gait")),
+        ("direct", in_torso_axes()),
+    ):
         core(net)
         for env_id in (HOVER, CRAWL):
             env = gymnasium.make(env_id, control="core").unwrapped
@@ -330,7 +377,7 @@ def test_a_policy_says_where_it_was_learned_and_is_silent_elsewhere(core):
             fill(neutral.record, NO_RESIDUAL)
             assert (residual.record.tobytes() == neutral.record.tobytes()) == (name != env_id)
             kinds[name] = learned.library.sp_policy_kind()
-    assert kinds == {"none": -1, HOVER: 0, CRAWL: 1}
+    assert kinds == {"none": -1, HOVER: 0, CRAWL: 1, "direct": 2}
 
 
 def test_every_mode_that_adds_to_a_controller_means_the_same_onboard(core):

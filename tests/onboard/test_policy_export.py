@@ -26,7 +26,7 @@ from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard import golden
 from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export, export_files
-from spidar_gym.onboard.policy import RATE, policy_header
+from spidar_gym.onboard.policy import BLOCK, RATE, policy_header
 from spidar_gym.policies.artifact import Washout, write_artifact
 from spidar_gym.state import Residual
 
@@ -38,8 +38,16 @@ def test_the_headers_numbers_are_the_artifacts_bit_for_bit():
     text = policy_header(net, 4.0)
     for name, words in re.findall(r"SP_POLICY_(\w+)\[\d+\] = \{(.*?)\};", text, flags=re.S):
         found[name] = np.array([float.fromhex(word.strip("f")) for word in words.replace(",", " ").split()])
-    flat = [part.reshape(-1) for layer in zip(net.weights, net.biases, strict=True) for part in layer]
-    np.testing.assert_array_equal(found["WEIGHTS"], np.concatenate(flat))
+    rest = found["WEIGHTS"]
+    for weights, biases in zip(net.weights, net.biases, strict=True):
+        out, size = weights.shape
+        room = -(-out // BLOCK) * BLOCK
+        layer, last, rest = np.split(rest, [room * size, room * (size + 1)])
+        for k in range(room):  # output k stands in block k // BLOCK, its weights BLOCK numbers apart
+            own = layer[k // BLOCK * BLOCK * size :][k % BLOCK : BLOCK * size : BLOCK]
+            np.testing.assert_array_equal(own, weights[k] if k < out else 0.0)
+        np.testing.assert_array_equal(last, [*biases, *np.zeros(room - out)])
+    assert not len(rest)
     np.testing.assert_array_equal(found["MEAN"], net.mean)
     np.testing.assert_array_equal(found["DEVIATION"] ** 2, np.sqrt(net.variance) ** 2)
     np.testing.assert_array_equal(found["WASHOUT"], Washout(net.washout).share)
@@ -52,8 +60,8 @@ def test_the_headers_numbers_are_the_artifacts_bit_for_bit():
 @pytest.mark.parametrize(
     ("net", "error", "message"),
     [
-        (lambda: made(mode="direct"), InvalidValueError, "'direct' is not valid; .* residual_wrench, residual_joint"),
         (lambda: made(CRAWL, "direct"), InvalidValueError, "'direct' is not valid; .* residual_gait"),
+        (lambda: made(mode="direct", washout=np.ones(40)), InvalidValueError, "washout of net .* none without"),
         (lambda: replace(made(), arguments={"action_mode": "fly"}), UnknownNameError, "valid: residual_wrench"),
         (lambda: replace(made(), env_id="CartPole-v1"), UnknownNameError, "valid: spidar_gym/Hover-v0, spidar_gym/"),
         (lambda: replace(made(), arguments={}, env_id=CRAWL), InvalidValueError, r"207 to 6.*expected \d+ to 4"),
@@ -82,7 +90,7 @@ def test_a_rate_that_is_none_is_refused(rate):
 def test_the_core_has_room_for_every_mode_and_knows_its_channels():
     assert tuple(AUTHORITIES) == CHANNELS
     for mode in (*ACTION_MODES.items(), *CRAWL_MODES.items()):
-        assert mode[0] == "direct" or mode[1].size <= MAX_ACTION
+        assert mode[1].size <= MAX_ACTION
     assert {f"has_{f.name}" for f in fields(Residual)} & set(Struct("residual").views) == {
         "has_forces_l", "has_leg_forces_b",
     }  # fmt: skip
@@ -142,7 +150,7 @@ def test_a_core_is_built_with_a_policy(written, tmp_path, monkeypatch):
 
 def test_the_command_refuses_in_one_line(tmp_path, capfd, written):
     direct = tmp_path / "direct.npz"
-    write_artifact(made(mode="direct"), direct)
+    write_artifact(made(CRAWL, "direct"), direct)
     for arguments, message in (
         (
             ["--out", str(tmp_path / "o"), "--residual", str(tmp_path / "none.npz")],

@@ -8,6 +8,7 @@ from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
+from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact
 
 
@@ -28,3 +29,19 @@ def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(2
         "variance": (0.2 * bound * rng.uniform(0.5, 1.5, len(bound))) ** 2,
     }  # fmt: skip
     return Artifact(**(known | options))
+
+
+def in_torso_axes(loud=0.1, traced=(0.0, 1.0, 2.0, 7.0), times=(0.1, 0.5), hidden=(40, 24)):
+    """A random network that flies in torso axes, not far from hovering; it has traces and a matrix past its layers."""
+    rng = np.random.default_rng(8)
+    size = torso.FEATURES + len(traced) * len(times)
+    weights = [rng.normal(size=(n, m)) / np.sqrt(m) for m, n in pairwise((size, *hidden, torso.ACTION))]
+    weights[-1] *= loud
+    return Artifact(
+        name="net", kind="learned", doc="Random.", env_id=HOVER, arguments={"action_mode": "direct"}, output="torso",
+        weights=tuple(w.astype(np.float32) for w in weights),
+        biases=tuple(rng.normal(scale=0.02, size=len(w)).astype(np.float32) for w in weights),
+        mean=0.1 * rng.normal(size=size), variance=rng.uniform(0.5, 1.5, size),
+        skip=(loud * rng.normal(size=(torso.ACTION, size)) / np.sqrt(size)).astype(np.float32),
+        traced=np.array(traced), trace_times=np.array(times),
+    )  # fmt: skip

@@ -1,4 +1,5 @@
-/* A learned residual: a small network on what the environment shows it, bounded, and no faster than it may be. */
+/* A learned policy: a small network on what the environment shows it. A residual is bounded, and no faster than it may be;
+ * a direct one commands in torso axes, as spidar_gym/policies/torso.py does. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 #include "spidar_policy.h" /* generated: network, normaliser, bounds, washout, authority; no layers without a policy */
@@ -14,41 +15,137 @@ int sp_policy_kind(void) { return SP_POLICY_KIND; }
 static float activation(float x) { return SP_POLICY_RELU ? (x < 0.0f ? 0.0f : x) : tanhf(x); }
 static float output(float x) { return SP_POLICY_SQUASH ? tanhf(x) : (float)sp_clip(x, -1.0, 1.0); }
 
-/* The network's answer, in single precision as it was learned. */
-static void evaluate_network(const float *observation, float *answer)
+/* y = W x + b, a block of outputs side by side; each sum runs in the order of its inputs. What follows in the weights. */
+static const float *multiply(const float *w, const float *x, int from, int to, float *y)
+{
+    const int blocks = (to + SP_POLICY_BLOCK - 1) / SP_POLICY_BLOCK;
+    for (int i = 0; i < blocks; i++) {
+        float sum[SP_POLICY_BLOCK] = {0.0f};
+        for (int j = 0; j < from; j++, w += SP_POLICY_BLOCK)
+            for (int k = 0; k < SP_POLICY_BLOCK; k++) sum[k] += w[k] * x[j];
+        memcpy(y + SP_POLICY_BLOCK * i, sum, sizeof sum);
+    }
+    for (int i = 0; i < SP_POLICY_BLOCK * blocks; i++) y[i] += w[i];
+    return w + SP_POLICY_BLOCK * blocks;
+}
+
+/* The last layer for what the network is shown, in single precision as it was learned. */
+static void evaluate_network(const double *shown, float *answer)
 {
     static const int sizes[] = SP_POLICY_SIZES;
-    float first[SP_POLICY_WIDTH], second[SP_POLICY_WIDTH], *x = first, *y = second;
+    float input[SP_POLICY_WIDTH], first[SP_POLICY_WIDTH], second[SP_POLICY_WIDTH], *x = first, *y = second;
     const float *w = SP_POLICY_WEIGHTS;
     for (int i = 0; i < sizes[0]; i++) {
-        double n = ((double)observation[i] - SP_POLICY_MEAN[i]) / SP_POLICY_DEVIATION[i];
-        x[i] = (float)sp_clip(n, -SP_POLICY_CLIP, SP_POLICY_CLIP);
+        double n = (shown[i] - SP_POLICY_MEAN[i]) / SP_POLICY_DEVIATION[i];
+        input[i] = (float)sp_clip(n, -SP_POLICY_CLIP, SP_POLICY_CLIP);
     }
+    memcpy(x, input, sizeof input);
     for (int k = 0; k < SP_POLICY_LAYERS; k++) {
-        const int from = sizes[k], to = sizes[k + 1];
-        const float *bias = w + from * to;
-        for (int i = 0; i < to; i++) {
-            float sum = 0.0f;
-            for (int j = 0; j < from; j++) sum += w[from * i + j] * x[j];
-            sum += bias[i];
-            y[i] = k + 1 < SP_POLICY_LAYERS ? activation(sum) : output(sum);
-        }
+        w = multiply(w, x, sizes[k], sizes[k + 1], y);
+        for (int i = 0; i < sizes[k + 1] && k + 1 < SP_POLICY_LAYERS; i++) y[i] = activation(y[i]);
         float *last = x;
         x = y, y = last;
-        w = bias + to;
+    }
+    if (SP_POLICY_SKIP) {
+        multiply(w, input, sizes[0], SP_POLICY_ACTIONS, y);
+        for (int i = 0; i < SP_POLICY_ACTIONS; i++) x[i] += y[i];
     }
     memcpy(answer, x, SP_POLICY_ACTIONS * sizeof *answer);
+}
+
+/* ---- torso axes ---- */
+
+/* Vectors of links, in torso axes. */
+static void turn_out(const sp_snapshot *s, const double *vectors_l, double *vectors_b)
+{
+    for (int i = 0; i < SP_ROTORS; i++) sp_apply(s->R_bl[i], vectors_l + 3 * i, vectors_b + 3 * i);
+}
+
+/* Thrust directions in link axes of the sines and cosines of φ₁, θ₁ …, each `length` long, or 1 where there is none. */
+static void directions(const float *sine, const float *cosine, const float *length, double *to)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double n = length == NULL ? 1.0 : length[i], s = sine[2 * i], c = cosine[2 * i], along = cosine[2 * i + 1];
+        to[3 * i] = n * sine[2 * i + 1];
+        to[3 * i + 1] = n * (-s * along);
+        to[3 * i + 2] = n * (c * along);
+    }
+}
+
+/* Joint j of the last command; before the first, where it is measured. */
+static double commanded_joint(const sp_robot *robot, const float *seen, int j)
+{
+    const float *last = seen + SP_POLICY_AT_ACTION;
+    for (int k = 0; k < SP_POLICY_ACTIONS; k++)
+        if (last[k] != 0.0f) return robot->joint_limit * last[3 * SP_ROTORS + j];
+    return seen[SP_POLICY_AT_JOINTS + j];
+}
+
+/* What a network in torso axes sees of an observation; how many numbers. */
+static int torso_features(const sp_robot *robot, const sp_snapshot *snapshot, const float *seen, double *to)
+{
+    double vectors[3 * SP_ROTORS];
+    int at = 0;
+    for (int k = 0; k < SP_POLICY_KEPT_SIZE; k++) to[at++] = seen[SP_POLICY_KEPT[k]];
+    directions(seen + SP_POLICY_AT_SINE, seen + SP_POLICY_AT_COSINE, NULL, vectors);
+    turn_out(snapshot, vectors, to + at);
+    at += 3 * SP_ROTORS;
+    directions(seen + SP_POLICY_AT_COMMAND_SINE, seen + SP_POLICY_AT_COMMAND_COSINE, seen + SP_POLICY_AT_THRUST, vectors);
+    turn_out(snapshot, vectors, to + at);
+    at += 3 * SP_ROTORS;
+    for (int i = 0; i < SP_ROTORS; i++)
+        for (int k = 0; k < 3; k++) to[at++] = snapshot->R_bl[i][3 * k];
+    for (int j = 0; j < SP_JOINTS; j++) to[at++] = commanded_joint(robot, seen, j);
+    return at;
+}
+
+/* The direct action of what a network in torso axes says. */
+static void torso_action(const sp_robot *robot, const sp_snapshot *snapshot, const float *seen, const float *said, double *action)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double f_b[3], f[3], s = seen[SP_POLICY_AT_COMMAND_SINE + 2 * i], c = seen[SP_POLICY_AT_COMMAND_COSINE + 2 * i];
+        for (int k = 0; k < 3; k++) f_b[k] = SP_POLICY_FORCE * said[3 * i + k];
+        f_b[2] += robot->weight / SP_ROTORS;
+        sp_apply_t(snapshot->R_bl[i], f_b, f);
+        double hold = SP_POLICY_HOLD * sp_norm(f), side = c * f[2] - s * f[1] < 0.0 ? -1.0 : 1.0;
+        double phi = atan2(hold * s - side * f[1], hold * c + side * f[2]);
+        double along = cos(phi) * f[2] - sin(phi) * f[1];
+        action[i] = 2.0 * hypot(f[0], along) / robot->max_thrust - 1.0;
+        action[SP_ROTORS + i] = phi / SP_PI;
+        action[2 * SP_ROTORS + i] = atan2(f[0], along) / SP_PI;
+    }
+    for (int j = 0; j < SP_JOINTS; j++)
+        action[3 * SP_ROTORS + j] =
+            (commanded_joint(robot, seen, j) + SP_POLICY_JOINT_STEP * said[3 * SP_ROTORS + j]) / robot->joint_limit;
+    for (int k = 0; k < SP_POLICY_ACTIONS; k++) action[k] = (float)sp_clip(action[k], -1.0, 1.0);
+}
+
+/* ---- what the network is shown ---- */
+
+/* The network's last layer for the observation in `policy`; `snapshot` is not needed but in torso axes. */
+static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot, float *answer)
+{
+    double shown[SP_POLICY_WIDTH];
+    int at = 0;
+    if (SP_POLICY_TORSO) at = torso_features(robot, snapshot, policy->observation, shown);
+    else
+        for (; at < SP_POLICY_SEES; at++) shown[at] = policy->observation[at];
+    for (int k = 0; k < SP_POLICY_TRACES; k++) {
+        policy->traces[k] += SP_POLICY_TRACE_SHARE[k] * (policy->observation[SP_POLICY_TRACED[k]] - policy->traces[k]);
+        shown[at++] = policy->traces[k];
+    }
+    evaluate_network(shown, answer);
 }
 
 /* ---- action ---- */
 
 /* Go towards the network's answer, washed out, no further than a step; what is no number counts as 0. */
-static void update_action(sp_policy *policy)
+static void update_action(const sp_robot *robot, sp_policy *policy)
 {
     float answer[SP_POLICY_WIDTH];
-    evaluate_network(policy->observation, answer);
+    answer_to(robot, policy, NULL, answer);
     for (int k = 0; k < SP_POLICY_ACTIONS; k++) {
-        double wish = answer[k], last = policy->action[k];
+        double wish = output(answer[k]), last = policy->action[k];
         if (wish != wish) wish = 0.0;
         policy->slow[k] += SP_POLICY_WASHOUT[k] * (wish - policy->slow[k]);
         wish = sp_clip(wish - policy->slow[k], -1.0, 1.0);
@@ -93,13 +190,11 @@ static void last_thrust(const sp_robot *robot, int32_t ticked, const double *for
         thrust[i] = ticked ? sp_min(sp_norm(forces_l + 3 * i), robot->max_thrust) : state->thrust[i];
 }
 
-/* The residual of this tick's flight: neutral without a policy for it. `control` is that of `state`. */
-void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
-                      const sp_control_state *control, const sp_preview *preview, sp_residual *residual)
+/* What the environment would show of this tick's flight. `control` is that of `state`. */
+static void look(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
+                 const sp_control_state *control, const sp_preview *preview)
 {
     double thrust[SP_ROTORS], momentum[3], rate[3];
-    *residual = SP_NO_RESIDUAL;
-    if (SP_POLICY_KIND != SP_POLICY_FLIGHT) return;
     last_thrust(robot, flight->ticked, flight->memory.forces_l, state, thrust);
     sp_leg_momentum(&control->snapshot, flight->joint_velocity, momentum);
     for (int i = 0; i < 3; i++)
@@ -109,8 +204,38 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
     sp_observe(flight, state, control, thrust, flight->joint_velocity, momentum, rate, preview->joint_target,
                preview->next_form, preview->time_to_next, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
                policy->observation);
-    update_action(policy);
+}
+
+/* The residual of this tick's flight: neutral without a policy for it. */
+void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
+                      const sp_control_state *control, const sp_preview *preview, sp_residual *residual)
+{
+    *residual = SP_NO_RESIDUAL;
+    if (SP_POLICY_KIND != SP_POLICY_FLIGHT) return;
+    look(robot, policy, flight, state, control, preview);
+    update_action(robot, policy);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
+}
+
+/* The command of this tick's flight, which no controller stands behind: that of `flight` remembers it, and what of it the
+ * servos do within the tick. Without a policy for it, nothing is done. */
+void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *flight, const sp_robot_state *state,
+                      const sp_control_state *control, const sp_preview *preview, sp_command *command)
+{
+    float answer[SP_POLICY_WIDTH];
+    sp_flight_memory *memory = &flight->memory;
+    if (SP_POLICY_KIND != SP_POLICY_DIRECT) return;
+    look(robot, policy, flight, state, control, preview);
+    answer_to(robot, policy, &control->snapshot, answer);
+    if (SP_POLICY_TORSO) torso_action(robot, &control->snapshot, policy->observation, answer, policy->action);
+    else
+        for (int k = 0; k < SP_POLICY_ACTIONS; k++) policy->action[k] = output(answer[k]);
+    for (int k = 0; k < SP_POLICY_ACTIONS; k++)
+        if (policy->action[k] != policy->action[k]) policy->action[k] = 0.0; /* what is no number is no wish */
+    sp_act_directly(policy->action, robot, flight->config.joint_speed, memory->vectoring, memory->forces_l,
+                    memory->joint_position, flight->joint_velocity, command);
+    sp_copy(memory->joint_velocity, flight->joint_velocity, SP_JOINTS);
+    flight->ticked = 1;
 }
 
 /* The residual of this tick on the ground: neutral without a policy for it. `goal` is x, y [m], yaw [rad]. */
@@ -123,6 +248,6 @@ void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *c
     last_thrust(robot, crawl->ticked, crawl->memory.forces_l, state, thrust);
     sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
                      policy->observation);
-    update_action(policy);
+    update_action(robot, policy);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }

@@ -29,6 +29,8 @@ void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, 
 
 /* rotor.c */
 void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l);
+void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
+                     double *forces_l, double *joints, double *joint_velocity, sp_command *command);
 void sp_thrust_map(const sp_snapshot *snapshot, double *Q, int stride);
 void sp_torque_map(const sp_snapshot *snapshot, double *T, int stride);
 void sp_point(const double *force_l, double phi0, double theta0, const double *held, double min_force, double *angles);
@@ -116,6 +118,8 @@ int sp_policy_kind(void); /* sp_policy_target */
 void sp_policy_reset(sp_policy *policy);
 void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_residual *residual);
+void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *flight, const sp_robot_state *state,
+                      const sp_control_state *control, const sp_preview *preview, sp_command *command);
 void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
                      sp_residual *residual);
 

@@ -58,30 +58,6 @@ static double wrapped(double x, double period)
     return rest < 0.0 ? rest + period : rest;
 }
 
-/* The command of an action that no controller stands behind. The controller's memory (vectoring, forces, joints) is told
- * what the servos' speed limit makes of it within this tick; `joint_velocity`, if asked for, the rate of its setpoints. */
-void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
-                     double *forces_l, double *joints, double *joint_velocity, sp_command *command)
-{
-    double reach = joint_speed / SP_CONTROL_RATE;
-    for (int i = 0; i < SP_ROTORS; i++) {
-        command->thrust[i] = 0.5 * robot->max_thrust * (1.0 + action[i]);
-        for (int k = 0; k < 2; k++) {
-            double *angle = vectoring + 2 * i + k, wanted = SP_PI * action[SP_ROTORS * (1 + k) + i];
-            *angle += wrapped(wanted - *angle + SP_PI, SP_TWO_PI) - SP_PI;
-            command->vectoring[2 * i + k] = *angle;
-        }
-    }
-    for (int j = 0; j < SP_JOINTS; j++) {
-        command->joint_position[j] = robot->joint_limit * action[3 * SP_ROTORS + j];
-        command->joint_torque_limit[j] = robot->max_joint_torque;
-        double step = sp_min(sp_max(command->joint_position[j] - joints[j], -reach), reach);
-        joints[j] += step;
-        if (joint_velocity != NULL) joint_velocity[j] = step * SP_CONTROL_RATE;
-    }
-    sp_vectoring_to_force(command->thrust, vectoring, forces_l);
-}
-
 /* The action that `sp_act_directly` makes this command of. */
 void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action)
 {

@@ -8,8 +8,6 @@ void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_conf
 void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);
 void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode);
 void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode);
-void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
-                     double *forces_l, double *joints, double *joint_velocity, sp_command *command);
 void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action);
 void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
              sp_info *info);

@@ -13,7 +13,7 @@
 #define SP_MAX_M 80
 #define SP_MAX_STEPS 256
 #define SP_MAX_OBSERVATION 512
-#define SP_MAX_ACTION 24
+#define SP_MAX_ACTION 40
 #define SP_HISTORY 32
 #define SP_ANGLES 32
 #define SP_BODIES 33
@@ -110,9 +110,9 @@ typedef enum {
     SP_CHANNEL_GAIT = 16, SP_CHANNEL_LEG_FORCES = 32
 } sp_channel;
 
-/* What a policy adds to. */
+/* What a policy adds to; direct commands a flight. */
 typedef enum {
-    SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1
+    SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1, SP_POLICY_DIRECT = 2
 } sp_policy_target;
 
 enum { SP_REFERENCE_MODE_FLIGHT = 0, SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED = 1 };

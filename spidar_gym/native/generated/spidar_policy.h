@@ -9,13 +9,37 @@
 #define SP_POLICY_PRESET "" /* whose controller it adds to */
 #define SP_POLICY_LAYERS 0
 #define SP_POLICY_SIZES {0}
-#define SP_POLICY_WIDTH 1
+#define SP_POLICY_BLOCK 32
+#define SP_POLICY_WIDTH 32 /* of the widest layer, in whole blocks */
+#define SP_POLICY_SEES 0
+#define SP_POLICY_TRACES 0
+#define SP_POLICY_SKIP 0
+#define SP_POLICY_TORSO 0
+#define SP_POLICY_KEPT_SIZE 0
+#define SP_POLICY_FORCE 0.0
+#define SP_POLICY_JOINT_STEP 0.0
+#define SP_POLICY_HOLD 0.0
+#define SP_POLICY_AT_JOINTS 0
+#define SP_POLICY_AT_SINE 0
+#define SP_POLICY_AT_COSINE 0
+#define SP_POLICY_AT_THRUST 0
+#define SP_POLICY_AT_COMMAND_SINE 0
+#define SP_POLICY_AT_COMMAND_COSINE 0
+#define SP_POLICY_AT_ACTION 0
 #define SP_POLICY_ACTIONS 0
 #define SP_POLICY_CHANNELS (0)
 #define SP_POLICY_RELU 0
 #define SP_POLICY_SQUASH 0
 #define SP_POLICY_CLIP 0.0
 #define SP_POLICY_STEP 0.0
+
+static const int SP_POLICY_TRACED[1] = {
+    0,
+};
+
+static const int SP_POLICY_KEPT[1] = {
+    0,
+};
 
 static const double SP_POLICY_MEAN[1] = {
     0x0.0p+0,
@@ -34,6 +58,10 @@ static const double SP_POLICY_WASHOUT[1] = {
 };
 
 static const double SP_POLICY_AUTHORITY[1] = {
+    0x0.0p+0,
+};
+
+static const double SP_POLICY_TRACE_SHARE[1] = {
     0x0.0p+0,
 };
 

@@ -35,7 +35,8 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     sp_sense_init(&l->sense, mission);
     sp_flight_init(&l->flight, &mission->controller);
     sp_crawl_init(&SP_ROBOT, &l->crawl, &mission->crawler);
-    if (mission->residual && sp_policy_kind() != (mission->crawls ? SP_POLICY_CRAWL : SP_POLICY_FLIGHT))
+    int kind = sp_policy_kind(), flies = kind == SP_POLICY_FLIGHT || kind == SP_POLICY_DIRECT;
+    if (mission->residual && (mission->crawls ? kind != SP_POLICY_CRAWL : !flies))
         return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
     if (!mission->crawls) return NULL;
     sp_robot_state nominal;
@@ -140,20 +141,40 @@ static int command_within_limits(const sp_command *c)
     return 1;
 }
 
-/* What the learned residual adds to a flight. */
-static void apply_policy(sp_loop *l, double t, sp_control_state *control, sp_residual *residual)
+/* What the policy is told of the plan at a time. */
+static void preview_at(const sp_loop *l, double t, sp_preview *preview)
 {
     const sp_mission *m = &l->mission;
-    sp_preview preview;
-    sp_copy(preview.joint_target, l->reference.joint_target, SP_JOINTS);
-    sp_copy(preview.next_form, l->reference.joint_target, SP_JOINTS);
-    preview.time_to_next = SP_NO_NEXT_FORM;
+    sp_copy(preview->joint_target, l->reference.joint_target, SP_JOINTS);
+    sp_copy(preview->next_form, l->reference.joint_target, SP_JOINTS);
+    preview->time_to_next = SP_NO_NEXT_FORM;
     for (int k = m->form_count - 1; k >= 0 && m->forms[k].start > t + 1e-9; k--) {
-        sp_copy(preview.next_form, m->forms[k].joint_target, SP_JOINTS);
-        preview.time_to_next = m->forms[k].start - t;
+        sp_copy(preview->next_form, m->forms[k].joint_target, SP_JOINTS);
+        preview->time_to_next = m->forms[k].start - t;
     }
-    sp_compute_state(&SP_ROBOT, &l->sense.state, &l->reference, control);
-    sp_policy_flight(&SP_ROBOT, &l->policy, &l->flight, &l->sense.state, control, &preview, residual);
+}
+
+/* A flight's command: the controller's, with what a learned residual adds, or that of a policy without a controller. */
+static void fly(sp_loop *l, double t, sp_command *command)
+{
+    const sp_robot_state *x = &l->sense.state;
+    sp_preview preview;
+    sp_control_state control;
+    sp_residual residual;
+    update_reference(l, t);
+    if (!l->mission.residual) {
+        sp_flight_step(&l->flight, x, &l->reference, NULL, NULL, sp_own_room(), command);
+        return;
+    }
+    preview_at(l, t, &preview);
+    sp_compute_state(&SP_ROBOT, x, &l->reference, &control);
+    if (sp_policy_kind() == SP_POLICY_DIRECT) {
+        sp_policy_direct(&SP_ROBOT, &l->policy, &l->flight, x, &control, &preview, command);
+        sp_copy(l->flight.allocation.forces_l, l->flight.memory.forces_l, SP_FORCES);
+        return;
+    }
+    sp_policy_flight(&SP_ROBOT, &l->policy, &l->flight, x, &control, &preview, &residual);
+    sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(), command);
 }
 
 /* One tick of the controller; what is wrong with it. */
@@ -163,9 +184,8 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
     const sp_allocation *a;
     sp_command command;
     sp_residual residual;
-    sp_control_state control;
-    int with_policy = l->mission.residual;
     if (l->mission.crawls) {
+        int with_policy = l->mission.residual;
         if (with_policy) sp_policy_crawl(&SP_ROBOT, &l->policy, &l->crawl, x, l->goal, &residual);
         sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, sp_own_room(), &command);
         l->finished = l->finished || (sp_gait_done(&l->crawl) && l->crawl.memory.gap == 0.0);
@@ -173,10 +193,7 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
         l->answer.phase = l->crawl.gait.phase;
         l->answer.timeouts = l->crawl.gait.timeouts;
     } else {
-        update_reference(l, input->time - l->taken_over);
-        if (with_policy) apply_policy(l, input->time - l->taken_over, &control, &residual);
-        sp_flight_step(&l->flight, x, &l->reference, with_policy ? &residual : NULL, with_policy ? &control : NULL,
-                       sp_own_room(), &command);
+        fly(l, input->time - l->taken_over, &command);
         a = &l->flight.allocation;
     }
     l->answer.status = a->status;
