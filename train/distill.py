@@ -25,7 +25,7 @@ from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.processes import Pool, cpu_count
 from train.lib.config import TrackRecipe, parse
-from train.lib.envs import Scaling, scaling_of, training_seed
+from train.lib.envs import ERRORS, Scaling, scaling_of, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
 from train.lib.report import report
 from train.lib.run import Run, State, command_line, curve_line, require_frameworks
@@ -242,8 +242,6 @@ class Student:
 
     def artifact(self, args: Args, state: State) -> Artifact:
         """The averaged network as the benchmark's artifact."""
-        from train.lib.taught import ERRORS
-
         *layers, skip = [{k: v.numpy().copy() for k, v in layer.state_dict().items()} for layer in self.average]
         curve = [[entry["steps"], round(entry["score"], 5)] for entry in state.curve]
         traced = torso.entries(*ERRORS) if args.trace_times else np.zeros(0)

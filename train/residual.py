@@ -10,23 +10,24 @@ Read `Args`, then `learn`; how the agent is made and what an update is stands in
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.benchmark.track import CRAWL, HOVER, TRACKS
 from spidar_gym.cli.console import kept, run_cli
-from spidar_gym.errors import require_least
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.processes import cpu_count
-from train.lib.config import CONTROL, Recipe, parse
+from train.lib.config import CONTROL, EvaluationConfig, Recipe, ScheduleConfig, parse
 from train.lib.envs import NOMINAL, EnvConfig, Scaling, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
 from train.lib.learner import Layers, LearnerConfig, PPOConfig
+from train.lib.origin import find_origin, first_layers
 from train.lib.report import report
 from train.lib.rewards import RewardConfig
 from train.lib.run import Run, State, curve_line, layer_arrays, make_artifact, require_frameworks
@@ -38,38 +39,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ScheduleConfig:
-    """How long it learns, and in which portions."""
-
-    steps: int = 500_000
-    """Control ticks to learn from."""
-    segment: int = 32_768
-    """Ticks between two checkpoints, each with a validation."""
-    envs: int = 16
-    """Robots side by side."""
-    threads: int = 2
-    """Threads that carry them; no number depends on how many."""
-    scaling_ticks: int = 2000
-    """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
-
-    def __post_init__(self) -> None:
-        require_least(1, **vars(self))
-
-
-@dataclass(frozen=True)
-class EvaluationConfig:
-    """How agents are compared with the base, and which one is taken."""
-
-    scenarios: int = 6
-    """Validation scenarios of each track."""
-    select: bool = True
-    """Take the best admissible agent of all validations; else the last one."""
-
-    def __post_init__(self) -> None:
-        require_least(1, scenarios=self.scenarios)
-
-
-@dataclass(frozen=True)
 class Args(Recipe):
     """Learn what to add to a controller."""
 
@@ -78,6 +47,8 @@ class Args(Recipe):
     learner: LearnerConfig = field(default_factory=LearnerConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    start: str = ""
+    """Artifact whose network it begins as, {seed} standing for the run's; none: it begins as what adds nothing."""
 
 
 MOMENTUM = ("leg_momentum", "leg_momentum_rate")
@@ -117,6 +88,8 @@ FLIGHT_ENV = EnvConfig(
     washout=1.0,
 )
 """Flights of PPO."""
+DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.flies)
+"""All flights: a network without a controller is one for every track."""
 PRESETS: dict[str, Args] = {
     "hover-paper-ppo": Args(
         "ppo_paper",
@@ -168,6 +141,48 @@ PRESETS: dict[str, Args] = {
         ScheduleConfig(segment=40_960),
         EvaluationConfig(scenarios=12),
     ),
+    "hover-direct": Args(
+        "direct",
+        "PPO from nothing: forces and joints in torso axes, no controller, no teacher.",
+        EnvConfig(
+            HOVER,
+            DIRECT_TRACKS,
+            "paper",
+            "direct",
+            ("flight-paper", "flight-forms"),
+            torso=True,
+            trace_times=(0.2, 1.0, 5.0),
+        ),
+        reward=RewardConfig(
+            "pose",
+            position=0.02,
+            attitude=0.03,
+            velocity=0.1,
+            rate=0.3,
+            # Wide terms beside the narrow ones: from nothing, errors are far beyond those.
+            far_position=0.2,
+            far_attitude=0.2,
+            joint=0.1,
+            penalty=0.0,
+            reward_shift=0.5,
+            reward_scale=0.2,
+        ),
+        learner=LearnerConfig(
+            hidden=128,
+            activation="relu",
+            skip=True,
+            log_std=-2.3,
+            lr=4e-4,
+            lr_end=2e-5,
+            gamma=0.99,
+            batch_size=2048,
+            critic_first=0,
+            average=0.8,
+            ppo=PPOConfig(n_steps=64, epochs=5, target_kl=0.02),
+        ),
+        schedule=ScheduleConfig(steps=8_028_160, first_steps=1_500_000, segment=286_720, envs=112),
+        evaluation=EvaluationConfig(scenarios=4, select=False),
+    ),
     "hover-direct-ppo": Args(
         "ppo_direct",
         "PPO from nothing: thrust, vectoring angles and joint targets, no controller.",
@@ -181,7 +196,10 @@ PRESETS: dict[str, Args] = {
 
 
 def make_robots(
-    args: Args, scaling: Scaling, relative_errors: Mapping[str, float] = MappingProxyType({})
+    args: Args,
+    scaling: Scaling,
+    relative_errors: Mapping[str, float] = MappingProxyType({}),
+    tracks: Sequence[str] = (),
 ) -> "TrainingVec":
     """The robots to learn on; the tracks take turns.
 
@@ -189,12 +207,14 @@ def make_robots(
         args: Settings.
         scaling: Scaling of the observations.
         relative_errors: Those of `PairedEvaluator.relative_errors`; 1 where a track has none.
+        tracks: Other tracks than the settings'.
     """
     # Loaded by those who learn, as torch is: whoever asks for help need not have it.
     from train.lib.vector import TrainingVec
 
+    env = replace(args.env, tracks=tuple(tracks)) if tracks else args.env
     return TrainingVec(
-        args.env, args.reward, args.schedule.envs, scaling=scaling, relative_errors=relative_errors,
+        env, args.reward, args.schedule.envs, scaling=scaling, relative_errors=relative_errors,
         threads=args.schedule.threads,
     )  # fmt: skip
 
@@ -222,10 +242,17 @@ def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Sc
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
     """An actor as the benchmark's artifact."""
     env, ppo = args.env, args.learner.algorithm == "ppo"
+    output = "torso" if env.torso else "clip" if ppo else "tanh"
+    skip = np.zeros((0, 0), np.float32)
+    if args.learner.skip:
+        *first, (weight, bias) = layers
+        last, skip = np.split(weight, [len(layers[-2][1])], axis=1)
+        layers = (*first, (last, bias))
     return make_artifact(
         layers, scaling, state, name=args.name, kind="residual" if env.adds else "learned", doc=args.doc,
-        env_id=env.env_id, arguments=env.arguments, activation="tanh" if ppo else "relu",
-        output="clip" if ppo else "tanh", washout=env.washout_times(),
+        env_id=env.env_id, arguments=env.arguments, activation=args.learner.activation if ppo else "relu",
+        output=output, washout=np.zeros(0) if env.torso else env.washout_times(), skip=skip,
+        traced=env.traced.astype(float), trace_times=np.array(env.trace_times, float),
         training={"seed": args.seed, "steps": state.segment * args.schedule.segment, "chosen_at": state.best_steps},
     )  # fmt: skip
 
@@ -250,6 +277,39 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
         return _learn(args, run, state, stages, on_segment)
 
 
+class Course:
+    """The robots to learn on: first those of a few tracks, then those of all."""
+
+    def __init__(self, args: Args, scaling: Scaling, relative_errors: Mapping[str, float]) -> None:
+        """Take the settings; robots are made when they are asked for."""
+        self._args, self._make = args, partial(make_robots, args, scaling, relative_errors)
+        self._tracks: tuple[str, ...] = ()
+        self._now: TrainingVec | None = None
+
+    def robots(self, segment: int) -> "TrainingVec":
+        """Those of a segment."""
+        schedule, env = self._args.schedule, self._args.env
+        tracks = env.first_tracks if segment * schedule.segment < schedule.first_steps else env.tracks
+        if self._now is None or tracks != self._tracks:
+            self.close()
+            self._tracks, self._now = tracks, self._make(tracks)
+        return self._now
+
+    def close(self) -> None:
+        """Stop their threads."""
+        if self._now is not None:
+            self._now.close()
+
+
+def _first_scaling(args: Args, origin: Artifact | None, stages: Stages) -> Scaling:
+    """How what is seen enters the network: as in the one that it begins as, else by what the baseline sees."""
+    if origin is not None:
+        return Scaling(origin.mean, origin.variance, origin.clip)
+    ticks = len(args.env.tracks) * (args.schedule.scaling_ticks // args.env.hold)
+    stages.begin("scaling the observations", ticks, "tick")
+    return make_scaling(args, stages.count)
+
+
 def _learn(
     args: Args, run: Run, state: State, stages: Stages, on_segment: Callable[[dict[str, Any]], object]
 ) -> Path:  # fmt: skip
@@ -264,16 +324,17 @@ def _learn(
     evaluator = PairedEvaluator(env.tracks, base, args.evaluation.scenarios, control=CONTROL, on_scenario=stages.count)
     state.base = evaluator.means
 
+    origin = find_origin(args.start, args.seed, env, learner)
     if not state.scaling:
-        ticks = len(env.tracks) * (schedule.scaling_ticks // env.hold)
-        stages.begin("scaling the observations", ticks, "tick")
-        state.scaling = vars(make_scaling(args, stages.count))
+        state.scaling = vars(_first_scaling(args, origin, stages))
     size = len(env.hidden_entries())
     run.require_alike(state.scaling, vars(Scaling(np.zeros(size), np.ones(size))))
     scaling = Scaling(**state.scaling)
 
-    envs = make_robots(args, scaling, evaluator.relative_errors())
-    model = make_agent(args, envs, str(run.folder / "tensorboard"))
+    course = Course(args, scaling, evaluator.relative_errors())
+    model = make_agent(args, course.robots(state.segment), str(run.folder / "tensorboard"))
+    if origin is not None:
+        agent.set_actor(model, first_layers(origin))
     if state.learner:
         for name, layers in (("mean", state.mean), ("best", state.best)):
             run.require_alike(layer_arrays(name, layers), layer_arrays(name, agent.actor_layers(model)))
@@ -294,7 +355,7 @@ def _learn(
     while state.segment < segments:
         began = time.perf_counter()
         agent.learn_segment(
-            model, envs, actor,
+            model, course.robots(state.segment), actor,
             steps=schedule.segment // env.hold,
             seed=training_seed(args.seed, 1, state.segment),
             lr=learner.lr + (learner.lr_end - learner.lr) * (state.segment / segments),
@@ -317,7 +378,7 @@ def _learn(
         model.logger.dump(model.num_timesteps)
         run.save(state)
         on_segment(line)
-    envs.close()
+    course.close()
     run.write_curve(state)
     return run.publish(artifact(args, state.best, scaling, state))
 

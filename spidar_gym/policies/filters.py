@@ -75,3 +75,13 @@ class Traces:
             return observation
         self.low_passed = self.low_passed + self.share * (observation[..., self._of] - self.low_passed)
         return np.concatenate([observation, self.low_passed], axis=-1)
+
+    def begin(self, robots: np.ndarray, observations: np.ndarray) -> np.ndarray:
+        """Some robots' first observations of an episode, with traces of nothing else behind them.
+
+        Args:
+            robots: Which rows of the traces, (number,).
+            observations: Theirs, shape (number, size).
+        """
+        self.low_passed[robots] = self.share * observations[:, self._of]
+        return np.concatenate([observations, self.low_passed[robots]], axis=-1)

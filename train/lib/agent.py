@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
@@ -35,6 +36,27 @@ class BaseFirstSAC(SAC):
         return action, action
 
 
+class _Past(nn.Module):
+    """Layers, and behind what they say what they were shown."""
+
+    def __init__(self, layers: nn.Sequential) -> None:
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, shown: torch.Tensor) -> torch.Tensor:
+        return torch.cat([self.layers(shown), shown], dim=-1)
+
+
+class PastPolicy(ActorCriticPolicy):
+    """An actor whose last layer sees the observation too: the matrix past the layers is the end of its own."""
+
+    def _build_mlp_extractor(self) -> None:
+        super()._build_mlp_extractor()
+        extractor = self.mlp_extractor
+        extractor.policy_net = _Past(extractor.policy_net)  # pyright: ignore[reportAttributeAccessIssue] - called alike
+        extractor.latent_dim_pi += self.features_dim
+
+
 def build(
     config: LearnerConfig, envs: VecEnv, seed: int, *, logs: str | None, hidden: np.ndarray, still: np.ndarray
 ) -> Agent:  # fmt: skip
@@ -57,9 +79,11 @@ def build(
     }  # fmt: skip
     if config.algorithm == "ppo":
         ppo = config.ppo
-        kwargs = {"net_arch": {"pi": actor, "vf": critic}, "activation_fn": nn.Tanh, "log_std_init": config.log_std}
+        activation = nn.ReLU if config.activation == "relu" else nn.Tanh
+        kwargs = {"net_arch": {"pi": actor, "vf": critic}, "activation_fn": activation, "log_std_init": config.log_std}
+        policy = PastPolicy if config.skip else "MlpPolicy"
         model = PPO(
-            "MlpPolicy", envs, n_steps=ppo.n_steps, n_epochs=ppo.epochs, gae_lambda=ppo.gae_lambda,
+            policy, envs, n_steps=ppo.n_steps, n_epochs=ppo.epochs, gae_lambda=ppo.gae_lambda,
             clip_range=ppo.clip_range, target_kl=ppo.target_kl or None, ent_coef=ppo.entropy,
             policy_kwargs=kwargs, **shared,
         )  # fmt: skip
@@ -177,6 +201,14 @@ def _actor(model: Agent) -> list[nn.Linear]:
 def actor_layers(model: Agent) -> Layers:
     """Weights and biases of the mean action, copied."""
     return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in _actor(model))
+
+
+def set_actor(model: Agent, layers: Layers) -> None:
+    """Let the mean action be that of these layers, of the shapes of `actor_layers`."""
+    with torch.no_grad():
+        for own, (weight, bias) in zip(_actor(model), layers, strict=True):
+            own.weight.copy_(torch.from_numpy(weight))
+            own.bias.copy_(torch.from_numpy(bias))
 
 
 def _actor_parameters(model: Agent) -> Iterator[nn.Parameter]:

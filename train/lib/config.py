@@ -25,6 +25,41 @@ class OutputConfig:
 
 
 @dataclass(frozen=True)
+class ScheduleConfig:
+    """How long it learns, and in which portions."""
+
+    steps: int = 500_000
+    """Control ticks to learn from."""
+    first_steps: int = 0
+    """Ticks on `first_tracks`, before it learns on all."""
+    segment: int = 32_768
+    """Ticks between two checkpoints, each with a validation."""
+    envs: int = 16
+    """Robots side by side."""
+    threads: int = 2
+    """Threads that carry them; no number depends on how many."""
+    scaling_ticks: int = 2000
+    """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
+
+    def __post_init__(self) -> None:
+        require_least(1, **{name: value for name, value in vars(self).items() if name != "first_steps"})
+        require_least(0, first_steps=self.first_steps)
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """How agents are compared with the base, and which one is taken."""
+
+    scenarios: int = 6
+    """Validation scenarios of each track."""
+    select: bool = True
+    """Take the best admissible agent of all validations; else the last one."""
+
+    def __post_init__(self) -> None:
+        require_least(1, scenarios=self.scenarios)
+
+
+@dataclass(frozen=True)
 class Recipe:
     """What the settings of every recipe have."""
 

@@ -16,11 +16,14 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field, layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
 from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.policies import torso
 
 NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
 """Tracks of flights at three speeds, on the robot of the description."""
 FLIGHTS = (*NOMINAL, "flight-randomised")
 """The same, and flights of drawn robots with real sensors."""
+ERRORS = ("position_error", "velocity_error", "attitude_error", "angular_velocity_error")
+"""Pieces of the observation that have traces."""
 FIRST_SEED = 2**31
 """Training draws its seeds from here on; those of the scenarios lie below."""
 
@@ -40,9 +43,11 @@ class EnvConfig:
     tracks: tuple[str, ...]
     """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is evaluated."""
     base: str
-    """Preset of the controller that it adds to."""
+    """Preset of the controller that it adds to, or that it is compared with."""
     action_mode: str
     """What the action means; `direct` has no controller."""
+    first_tracks: tuple[str, ...] = ()
+    """Those of the first `first_steps` ticks."""
     sees: tuple[str, ...] = ()
     """Pieces of the observation that the actor sees, by name, while the critic sees all; all if none is given."""
     still: tuple[int, ...] = ()
@@ -51,9 +56,17 @@ class EnvConfig:
     """Ticks for which the learner holds an action."""
     washout: float = 0.0
     """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
+    torso: bool = False
+    """See and command in the torso's axes, as `spidar_gym.policies.torso` does; only `direct` flights."""
+    trace_times: tuple[float, ...] = ()
+    """Time constants of the traces of the errors that are seen in the torso's axes [s]."""
 
     def __post_init__(self) -> None:
         require_least(1, hold=self.hold)
+        if self.torso and (self.adds or self.env_id != HOVER or self.sees or self.hold > 1):
+            raise InvalidValueError("torso", True, "False but for direct flights, every tick of which is seen whole")
+        if self.trace_times and not self.torso:
+            raise InvalidValueError("trace_times", self.trace_times, "none but in the torso's axes")
         if not self.tracks:
             raise InvalidValueError("tracks", self.tracks, "at least one track")
 
@@ -77,8 +90,15 @@ class EnvConfig:
         """Pieces of the observation."""
         return (layout if self.env_id == HOVER else crawl_layout)(self.mode.size)
 
+    @property
+    def traced(self) -> np.ndarray:
+        """Entries of the observation that have traces."""
+        return torso.entries(*ERRORS) if self.trace_times else np.zeros(0, int)
+
     def hidden_entries(self) -> np.ndarray:
-        """Mask of the observation's numbers that the actor does not see (`UnknownNameError` for an unknown piece)."""
+        """Mask of the numbers shown that the actor does not see (`UnknownNameError` for an unknown piece)."""
+        if self.torso:
+            return np.zeros(torso.FEATURES + len(self.traced) * len(self.trace_times), bool)
         for name in self.sees:
             require_name("piece of the observation", name, [field.name for field in self.fields])
         return np.concatenate([np.full(f.size, bool(self.sees) and f.name not in self.sees) for f in self.fields])

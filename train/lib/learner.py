@@ -8,8 +8,10 @@ from spidar_gym.errors import InvalidValueError, require_least, require_name, re
 
 ALGORITHMS = ("ppo", "sac")
 """Learners by name."""
+ACTIVATIONS = ("tanh", "relu")
+"""Activations by name."""
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
-"""W (out, in) and b (out,) of every layer of an actor."""
+"""W (out, in) and b (out,) of every layer of an actor; behind the last W stands the matrix past the layers, if any."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,10 @@ class LearnerConfig:
     """Algorithm: ppo or sac."""
     hidden: int = 64
     """Width of the actor's two hidden layers."""
+    activation: str = "tanh"
+    """PPO: activation of the hidden layers, tanh or relu."""
+    skip: bool = False
+    """PPO: whether a matrix goes straight from what the actor sees to what it says, past the layers."""
     critic_hidden: int = 128
     """Width of the critic's two hidden layers."""
     log_std: float = -2.0
@@ -74,6 +80,7 @@ class LearnerConfig:
 
     def __post_init__(self) -> None:
         require_name("algorithm", self.algorithm, ALGORITHMS)
+        require_name("activation", self.activation, ACTIVATIONS)
         require_least(1, hidden=self.hidden, batch_size=self.batch_size)
         require_within(0.0, 1.0, gamma=self.gamma, average=self.average)
         if self.average == 1.0:

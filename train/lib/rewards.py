@@ -27,6 +27,15 @@ class RewardConfig:
     """Velocity that halves a term of its own of `pose` [m/s]; 0 is no such term."""
     rate: float = 0.0
     """Angular velocity that halves a term of its own of `pose` [rad/s]; 0 is no such term."""
+    far_position: float = 0.0
+    """Position error that halves a second term of `pose` [m], the same on each track: where the others are next to
+    nothing, it says which way is better; 0 is no such term."""
+    far_attitude: float = 0.0
+    """Attitude error that halves such a term [rad]."""
+    joint: float = 0.0
+    """Largest distance of a joint from the schedule that halves a term of its own of `pose` [rad]; 0: none."""
+    change: float = 0.0
+    """What a tick costs in which every number of an action is another one by 1; in proportion to its square."""
     penalty: float = 0.05
     """Fraction of the reward that the largest action costs."""
     reward_shift: float = 0.0
@@ -49,12 +58,14 @@ class Tick:
     reward: np.ndarray
     """The environment's own reward."""
     info: Mapping[str, np.ndarray]
-    """Info of this tick; of flights also `velocity_error` [m/s], `rate_error` [rad/s]; of crawls `remaining`, how far
-    the goal is, and `way`, how far it was at the start [m]."""
+    """Info of this tick; of flights also `velocity_error` [m/s], `rate_error` [rad/s], `joint_error` [rad]; of crawls
+    `remaining`, how far the goal is, and `way`, how far it was at the start [m]."""
     before: Mapping[str, np.ndarray]
     """The same of the tick before it."""
     action: np.ndarray
     """Actions that the environment was given, within ± 1."""
+    change: np.ndarray
+    """How far what was said is from what was said a tick before, root mean square over its numbers."""
 
 
 def _effort(config: RewardConfig, tick: Tick) -> np.ndarray:
@@ -67,10 +78,13 @@ def _pose(config: RewardConfig, tick: Tick) -> np.ndarray:
     terms = (
         ("position_error", config.position), ("attitude_error", config.attitude),
         ("velocity_error", config.velocity), ("rate_error", config.rate),
+        ("position_error", config.far_position), ("attitude_error", config.far_attitude),
+        ("joint_error", config.joint),
     )  # fmt: skip
     found = [tolerance(length(tick.info[name]), unit) for name, unit in terms if unit > 0.0]
     over = tick.info["failure_code"] >= 0
-    return np.where(over, 0.0, sum(found) / len(found) * (1.0 - _effort(config, tick)))
+    gained = sum(found) / len(found) * (1.0 - _effort(config, tick)) - config.change * tick.change**2
+    return np.where(over, 0.0, gained)
 
 
 def _economy(config: RewardConfig, tick: Tick) -> np.ndarray:

@@ -13,11 +13,9 @@ from spidar_gym.benchmark.track import find_track
 from spidar_gym.policies import torso
 from spidar_gym.policies.filters import Traces
 from spidar_gym.robot import N_ROTORS
-from train.lib.envs import training_seed
-from train.lib.vector import make_vector
+from train.lib.envs import ERRORS, training_seed
+from train.lib.vector import draw_disturbances, make_vector
 
-ERRORS = ("position_error", "velocity_error", "attitude_error", "angular_velocity_error")
-"""Pieces of the observation that have traces."""
 INTEGRALS = torso.entries("position_integral", "attitude_integral")
 """Entries that stay what they were when an episode began, where no controller integrates."""
 LOST, FINE = (0.05, 0.06), (0.02, 0.025)
@@ -54,7 +52,7 @@ class TaughtFlights:
             times: Time constants of the traces of `ERRORS` [s].
         """
         self._rng = np.random.Generator(np.random.PCG64(seed))
-        self._tracks = [find_track(track) for track in tracks]
+        self._tracks = list(tracks)
         self._vectors = [make_vector(t, {"action_mode": "direct", "preset": preset}, robots) for t in tracks]
         self._places = [slice(k * robots, (k + 1) * robots) for k in range(len(tracks))]
         self.count = robots * len(tracks)
@@ -76,9 +74,8 @@ class TaughtFlights:
         """Let some robots of a track begin an episode."""
         track, vector = self._tracks[k], self._vectors[k]
         options: dict[str, object] = {"reset_mask": mask}
-        if track.disturbances:
-            drawn = {name: self._rng.uniform(*limits, len(mask)) for name, limits in track.disturbances.items()}
-            options["disturbances"] = [{name: float(v[i]) for name, v in drawn.items()} for i in range(len(mask))]
+        if find_track(track).disturbances:
+            options["disturbances"] = draw_disturbances(track, self._rng, len(mask))
         seeds = [training_seed(int(word)) for word in self._rng.integers(0, 2**32, len(mask))]
         vector.reset(seed=seeds, options=options)
         ids = np.arange(self.count)[self._places[k]][mask]

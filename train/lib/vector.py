@@ -16,11 +16,16 @@ from spidar_gym.benchmark.scenario import OFFSET
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.fleet import told
+from spidar_gym.envs.hover.task import MARGINS
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.policies.filters import Washout
+from spidar_gym.policies import torso
+from spidar_gym.policies.filters import Traces, Washout
 from train.lib.envs import EnvConfig, Scaling, scaling_of, training_seed
 from train.lib.rewards import RewardConfig, Tick
+
+FARTHEST = 3.0
+"""Largest number that is said in the torso's axes: 30 N, or 3 rad/s."""
 
 
 def make_vector(track: str, arguments: Mapping[str, Any], robots: int, threads: int = 1) -> NativeVectorEnv:
@@ -33,8 +38,14 @@ def make_vector(track: str, arguments: Mapping[str, Any], robots: int, threads: 
     )  # fmt: skip
 
 
+def draw_disturbances(track: str, rng: np.random.Generator, robots: int) -> list[dict[str, float]]:
+    """Wind and pushes of robots of a track's kind: none, where its scenarios have none."""
+    drawn = {name: rng.uniform(*limits, robots) for name, limits in find_track(track).disturbances.items()}
+    return [{name: float(values[k]) for name, values in drawn.items()} for k in range(robots)]
+
+
 class _Group:
-    """The robots of one track, and what is rewarded of them."""
+    """The robots of one track, what is shown of them, and what is rewarded."""
 
     def __init__(
         self, config: EnvConfig, reward: RewardConfig, track: str, places: np.ndarray, threads: int
@@ -42,20 +53,44 @@ class _Group:
         self.vector = make_vector(track, config.arguments, len(places), threads)
         self.reward, self.places = reward, places
         self.washout = Washout(config.washout_times())
+        self._traces = Traces(config.traced, np.array(config.trace_times))
+        self._traces.reset(len(places))
+        self._torso, self._track = config.torso, track
+        self._rng = np.random.Generator(np.random.PCG64(0))
+        self._said = np.full((len(places), config.mode.size), np.nan)
         self._before: dict[str, np.ndarray] = {}
 
-    def reset(self, ids: np.ndarray, seeds: Sequence[int | None] | None = None) -> None:
-        """Let some begin an episode."""
+    def reset(self, ids: np.ndarray, seeds: Sequence[int | None] | None = None) -> np.ndarray:
+        """Let some begin an episode; what is shown of them."""
         mask = np.isin(np.arange(self.vector.num_envs), ids)
-        self.vector.reset(seed=seeds, options={"reset_mask": mask})
+        options: dict[str, object] = {"reset_mask": mask}
+        if seeds is not None and None not in seeds:
+            self._rng = np.random.Generator(np.random.PCG64([7, *(int(seed or 0) for seed in seeds)]))
+        if find_track(self._track).disturbances:
+            options["disturbances"] = draw_disturbances(self._track, self._rng, len(mask))
+        self.vector.reset(seed=seeds, options=options)
         if mask.all():
             self.washout.reset(self.vector.num_envs)
-        self.washout.low_passed[ids] = 0.0
+        self.washout.low_passed[ids], self._said[ids] = 0.0, np.nan
         self._before = self._now() if mask.all() else _merged(self._before, self._now(), ids)
+        return self._shown(self._traces.begin(ids, self.vector.buffers["observations"][ids]))
 
-    def step(self, actions: np.ndarray, hold: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def look(self) -> np.ndarray:
+        """What is shown of all after a step; once a step, for the traces go on."""
+        return self._shown(self._traces(self.vector.buffers["observations"]))
+
+    def _shown(self, seen: np.ndarray) -> np.ndarray:
+        if not self._torso:
+            return seen
+        observations, traces = np.split(seen, [torso.OBSERVATION], axis=1)
+        return np.concatenate([torso.features(observations), traces], axis=1)
+
+    def step(self, said: np.ndarray, hold: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As long as actions are held, or the episode goes on: rewards, who is done, whose time alone is up."""
         vector, count = self.vector, self.vector.num_envs
+        actions = torso.command(said, vector.buffers["observations"]) if self._torso else said
+        change = np.nan_to_num(np.sqrt(np.square(said - self._said).mean(axis=1)))  # the first of an episode is none
+        self._said = said.copy()
         total, done, late = np.zeros(count), np.zeros(count, bool), np.zeros(count, bool)
         for _ in range(hold):
             ids = np.flatnonzero(~done)
@@ -66,7 +101,7 @@ class _Group:
             self.washout.low_passed[done] = kept[done]
             vector.advance(given, ids)
             now = self._now()
-            gained = self.reward(Tick(vector.buffers["rewards"], now, self._before, given))
+            gained = self.reward(Tick(vector.buffers["rewards"], now, self._before, given, change))
             total[ids] += gained[ids]
             self._before = _merged(self._before, now, ids)
             ended = vector.buffers["terminated"] | now.get("finished", np.zeros(count, bool))
@@ -81,7 +116,10 @@ class _Group:
         if "finished" in now:
             return now | {"remaining": robots["distance"].copy(), "way": robots["initial_distance"].copy()}
         error = robots["truth"]["error"]
-        return now | {"velocity_error": error["velocity_w"].copy(), "rate_error": error["omega_b"].copy()}
+        joints = MARGINS[2] * np.sqrt(1.0 / np.maximum(now["term"][:, 2:3], 1e-12) - 1.0)  # of which that term is made
+        return now | {
+            "velocity_error": error["velocity_w"].copy(), "rate_error": error["omega_b"].copy(), "joint_error": joints,
+        }  # fmt: skip
 
     @property
     def succeeded(self) -> np.ndarray:
@@ -137,25 +175,28 @@ class TrainingVec(VecEnv):
         self.vectors = [group.vector for group in self._groups]
         """The robots of each track in the engine."""
         first = self.vectors[0]
-        space = first.single_observation_space
+        space, does = first.single_observation_space, first.single_action_space
+        if config.torso:
+            space = _box(np.inf, len(config.hidden_entries()))
+            does = _box(FARTHEST, torso.ACTION)
+        self.raw_space = space
+        """Space of what is shown before it is scaled."""
         if scaling is not None:
-            high = np.full(len(scaling.mean), scaling.clip, np.float32)
-            space = gymnasium.spaces.Box(-high, high, dtype=np.float32)
-        self.raw_space = first.single_observation_space
-        """Space of the observations before they are scaled."""
+            space = _box(scaling.clip, len(scaling.mean))
         self._began, self._returns, self._lengths = time.perf_counter(), np.zeros(robots), np.zeros(robots, int)
         self._actions = np.zeros(0)
-        super().__init__(robots, space, first.single_action_space)
+        super().__init__(robots, space, does)
 
     def reset(self) -> np.ndarray:
         """Begin an episode of every robot, with the seeds of `seed`, used once."""
+        seen = self._nothing()
         for group in self._groups:
             seeds = [self._seeds[k] for k in group.places]
-            group.reset(np.arange(len(seeds)), seeds)
+            seen[group.places] = self._scaled(group.reset(np.arange(len(seeds)), seeds))
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
-        return self._seen()
+        return seen
 
     def step_async(self, actions: np.ndarray) -> None:
         """Say what all robots are to do."""
@@ -172,7 +213,9 @@ class TrainingVec(VecEnv):
             ended += [(group, np.flatnonzero(over), late)] if over.any() else []
         self._returns += rewards
         self._lengths += 1
-        seen = self._seen()
+        seen = self._nothing()
+        for group in self._groups:
+            seen[group.places] = self._scaled(group.look())
         for group, ids, late in ended:
             for k in ids.tolist():
                 place = group.places[k]
@@ -184,18 +227,14 @@ class TrainingVec(VecEnv):
                     "terminal_observation": seen[place].copy(), "TimeLimit.truncated": bool(late[k]),
                     "is_success": bool(group.succeeded[k]), "episode": episode,
                 }  # fmt: skip
-            group.reset(ids)
             begun = group.places[ids]
-            seen[begun] = self._scaled(group.vector.buffers["observations"][ids])
+            seen[begun] = self._scaled(group.reset(ids))
             self._returns[begun], self._lengths[begun] = 0.0, 0
         return seen, rewards.astype(np.float32), done, infos
 
-    def _seen(self) -> np.ndarray:
-        """What all robots see, scaled."""
-        seen = np.zeros((self.num_envs, *(self.observation_space.shape or ())), np.float32)
-        for group in self._groups:
-            seen[group.places] = self._scaled(group.vector.buffers["observations"])
-        return seen
+    def _nothing(self) -> np.ndarray:
+        """Room for what all robots see."""
+        return np.zeros((self.num_envs, *(self.observation_space.shape or ())), np.float32)
 
     def _scaled(self, observations: np.ndarray) -> np.ndarray:
         return observations if self._scaling is None else self._scaling(observations)
@@ -225,6 +264,11 @@ class TrainingVec(VecEnv):
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 
+def _box(high: float, size: int) -> gymnasium.spaces.Box:
+    """Numbers within ± `high`."""
+    return gymnasium.spaces.Box(-high, high, (size,), np.float32)
+
+
 def baseline_scaling(
     config: EnvConfig, seed: int, ticks: int, spread: float = 0.0, on_tick: Callable[[], object] = lambda: None
 ) -> Scaling:
@@ -250,4 +294,5 @@ def baseline_scaling(
             observation = np.asarray(robot.step(np.clip(rng.normal(zero, spread), -1.0, 1.0)[None])[0])[0]
             on_tick()
         robot.close()
-    return scaling_of(np.array(seen), bounds)
+    shown = np.array(seen)
+    return scaling_of(shown, np.where(np.isinf(bounds), np.maximum(np.abs(shown).max(axis=0), 1.0), bounds))

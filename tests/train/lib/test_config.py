@@ -54,9 +54,14 @@ def test_every_command_of_a_committed_curve_gives_the_settings_that_the_curve_ha
         monkeypatch.setattr(sys, "argv", [module, *options])
         args = parse(recipe.PRESETS, module, recipe.__doc__)
         found = json.loads(json.dumps(flatten(args, OutputConfig)))
-        assert {k: v for k, v in found.items() if k not in ("control", "workers", "threads")} == {
-            k: v for k, v in settings.items() if k != "control"
+        left_out = ("control", "workers", "threads")
+        assert {k: found[k] for k in settings if k not in left_out} == {
+            k: v for k, v in settings.items() if k not in left_out
         }
+        # What came after the curve is where it changes nothing.
+        later = {k: v for k, v in found.items() if k not in {*settings, *left_out}}
+        assert {k for k, v in later.items() if v} <= {"activation"}
+        assert later.get("activation", "tanh") == "tanh"
         assert not args.output.row
 
 

@@ -16,7 +16,7 @@ def test_a_crawl_is_over_when_it_is_finished_and_its_reward_prefers_the_shorter_
 
     def reward(**after):
         now, before = ({name: np.array([x]) for name, x in told.items()} for told in ({**info, **after}, info))
-        return REWARDS["economy"](config, Tick(np.zeros(1), now, before, np.zeros((1, 4)))).item()
+        return REWARDS["economy"](config, Tick(np.zeros(1), now, before, np.zeros((1, 4)), np.zeros(1))).item()
 
     assert reward(remaining=0.4) == pytest.approx(0.2)  # a fifth of the way
     assert reward(energy_wh=2.0) == pytest.approx(-0.1)  # a tenth of what 20 Wh/m are
