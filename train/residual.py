@@ -164,8 +164,8 @@ PRESETS: dict[str, Args] = {
             far_attitude=0.2,
             joint=0.1,
             penalty=0.0,
-            reward_shift=0.5,
-            reward_scale=0.2,
+            # Nothing below 0: from nothing, whoever loses by flying on learns to fall.
+            reward_scale=0.1,
         ),
         learner=LearnerConfig(
             hidden=128,

@@ -1,0 +1,164 @@
+"""Pins learning in the torso's axes: shown and done is what an artifact sees and does, from nothing or from another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+from support.networks import in_torso_axes
+
+from spidar_gym.benchmark.track import CRAWL, TRACKS
+from spidar_gym.envs.hover.task import MARGINS
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.policies import torso
+from spidar_gym.policies.artifact import LearnedPolicy, write_artifact
+from train.lib.agent import actor_layers, set_actor
+from train.lib.config import override
+from train.lib.envs import Scaling, training_seed
+from train.lib.origin import find_origin, first_layers
+from train.lib.rewards import RewardConfig
+from train.lib.run import State
+from train.lib.vector import TrainingVec
+from train.residual import PRESETS, Course, artifact, make_agent, make_robots
+
+pytestmark = pytest.mark.train
+ARGS = override(
+    PRESETS["hover-direct"], tracks=("flight-wind", "flight-forms"), first_tracks=("flight-paper",), trace_times=(0.2,),
+    hidden=16, critic_hidden=16, envs=3, n_steps=8, batch_size=8,
+)  # fmt: skip
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Flights of a second."""
+    for name in ("flight-wind", "flight-forms", "flight-paper"):
+        monkeypatch.setitem(TRACKS, name, replace(TRACKS[name], seconds=1.0))
+
+
+def scaling_for(args):
+    size, rng = len(args.env.hidden_entries()), np.random.default_rng(2)
+    return Scaling(0.1 * rng.normal(size=size), rng.uniform(0.5, 1.5, size))
+
+
+def loud(model):
+    """Let an agent say something, close to hovering."""
+    rng = np.random.default_rng(3)
+    layers = [(w, rng.normal(scale=0.05, size=b.shape)) for w, b in actor_layers(model)]
+    layers[-1] = tuple(rng.normal(scale=0.02, size=part.shape) for part in layers[-1])
+    set_actor(model, tuple((w.astype(np.float32), b.astype(np.float32)) for w, b in layers))
+    return model
+
+
+def test_an_agent_is_shown_and_does_what_its_artifact_sees_and_does(brief):
+    scaling = scaling_for(ARGS)
+    robots = make_robots(ARGS, scaling)
+    model = loud(make_agent(ARGS, robots))
+    policy = LearnedPolicy(artifact(ARGS, actor_layers(model), scaling, State()))
+    places = [(group, k, place) for group in robots._groups for k, place in enumerate(group.places)]
+    policies = {place: LearnedPolicy(policy.artifact) for _, _, place in places}
+    for one in policies.values():
+        one.reset(0)
+    robots.seed(5)
+    shown, over = robots.reset(), 0
+    for _ in range(60):
+        said = model.predict(shown, deterministic=True)[0]
+        seen = {place: group.vector.buffers["observations"][k].copy() for group, k, place in places}
+        shown, _, done, _ = robots.step(said)
+        for group, k, place in places:
+            expected = policies[place].act(seen[place])
+            if done[place]:
+                policies[place].reset(0)  # and the robot has begun anew
+                over += 1
+            else:
+                given = group.vector.robots["episode"]["action"][k, : torso.ACTION]
+                np.testing.assert_allclose(given, expected, atol=2e-6)
+    assert over >= 3
+    robots.close()
+
+
+def test_without_an_origin_it_hovers_and_with_one_it_is_that(brief, tmp_path):
+    net = in_torso_axes(traced=tuple(ARGS.env.traced.astype(float)), times=(0.2,), hidden=(16, 16))
+    net = replace(net, activation="relu")
+    write_artifact(net, tmp_path / "seed4.npz")
+    args = replace(ARGS, seed=4, start=str(tmp_path / "seed{seed}.npz"))
+    found = find_origin(args.start, args.seed, args.env, args.learner)
+    scaling = Scaling(found.mean, found.variance, found.clip)
+    robots = make_robots(args, scaling)
+    model = make_agent(args, robots)
+    robots.seed(1)
+    shown = robots.reset()
+    assert not model.predict(shown, deterministic=True)[0].any()
+    set_actor(model, first_layers(found))
+    again = artifact(args, actor_layers(model), scaling, State())
+    for one, other in zip(
+        (*net.weights, *net.biases, net.skip), (*again.weights, *again.biases, again.skip), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+    seen = np.concatenate([group.vector.buffers["observations"] for group in robots._groups])
+    np.testing.assert_array_equal(LearnedPolicy(net).act(seen[0]), LearnedPolicy(again).act(seen[0]))
+    for other in ({"hidden": 8}, {"skip": False}, {"activation": "tanh"}, {"trace_times": (0.3,)}):
+        with pytest.raises(SpidarError, match="another kind of network; valid: one of") as caught:
+            find_origin(args.start, 4, *(lambda a: (a.env, a.learner))(override(args, **other)))
+        assert "\n" not in str(caught.value)
+    robots.close()
+
+
+def test_easy_tracks_come_first(brief):
+    args = override(ARGS, segment=100, first_steps=200)
+    course = Course(args, scaling_for(args), {})
+    assert [len(course.robots(segment).vectors) for segment in range(4)] == [1, 1, 2, 2]
+    assert course.robots(3) is course.robots(2)
+    course.close()
+
+
+def test_wind_is_drawn_for_each_robot_and_episode_and_a_seed_draws_the_same(brief):
+    def winds(seed):
+        robots = TrainingVec(override(ARGS, tracks=("flight-wind",)).env, RewardConfig("pose"), 3)
+        robots.seed(training_seed(seed))
+        robots.reset()
+        found = []
+        for _ in range(45):
+            drawn = robots.vectors[0].robots["episode"]["disturbances"]
+            found.append(np.array([drawn[name] for name in TRACKS["flight-wind"].disturbances]).copy())
+            robots.step(np.zeros((3, torso.ACTION)))
+        robots.close()
+        return np.array(found)
+
+    first, again, other = winds(0), winds(0), winds(1)
+    np.testing.assert_array_equal(first, again)
+    assert (first[0] != other[0]).all()
+    assert len(np.unique(first[:, 0])) >= 6, "three robots, two episodes at least"
+
+
+@pytest.mark.parametrize(
+    "change", [{"hold": 2}, {"sees": ("leg_momentum",)}, {"env_id": CRAWL}, {"action_mode": "residual"}]
+)
+def test_what_cannot_be_in_torso_axes_is_refused(change):
+    with pytest.raises(InvalidValueError, match="torso"):
+        replace(ARGS.env, **change)
+
+
+def test_traces_are_of_the_torsos_axes():
+    with pytest.raises(InvalidValueError, match="trace_times"):
+        replace(PRESETS["hover-paper-ppo"].env, trace_times=(0.2,))
+
+
+def test_the_reward_of_a_flight_counts_far_errors_joints_and_changes(brief):
+    reward = RewardConfig("pose", far_position=0.2, far_attitude=0.2, joint=0.1, penalty=0.0, change=1.0)
+    env = replace(ARGS.env, tracks=("flight-forms",))
+    plain, counted = (TrainingVec(env, one, 1) for one in (replace(reward, change=0.0), reward))
+    said = np.zeros((2, 1, torso.ACTION))
+    said[1] = 0.1
+    for robots in (plain, counted):
+        robots.seed(0)
+        robots.reset()
+    first, second = ([robots.step(each)[1].item() for each in said] for robots in (plain, counted))
+    assert second[0] == first[0], "the first of an episode is no change"
+    assert second[1] == pytest.approx(first[1] - 0.01, abs=1e-7)
+    terms = plain._groups[0]._before["term"][0]
+    info = plain._groups[0]._now()
+    assert 1.0 / (1.0 + (info["joint_error"][0, 0] / MARGINS[2]) ** 2) == pytest.approx(terms[2])
+    assert terms[2] < 1.0
+    for robots in (plain, counted):
+        robots.close()
