@@ -1,20 +1,26 @@
 """Pins the clients in learning frameworks: Stable-Baselines3 sees what its own vector shows it, torch no copies."""
 
+import pickle
 import subprocess
 import sys
+import zipfile
 from functools import partial
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from support.zips import changed, learned, packed
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.plugins import StableVecEnv, TorchVector
+from spidar_gym.plugins import StablePolicy, StableVecEnv, TorchVector
+from spidar_gym.policies.policy import acts_in_batches, policy_name
+from spidar_gym.policies.source import PolicyError
 
 CASES = {
     "flights that fall": (HOVER, {"action_mode": "direct", "forms": "independent"}, 60),
@@ -138,6 +144,134 @@ def test_tensors_are_the_memory_of_the_robots_and_tell_what_step_tells(mode):
     with pytest.raises(InvalidValueError, match="actions"):
         robots.step(torch.zeros(2, 2))
     robots.close()
+
+
+ALGORITHMS = {
+    "PPO": (PPO, {}), "PPO with gSDE": (PPO, {"use_sde": True}), "A2C": (A2C, {}),
+    "PPO of another shape": (PPO, {"policy_kwargs": {"net_arch": [8], "activation_fn": torch.nn.ReLU}}),
+    "SAC": (SAC, {"buffer_size": 10}), "SAC with gSDE": (SAC, {"buffer_size": 10, "use_sde": True}),
+    "TD3": (TD3, {"buffer_size": 10}), "DDPG": (DDPG, {"buffer_size": 10}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_the_policy_of_a_zip_acts_as_its_model_does_without_noise(name, tmp_path):
+    algorithm, options = ALGORITHMS[name]
+    model = algorithm("MlpPolicy", HOVER, seed=1, device="cpu", **options)
+    model.save(tmp_path / "my best.zip")
+    policy = StablePolicy(tmp_path / "my best.zip")
+    assert (policy.observation_space, policy.action_space) == (model.observation_space, model.action_space)
+    assert policy_name(policy) == "my_best"
+    policy.reset(0)
+    for seen in np.random.default_rng(2).normal(size=(3, *model.observation_space.shape)).astype(np.float32):
+        action = policy.act(seen)
+        assert action.any()
+        assert np.array_equal(action, model.predict(seen, deterministic=True)[0])
+    assert not acts_in_batches(policy)  # torch promises no bits
+
+
+class Counting(ActorCriticPolicy):
+    """A policy with a memory: how often it has acted."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        count = 1 if state is None else state[0] + 1
+        return np.full(self.action_space.shape, count), (count,)
+
+
+def test_what_a_policy_remembers_goes_on_until_the_reset(tmp_path):
+    PPO(Counting, HOVER, device="cpu").save(tmp_path / "model.zip")
+    policy = StablePolicy(tmp_path / "model.zip")
+    counts = []
+    for _ in range(2):
+        policy.reset(0)
+        counts += [policy.act(np.zeros(3))[0] for _ in range(3)]
+    assert counts == [1, 2, 3, 1, 2, 3]
+
+
+def test_a_model_that_learned_through_statistics_needs_them_and_sees_through_them(tmp_path):
+    env = VecNormalize(StableVecEnv(vector("flights that fall", 4)))
+    model = PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
+    model.learn(64)
+    path, statistics = tmp_path / "model.zip", tmp_path / "vecnormalize.pkl"
+    model.save(path)
+    with pytest.raises(PolicyError, match=r"vecnormalize\.pkl: cannot be read .* valid: the statistics"):
+        StablePolicy(path)
+    statistics.write_bytes(pickle.dumps({}))
+    with pytest.raises(PolicyError, match="it holds a dict"):
+        StablePolicy(path)
+    env.save(str(statistics))
+    seen = np.random.default_rng(3).normal(size=env.observation_space.shape).astype(np.float32)
+    action = StablePolicy(path).act(seen)
+    assert np.array_equal(action, model.predict(env.normalize_obs(seen), deterministic=True)[0])
+    assert not np.array_equal(action, model.predict(seen, deterministic=True)[0])
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A zip's bytes."""
+    return learned(tmp_path_factory.mktemp("zips") / "model.zip").read_bytes()
+
+
+def test_statistics_that_a_model_did_not_learn_through_are_not_looked_at(saved, tmp_path):
+    (tmp_path / "model.zip").write_bytes(saved)
+    (tmp_path / "vecnormalize.pkl").write_bytes(b"of another model")
+    StablePolicy(tmp_path / "model.zip")
+
+
+def test_of_an_algorithm_only_what_acts_is_unpacked(saved, tmp_path):
+    path = tmp_path / "model.zip"
+    path.write_bytes(changed(saved, lr_schedule={":serialized:": "of another Python"}))
+    assert StablePolicy(path).act(np.zeros(StablePolicy(path).observation_space.shape, np.float32)).any()
+
+
+def flipped(data: bytes) -> bytes:
+    """The zip with one byte of its weights changed."""
+    k = data.index(b"policy.pth") + 2000
+    return data[:k] + bytes([data[k] ^ 1]) + data[k + 1 :]
+
+
+DAMAGE = {
+    "missing": (None, "FileNotFoundError"),
+    "empty": (lambda data: b"", "BadZipFile"),
+    "no zip": (lambda data: b"weights" * 100, "BadZipFile"),
+    "cut off": (lambda data: data[:1000], "BadZipFile"),
+    "a byte": (flipped, "BadZipFile('policy.pth is damaged')"),
+    "another program's": (None, "no item named"),
+    "no JSON": (None, "JSONDecodeError"),
+    "no spaces": (lambda data: changed(data, action_space=None), "NoneType"),
+    "no pickle": (lambda data: changed(data, policy_class={":serialized:": "abcd"}), "UnpicklingError"),
+    "of a package that is not here": (
+        lambda data: changed(data, policy_class={":serialized:": "Y25vd2hlcmUKTmV0Ci4="}), "No module named 'nowhere'",
+    ),
+    "of a class that is not here": (
+        lambda data: changed(data, policy_class={":serialized:": "Y3RvcmNoCk5vTmV0Ci4="}), "Could not deserialize",
+    ),
+    "weights of another network": (lambda data: changed(data, policy_kwargs={"net_arch": [3]}), "loading state_dict"),
+    "ends the process": (lambda data: changed(data, policy_class=packed(Leaving())), "SystemExit"),
+}  # fmt: skip
+
+
+class Leaving:
+    """What ends the process as it is unpickled."""
+
+    def __reduce__(self):
+        return sys.exit, (0,)
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_a_damaged_zip_is_refused_in_one_line(how, saved, tmp_path):
+    path, (damage, words) = tmp_path / "model.zip", DAMAGE[how]
+    if damage is not None:
+        path.write_bytes(damage(saved))
+    elif how != "missing":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data" if how == "no JSON" else "other", "no JSON")
+    with pytest.raises(PolicyError) as refusal:
+        StablePolicy(path)
+    message = str(refusal.value)
+    assert words in message
+    assert message.endswith("valid: what `model.save` of Stable-Baselines3 wrote")
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])

@@ -1,6 +1,7 @@
 """`spidar run`: episodes of a controller alone or of a policy, shown or recorded."""
 
 import math
+import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -27,9 +28,10 @@ from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import output_folder
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
-from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name
+from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name, require_spaces
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import Step, rollout
+from spidar_gym.policies.source import ZIP
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
@@ -78,6 +80,7 @@ def run(
     env_id: tyro.conf.Positional[str] = "spidar_gym/Hover-v0",
     policy: str | None = None,
     against: str | None = None,
+    trust: Flag = False,
     episodes: int = 1,
     seed: int = 0,
     task: Annotated[TaskOptions, tyro.conf.arg(name="")] = TaskOptions(),
@@ -94,8 +97,9 @@ def run(
 
     Args:
         env_id: Environment.
-        policy: module:Class, or the path of a learned policy's artifact; it chooses its own controller.
+        policy: module:Class or a learned policy's artifact, which choose their controller; with --trust a model's zip.
         against: A second policy, which plays the same episodes; the video shows both, side by side.
+        trust: Load a zip that Stable-Baselines3 saved, which can run code: only from whom you trust.
         episodes: How many episodes.
         seed: Seed of the first episode; the next ones follow it.
         seconds: Length of an episode [s]; the environment's own if not given.
@@ -114,7 +118,7 @@ def run(
     }  # fmt: skip
     with ExitStack() as stack:
         players = [
-            _player(stack, env_id, spec, task.given, shared)
+            _player(stack, env_id, spec, trust, task.given, shared)
             for spec in ((policy,) if against is None else (policy, against))
         ]
         film = None
@@ -160,12 +164,16 @@ class _Player:
 
 
 def _player(
-    stack: ExitStack, env_id: str, spec: str | None, given: dict[str, Any], shared: dict[str, Any]
+    stack: ExitStack, env_id: str, spec: str | None, trust: bool, given: dict[str, Any], shared: dict[str, Any]
 ) -> _Player:  # fmt: skip
     """A policy, or the controller alone, in an environment of its own, which the stack closes."""
-    policy = None if spec is None else load_policy(spec)
+    if trust and spec is not None and spec.endswith(ZIP):
+        print(f"spidar: warning: {spec} is trusted: whatever code is in it runs now", file=sys.__stderr__)
+    policy = None if spec is None else load_policy(spec, trust=trust)
     env = gymnasium.make(env_id, **given, **_chosen(policy, spec, env_id, given), **shared)
     stack.callback(env.close)
+    if policy is not None:
+        require_spaces(policy, env_id, env)
     name = f"preset {given['preset']}" if "preset" in given else "controller alone"
     actor = Actor(policy or PresetPolicy(), env.action_space.shape or (), env_id, limit_s=ACT_LIMIT_S)
     return _Player(name if policy is None else policy_name(policy), env, actor)

@@ -1,27 +1,33 @@
-"""A policy from its name: a class of a module, or the artifact of a learned one."""
+"""A policy from its name: a class of a module, the artifact of a learned one, or a zip of Stable-Baselines3."""
 
+import importlib
 import inspect
 from pathlib import Path
 
 from spidar_gym.policies.artifact import LearnedPolicy, read_artifact
 from spidar_gym.policies.policy import Policy
-from spidar_gym.policies.source import ARTIFACT, PolicyError, load_module, module_of
+from spidar_gym.policies.source import ARTIFACT, ZIP, PolicyError, load_module, module_of
 
 
-def load_policy(spec: str) -> Policy:
+def load_policy(spec: str, *, trust: bool = False) -> Policy:
     """The policy that a name stands for.
 
     Args:
-        spec: `module:Class`, or the path of a learned policy's artifact, `*.npz`. Modules are looked for in the working
-            folder too, but for the committed baselines. Its code runs: where the name is from a file and not from the
-            user, the caller asks `is_own` first.
+        spec: `module:Class`, or the path of a learned policy's artifact, `*.npz`, or of a model that
+            Stable-Baselines3 saved, `*.zip`. Modules are looked for in the working folder too, but for the committed
+            baselines. Its code runs: where the name is from a file and not from the user, the caller asks `is_own`
+            first.
+        trust: Whether a zip may be loaded, which runs whatever code is in it.
 
     Raises:
-        PolicyError: When there is none, it does not start, or it lacks `reset` or `act`.
+        PolicyError: When there is none, it does not start, or it lacks `reset` or `act`; for a zip without trust.
         SpidarError: When an artifact does not match this version of the environments.
+        MissingDependencyError: For a zip without the extra `train`.
     """
     if spec.endswith(ARTIFACT):
         return LearnedPolicy(read_artifact(Path(spec)), Path(spec))
+    if spec.endswith(ZIP):
+        return _load_zip(spec, trust)
     module, name = module_of(spec)
     try:
         found = getattr(load_module(module), name)
@@ -33,3 +39,14 @@ def load_policy(spec: str) -> Policy:
     if not isinstance(policy, Policy):
         raise PolicyError(f"policy {spec}: lacks reset or act; valid: reset(seed), act(observation) -> action")
     return policy
+
+
+def _load_zip(spec: str, trust: bool) -> Policy:
+    if not trust:
+        raise PolicyError(
+            f"policy {spec}: a zip of Stable-Baselines3 can run code; valid: `spidar run` with --trust, if you trust "
+            f"who made it, or an artifact *{ARTIFACT}; to rank it, a module:Class that loads it "
+            "(docs/tutorials/train_a_residual.md)"
+        )
+    # Looked up when it is asked for: the library works without the learning frameworks that this loads.
+    return importlib.import_module("spidar_gym.plugins").StablePolicy(Path(spec))

@@ -7,10 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeGuard, runtime_checkable
 
+import gymnasium
 import numpy as np
 
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, shown
 from spidar_gym.policies.provenance import file_digest
 from spidar_gym.policies.source import PolicyError
 
@@ -116,6 +117,33 @@ def policy_arguments(policy: Policy, env_id: str) -> dict[str, Any] | None:
         if name not in ARGUMENTS:
             raise InvalidValueError("arguments", name, "those that a policy may choose: " + ", ".join(ARGUMENTS))
     return None if chosen is None else dict(chosen)
+
+
+def require_spaces(policy: Policy, env_id: str, env: gymnasium.Env) -> None:
+    """Refuse a policy that says for which spaces it is, where the environment has others (`PolicyError`).
+
+    Args:
+        policy: It may have `observation_space` and `action_space`.
+        env_id: Name of the environment.
+        env: Where it is to act.
+    """
+    has = env.observation_space, env.action_space
+    asks = tuple(
+        getattr(policy, name, space) for name, space in zip(("observation_space", "action_space"), has, strict=True)
+    )
+    if asks != has:
+        was, now = (" and actions ".join(map(_range, spaces)) for spaces in (asks, has))
+        raise PolicyError(
+            f"policy {policy_name(policy)} learned on observations {was}; {env_id} has {now} here; "
+            "valid: the environment and the --action-mode that it learned in"
+        )
+
+
+def _range(space: gymnasium.Space) -> str:
+    """A space in a few words: shape, type and bounds."""
+    if not isinstance(space, gymnasium.spaces.Box):
+        return shown(space)
+    return f"{space.shape} {space.dtype} in {space.low.min():g} … {space.high.max():g}"
 
 
 def policy_digest(policy: Policy) -> str:

@@ -11,6 +11,8 @@ from spidar_gym.errors import InvalidValueError, SpidarError
 
 ARTIFACT = ".npz"
 """A policy whose name ends like this is the artifact of a learned one: numbers and JSON, no code."""
+ZIP = ".zip"
+"""A policy whose name ends like this is a model that Stable-Baselines3 saved, with pickles, which are code."""
 ROOT = Path(__file__).resolve().parents[2]
 """Folder that the package lies in: that of a checkout, where there is one."""
 BASELINES = "baselines"

@@ -4,7 +4,8 @@ import ctypes.util
 import re
 
 import pytest
-from support.commands import LEARNED, ROOT, files
+from support.commands import LEARNED, ROOT, files, refused
+from support.zips import Trap, changed, learned, packed
 
 from spidar_gym import viz
 from spidar_gym.cli.main import main
@@ -117,3 +118,66 @@ def test_a_crawl_is_run_until_it_is_finished(here, capfd):
     out = capfd.readouterr().out
     assert "success: True" in out
     assert "goal off by" in out
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """The path of a zip that Stable-Baselines3 saved."""
+    pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+    return str(learned(tmp_path_factory.mktemp("zips") / "model.zip"))
+
+
+@pytest.mark.train
+def test_a_trusted_zip_flies_after_a_warning_of_one_line(model, capfd):
+    flights = []
+    for who in ([], ["--policy", model, "--trust"]):
+        main(["run", "--seconds", "0.5", "--forms", "form1", *who])
+        out, err = capfd.readouterr()
+        flights.append(out)
+        assert ("warning" in err) == bool(who)
+    assert f"spidar: warning: {model} is trusted: whatever code is in it runs now\n" in err
+    assert err.count("warning") == 1
+    alone, flown = flights
+    assert flown.startswith("episode 1 (seed 0): 0.5 s")
+    assert flown != alone
+
+
+@pytest.mark.train
+@pytest.mark.parametrize("option", ["--policy", "--against"])
+def test_of_a_zip_without_trust_nothing_runs(option, model, here, capfd):
+    trap = here / "trap.zip"
+    with open(model, "rb") as file:
+        trap.write_bytes(changed(file.read(), observation_space=packed(Trap(here / "sprung"))))
+    before = ["--policy", LEARNED] if option == "--against" else []
+    line = refused(capfd, "run", *before, option, "trap.zip", "--seconds", "0.1")
+    assert "trap.zip: a zip of Stable-Baselines3 can run code; valid: `spidar run` with --trust" in line
+    line = refused(capfd, "eval", "--policy", "trap.zip", "--scenarios", "1")
+    assert "to rank it, a module:Class" in line
+    assert list(files(here)) == ["trap.zip"]
+
+
+@pytest.mark.train
+@pytest.mark.parametrize(
+    ("where", "sizes"),
+    [(["--action-mode", "direct"], (241, 40)), (["spidar_gym/Crawl-v0"], (184, 4))],
+    ids=["mode", "environment"],
+)
+def test_a_zip_that_learned_elsewhere_is_refused_with_both_shapes(where, sizes, model, capfd):
+    with pytest.raises(SystemExit) as stop:
+        main(["run", *where, "--policy", model, "--trust"])
+    out, err = capfd.readouterr()
+    warning, line = err.splitlines()
+    assert (stop.value.code, out, "warning" in warning) == (2, "", True)
+    assert "model learned on observations (207,) float32 in -400 … 400 and actions (6,) float32" in line
+    assert re.findall(r" has \((\d+),\) float32 in .* and actions \((\d+),\)", line) == [tuple(map(str, sizes))]
+    assert "--action-mode" in line
+
+
+@pytest.mark.train
+def test_a_zip_of_another_world_is_refused(model, here, capfd):
+    learned(here / "pole.zip", "CartPole-v1")
+    with pytest.raises(SystemExit):
+        main(["run", "--policy", "pole.zip", "--trust"])
+    *_, line = capfd.readouterr().err.splitlines()
+    assert line.startswith("spidar: policy pole learned on observations (4,)")
+    assert "actions Discrete(2)" in line

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -24,6 +25,7 @@ from spidar_gym.policies.policy import (
     policy_doc,
     policy_kind,
     policy_name,
+    require_spaces,
 )
 
 MODULE = '''
@@ -170,6 +172,17 @@ def test_a_name_that_is_no_file_name_is_refused(name):
     policy.name = name
     with pytest.raises(InvalidValueError, match="letters, digits, _ and -"):
         policy_name(policy)
+
+
+def test_a_policy_that_names_spaces_is_refused_where_there_are_others_and_one_that_names_none_is_not():
+    env, policy = gymnasium.make(HOVER), Does(lambda: ZERO)
+    require_spaces(policy, HOVER, env)
+    policy.observation_space, policy.action_space = env.observation_space, env.action_space
+    require_spaces(policy, HOVER, env)
+    # What a wrapper normalised has the same shape and other bounds.
+    policy.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, env.observation_space.shape, np.float32)
+    with pytest.raises(PolicyError, match=r"policy does learned on .*-inf … inf .* has .*-400 … 400 .*; valid: "):
+        require_spaces(policy, HOVER, env)
 
 
 def test_a_kind_is_one_of_those_there_are_and_every_other_is_refused():

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.train
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = {
     "residual": ["hover-paper-ppo"], "supervised": ["hover-paper"], "gait": ["crawl"], "sweep": ["hover-paper-ppo"],
-    "speed": [],
+    "speed": [], "plain": [],
 }  # fmt: skip
 """Scripts that learn, each with what a run needs to be told."""
 

@@ -1,0 +1,35 @@
+"""Pins the example in plain Stable-Baselines3: what it saves, with one robot and with several, flies as it says."""
+
+import shlex
+import sys
+
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+
+from spidar_gym.cli.main import main
+from spidar_gym.errors import InvalidValueError
+from train import plain
+
+pytestmark = pytest.mark.train
+
+
+@pytest.mark.parametrize("robots", ["1", "4"])
+def test_what_it_saves_flies_with_the_command_that_it_prints(robots, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["train.plain", "--steps", "1", "--robots", robots])
+    plain.main()
+    *table, told = capfd.readouterr().out.splitlines()
+    # A rollout of whichever, though one step was asked for; the robot has flown episodes of which it tells.
+    assert any("total_timesteps" in line and " 2048 " in line for line in table)
+    spidar, *command, out, film = shlex.split(told)
+    assert (spidar, out, film) == ("spidar", "--out", "plain.mp4")
+    assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")] == ["out/plain/model.zip"]
+    main([*command, "--seconds", "0.2"])
+    assert capfd.readouterr().out.startswith("episode 1 (seed 0): 0.2 s")
+
+
+@pytest.mark.parametrize("wrong", [{"steps": 0}, {"robots": 0}, {"seed": -1}])
+def test_a_run_of_nothing_is_refused(wrong):
+    with pytest.raises(InvalidValueError, match=f"{next(iter(wrong))} = "):
+        plain.Args(**wrong)

@@ -1,0 +1,68 @@
+"""PPO of plain Stable-Baselines3, as its own documentation has it: an id, two words, and a zip.
+
+    python -m train.plain --steps 20000
+
+What it saves flies, but worse than the controller alone: the noise of the defaults is as large as the action, and
+nothing is validated. `train.residual` is the same PPO with what a residual needs.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium
+import tyro
+
+from spidar_gym.benchmark.track import HOVER
+from spidar_gym.cli.console import run_cli
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import require_least
+from spidar_gym.files import output_folder
+from train.lib.run import require_frameworks
+
+ROLLOUT = 2048
+"""Ticks of a rollout, of all robots together: Stable-Baselines3's own number."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Train a wrench residual with the defaults of Stable-Baselines3's PPO, and save its zip."""
+
+    steps: int = 20000
+    """Ticks to learn from, rounded up to whole rollouts of 2048."""
+    robots: int = 1
+    """Robots: one is `gymnasium.make`; more fly side by side in the engine, `gymnasium.make_vec`."""
+    seed: int = 0
+    """Seed of the learner and the environments."""
+    out: Path = Path("out/plain")
+    """Folder for model.zip."""
+
+    def __post_init__(self) -> None:
+        require_least(1, steps=self.steps, robots=self.robots)
+        require_least(0, seed=self.seed)
+
+
+def main() -> None:
+    """Entry point."""
+    args = tyro.cli(Args, description=__doc__, prog="python -m train.plain")
+    require_frameworks()
+    from stable_baselines3 import PPO  # with torch, which help does without
+
+    path = output_folder(args.out) / "model.zip"
+    if args.robots == 1:
+        model = PPO("MlpPolicy", HOVER, seed=args.seed, verbose=1)
+    else:
+        from stable_baselines3.common.vec_env import VecMonitor
+
+        from spidar_gym.plugins import StableVecEnv
+
+        vector = gymnasium.make_vec(HOVER, num_envs=args.robots, autoreset_mode="SameStep")
+        assert isinstance(vector, NativeVectorEnv)
+        ticks = max(2, ROLLOUT // args.robots)
+        model = PPO("MlpPolicy", VecMonitor(StableVecEnv(vector)), n_steps=ticks, seed=args.seed, verbose=1)
+    model.learn(args.steps)
+    model.save(path)
+    print(f"spidar run --policy {path} --trust --out plain.mp4")
+
+
+if __name__ == "__main__":
+    run_cli("train.plain", main)
