@@ -1,6 +1,7 @@
 """A row against another one, metric by metric: paired differences on the scenarios that both have played."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,17 +70,34 @@ def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
     def columns(metric: str) -> tuple[np.ndarray, np.ndarray]:
         return base.column(track, metric)[0][places[1]], row.column(track, metric)[:, places[0]]
 
+    return compare_columns(columns, TRACKS[track].group, row.name, base.name, track)
+
+
+def compare_columns(
+    columns: Callable[[str], tuple[np.ndarray, np.ndarray]], group: str, name: str, base: str, track: str
+) -> Comparison:
+    """Compare what two have played; intervals are seeded by the names.
+
+    Args:
+        columns: Metric → numbers of the base (scenarios,) and of one's own (runs, scenarios), on the same scenarios.
+        group: `flight` or `ground`, which says what is compared.
+        name: One's own name.
+        base: The base's name.
+        track: Where it was played.
+
+    Raises:
+        InvalidValueError: When the base has a 0, to which nothing is relative.
+    """
     changes = {}
-    for metric in COMPARED[TRACKS[track].group]:
+    for metric in COMPARED[group]:
         before, after = columns(metric)
         if (before <= 0.0).any():
-            raise InvalidValueError(f"{metric} of {base.name} on {track}", float(before.min()), "numbers above 0")
-        changes[metric] = compare(before, after, named_generator(row.name, base.name, track, metric))
+            raise InvalidValueError(f"{metric} of {base} on {track}", float(before.min()), "numbers above 0")
+        changes[metric] = compare(before, after, named_generator(name, base, track, metric))
     before, after = columns("success")
-    generator = named_generator(row.name, base.name, track, "success")
-    gain = stratified_bootstrap([(before, after)], on_one_track(_gain), generator)
+    gain = stratified_bootstrap([(before, after)], on_one_track(_gain), named_generator(name, base, track, "success"))
     success = Gain(**vars(gain), before=float(before.mean()), after=float(after.mean()))
-    return Comparison(track, places.shape[1], changes, success)
+    return Comparison(track, before.shape[-1], changes, success)
 
 
 def compare_rows(row: Row, base: Row) -> list[Comparison]:
@@ -108,16 +126,27 @@ def comparison_tables(comparisons: Sequence[Comparison]) -> list[list[list[str]]
         own = [c for c in comparisons if TRACKS[c.track].group == group]
         if own:
             heads = ["track", *(heading for heading, *_ in shown.values()), "success"]
-            tables.append([heads, *([c.track, *_cells(c, shown)] for c in own)])
+            tables.append([heads, *([c.track, *comparison_cells(c, group)] for c in own)])
     return tables
 
 
-def _cells(comparison: Comparison, shown: Mapping[str, tuple[str, float, str]]) -> list[str]:
+def comparison_cells(comparison: Comparison, group: str, *, digits: int = 0) -> list[str]:
+    """What was compared and the successes, in words, – where a simulation left no number.
+
+    Args:
+        comparison: What was compared.
+        group: `flight` or `ground`.
+        digits: Of a percent, behind the point.
+    """
     cells = []
-    for metric, (_, factor, unit) in shown.items():
+    for metric, (_, factor, unit) in COMPARED[group].items():
         c = comparison.changes[metric]
+        if math.isnan(c.relative):
+            cells.append("–")
+            continue
         numbers = f"{factor * c.before:.3g} → {factor * c.after:.3g} {unit}".strip()
-        cells.append(f"{numbers}, {c.relative:+.0%} [{c.low:+.0%}, {c.high:+.0%}]")
+        relative, low, high = (f"{share:+.{digits}%}" for share in (c.relative, c.low, c.high))
+        cells.append(f"{numbers}, {relative} [{low}, {high}]")
     c = comparison.success
     return [*cells, f"{c.before:.0%} → {c.after:.0%} [{c.low:+.0%}, {c.high:+.0%}]"]
 

@@ -92,11 +92,11 @@ def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
     return [play(load_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
 
 
-def play(policy: Policy, track: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - of `play_scenario`
+def play(policy: Policy, name: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - of `play_scenario`
     """Let a policy play scenarios of a track, side by side where it can; `how` and results as in `play_scenario`."""
     if len(scenarios) > 1 and acts_in_batches(policy):
-        return play_scenarios(policy, track, scenarios, **how)
-    return [play_scenario(policy, track, scenario, **how) for scenario in scenarios]
+        return play_scenarios(policy, name, scenarios, **how)
+    return [play_scenario(policy, name, scenario, **how) for scenario in scenarios]
 
 
 def evaluate(

@@ -76,12 +76,11 @@ def draw_scenario(name: str, split: str, index: int) -> Scenario:
     """Draw a scenario of a track and split, always the same one."""
     find_track(name)
     require_name("split", split, SPLITS)
-    return draw_scenario_from(name, scenario_rng(name, split, index), index)
+    return draw_scenario_from(TRACKS[name], scenario_rng(name, split, index), index)
 
 
-def draw_scenario_from(name: str, rng: np.random.Generator, index: int) -> Scenario:
+def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Scenario:
     """Draw a scenario of a track from any generator, for flights that are of no split."""
-    track = find_track(name)
     seed = int(rng.integers(2**31))
     options = {key: _draw(rng, bounds) for key, bounds in track.ranges.items()}
     disturbances = {key: _draw(rng, bounds) for key, bounds in track.disturbances.items()}

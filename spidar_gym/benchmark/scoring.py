@@ -35,6 +35,7 @@ def play_scenario(
     *,
     act_limit_s: float = ACT_LIMIT_S,
     control: str = CONTROL,
+    track: Track | None = None,
     on_tick: Callable[[dict[str, Any]], object] = lambda _: None,
 ) -> dict[str, Any]:
     """Play one scenario of a track, whole, in an environment of its own.
@@ -46,6 +47,7 @@ def play_scenario(
         act_limit_s: How long the policy may think about one action [s].
         control: `core`, with which rows are made, or `python`, which is slower and equal to some 1e-12; with an
             allocator of the policy's own it is always `python`.
+        track: What `name` is of, where it is none of the benchmark's tracks.
         on_tick: Called with the `info` of each tick.
 
     Returns:
@@ -57,7 +59,7 @@ def play_scenario(
         InvalidValueError: When it is not defined on this track.
     """
     begin = time.perf_counter()
-    track = find_track(name)
+    track = track or find_track(name)
     env = make_env(track, scenario, _arguments(policy, name, track, control))
     place = f"{name}, scenario {scenario.index}"
     actor = Actor(policy, env.action_space.shape or (), place, limit_s=act_limit_s)
@@ -89,6 +91,7 @@ def play_scenarios(
     *,
     act_limit_s: float = ACT_LIMIT_S,
     control: str = CONTROL,
+    track: Track | None = None,
 ) -> list[dict[str, Any]]:
     """Play scenarios of a track side by side in the engine, with the same bits as one by one.
 
@@ -98,6 +101,7 @@ def play_scenarios(
         scenarios: Which episodes.
         act_limit_s: How long the policy may think about one action of each [s].
         control: As in `play_scenario`; what is not of the engine alone is played one by one.
+        track: As in `play_scenario`.
 
     Returns:
         For each what `play_scenario` gives, its timing the scenario's share.
@@ -107,14 +111,15 @@ def play_scenarios(
         InvalidValueError: When it is not defined on this track.
     """
     begin = time.perf_counter()
-    track, count = find_track(name), len(scenarios)
+    track, count = track or find_track(name), len(scenarios)
     arguments = _arguments(policy, name, track, control)
     # Where no option is a scenario's own, one environment knows what all of them are.
     own = bool(track.ranges)
     envs = [make_env(track, scenario, arguments) for scenario in (scenarios if own else scenarios[:1])]
     env = envs[0]
     if env.fleet is None:
-        return [play_scenario(policy, name, one, act_limit_s=act_limit_s, control=control) for one in scenarios]
+        how: dict[str, Any] = {"act_limit_s": act_limit_s, "control": control, "track": track}
+        return [play_scenario(policy, name, one, **how) for one in scenarios]
     rules = np.stack([each.rules() for each in envs]) if own else None
     for each in envs:
         each.close()

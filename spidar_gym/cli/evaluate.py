@@ -34,6 +34,7 @@ from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
 from spidar_gym.cli.arguments import Flag, JsonArg, choice
 from spidar_gym.cli.console import goes_on, kept, progress
+from spidar_gym.cli.held_out import held_out
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import json_text, refresh, write_text
 from spidar_gym.policies.load import load_policy
@@ -264,6 +265,9 @@ def answers(
         print(json_text({"answers": counts}))
         return
     print(answering.answers_text(counts))
+
+
+board_app.command(held_out)
 
 
 def scenarios(check: Flag = False) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
+from spidar_gym.benchmark.held_out import HELD_OUT
+from spidar_gym.benchmark.held_out_table import condition_lines, held_out_lines, origin_lines, read_content, worst_lines
 from spidar_gym.benchmark.leaderboard import tabulate
 from spidar_gym.benchmark.leaderboard_tables import overall_lines, track_lines
 from spidar_gym.benchmark.row import read_row, read_rows
@@ -78,6 +80,10 @@ def _summary(root: Path) -> Lines:
 
 COMPUTED: dict[str, Callable[..., Lines]] = {
     "compare": _compared,
+    "held-out": lambda root, group: held_out_lines(read_content(root / HELD_OUT), group),
+    "held-out-conditions": lambda root: condition_lines(),
+    "held-out-origin": lambda root: origin_lines(read_content(root / HELD_OUT)),
+    "held-out-worst": lambda root: worst_lines(read_content(root / HELD_OUT)),
     "leaderboard": _overall,
     "leaderboard-track": _track,
     "margins": _margins,

@@ -133,7 +133,7 @@ def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[st
             np.random.Generator(np.random.PCG64([zlib.crc32(track.encode()), DRAWS, seed, generation, k]))
             for k in range(count)
         )
-        found[track] = tuple(draw_scenario_from(track, rng, k) for k, rng in enumerate(rngs))
+        found[track] = tuple(draw_scenario_from(TRACKS[track], rng, k) for k, rng in enumerate(rngs))
     return found
 
 

@@ -1,0 +1,156 @@
+"""Held-out conditions: what no track has, no training meets and nobody chooses by, one page of numbers.
+
+A controller that was tuned or learned on the tracks may be good on the tracks only. Here the robot is wrong in a way
+that no track has, one thing at a time and farther off than any robot that is drawn, and flies at joint speeds of no
+track. What comes out is reported (`spidar leaderboard held-out`); tuning and training never import it.
+"""
+
+import hashlib
+import json
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import cache
+
+import numpy as np
+
+from spidar_gym.arrays import constant
+from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
+from spidar_gym.benchmark.track import Track
+from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.errors import require_least, require_name
+from spidar_gym.robot import JOINT_NAMES, N_JOINTS, N_LINKS, N_ROTORS, ROBOT
+from spidar_gym.robot.spec import Inertial, merge
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.config import PlantConfig
+
+HELD_OUT = "baselines/held_out.json"
+"""The committed table in a checkout."""
+COUNT = 20
+"""Scenarios a condition, unless others are asked for."""
+DRAWS = 3
+"""Scenarios are drawn as those of a split of this number would be, which no split has; 2 is the search's."""
+
+PAYLOAD, PLACE = 0.5, (0.08, 0.06, 0.0)
+"""A mass [kg] fixed to the torso, and where, torso axes [m]: 0.1 m off its middle."""
+SOFT, STIFFNESS = "joint1_pitch", 0.5
+"""A servo, and the factor on its stiffness."""
+DELAY = 0.045
+"""From a command to the actuators [s]."""
+WEAK, LOSS = 1, 0.15
+"""A module, 1 … 8, and the share of its thrust that its left duct lacks."""
+WIND = 4.0
+"""Mean wind [m/s], turbulent."""
+
+
+def loaded(mass: float, position: tuple[float, float, float]) -> BodyConfig:
+    """The described robot with a point mass on its torso.
+
+    Masses and centres of mass are exactly its own. The torso's inertia about its centre grows with its mass instead of
+    with the point's place: for 0.5 kg a difference of 3e-3 kg m², some thousandth of the robot's inertia.
+
+    Args:
+        mass: The payload's [kg].
+        position: Where it is, torso axes [m].
+    """
+    torso = ROBOT.bodies["torso"]
+    both = merge(torso, Inertial(mass, position, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    # All masses are scaled to the total: the links' get back here what that adds to them.
+    return BodyConfig(
+        total_mass=ROBOT.total_mass + mass,
+        link_mass=constant(torso.mass / both.mass, N_LINKS),
+        torso_com=np.subtract(both.com, torso.com),
+    )
+
+
+def softened(joint: str, factor: float) -> ActuatorConfig:
+    """The described actuators with another stiffness of one joint servo, by its name."""
+    stiffness = np.ones(N_JOINTS)
+    stiffness[JOINT_NAMES.index(joint)] = factor
+    return ActuatorConfig(servo_stiffness=stiffness)
+
+
+def weakened(module: int, loss: float) -> ActuatorConfig:
+    """The described actuators with a module, 1 … 8, whose left duct lacks a share of its thrust.
+
+    Its ducts share the thrust alike, so the module lacks half of that share, and the other duct turns it about x.
+    """
+    gain, imbalance = np.ones(N_ROTORS), np.zeros(N_ROTORS)
+    gain[module - 1] = 1.0 - 0.5 * loss
+    imbalance[module - 1] = -0.5 * loss / gain[module - 1]
+    return ActuatorConfig(module_gain=gain, duct_imbalance=imbalance)
+
+
+_PAYLOAD = PlantConfig(body=loaded(PAYLOAD, PLACE))
+_SERVO = PlantConfig(actuators=softened(SOFT, STIFFNESS))
+_DELAY = PlantConfig(actuators=ActuatorConfig(delay=DELAY))
+_DUCT = PlantConfig(actuators=weakened(WEAK, LOSS))
+_TWICE = {"forms": "independent", "joint_speed": 0.4, "sensors": True}
+_FOURFOLD = {"forms": "independent", "joint_speed": 0.8, "sensors": True}
+_WIND = {"wind": (WIND, WIND)}
+_WAY = {"distance": (0.2, 0.6), "direction": (-math.pi, math.pi), "turn": (-0.5, 0.5)}
+
+CONDITIONS: dict[str, Track] = {
+    "payload-fast2": Track(
+        "0.5 kg on the torso, 0.1 m off its middle; legs twice as fast", HOVER, 16.0, {**_TWICE, "plant": _PAYLOAD}
+    ),
+    "payload-fast4": Track(
+        "the same payload; legs four times as fast", HOVER, 12.0, {**_FOURFOLD, "plant": _PAYLOAD}
+    ),
+    "servo-fast2": Track(
+        "the inner pitch servo of leg 1 half as stiff; legs twice as fast", HOVER, 16.0, {**_TWICE, "plant": _SERVO}
+    ),
+    "servo-fast4": Track("the same servo; legs four times as fast", HOVER, 12.0, {**_FOURFOLD, "plant": _SERVO}),
+    "delay-fast2": Track(
+        "45 ms from a command to the actuators; legs twice as fast", HOVER, 16.0, {**_TWICE, "plant": _DELAY}
+    ),
+    "delay-fast4": Track("the same delay; legs four times as fast", HOVER, 12.0, {**_FOURFOLD, "plant": _DELAY}),
+    "duct-fast2": Track(
+        "the left duct of module 1 with 15 % less thrust; legs twice as fast", HOVER, 16.0, {**_TWICE, "plant": _DUCT}
+    ),
+    "duct-fast4": Track("the same duct; legs four times as fast", HOVER, 12.0, {**_FOURFOLD, "plant": _DUCT}),
+    "wind-fast2": Track(
+        "turbulent wind of 4 m/s; legs twice as fast", HOVER, 16.0, _TWICE, disturbances=_WIND
+    ),
+    "wind-fast4": Track("the same wind; legs four times as fast", HOVER, 12.0, _FOURFOLD, disturbances=_WIND),
+    "payload-crawl": Track(
+        "the same payload; 0.2 … 0.6 m in any direction", CRAWL, 75.0, {"sensors": True, "plant": _PAYLOAD}, _WAY
+    ),
+    "servo-crawl": Track(
+        "the same servo; 0.2 … 0.6 m in any direction", CRAWL, 75.0, {"sensors": True, "plant": _SERVO}, _WAY
+    ),
+    "delay-crawl": Track(
+        "the same delay; 0.2 … 0.6 m in any direction", CRAWL, 75.0, {"sensors": True, "plant": _DELAY}, _WAY
+    ),
+}  # fmt: skip
+"""Every condition by name; all with real sensors, flights with independent legs, at multiples of the paper's 0.2 rad/s.
+
+A flight's integrals begin with what that robot needs at rest in that wind, as on the tracks.
+"""
+
+
+def find_condition(name: str) -> Track:
+    """Condition by name (`UnknownNameError` lists the valid ones)."""
+    require_name("condition", name, CONDITIONS)
+    return CONDITIONS[name]
+
+
+@cache
+def draw_held_out(name: str, count: int = COUNT) -> tuple[Scenario, ...]:
+    """The first scenarios of a condition, the same for every policy and always the same ones.
+
+    Raises:
+        UnknownNameError: For a condition that does not exist.
+        InvalidValueError: For no scenario.
+    """
+    condition = find_condition(name)
+    require_least(1, scenarios=count)
+    rngs = (np.random.Generator(np.random.PCG64([zlib.crc32(name.encode()), DRAWS, k])) for k in range(count))
+    return tuple(draw_scenario_from(condition, rng, k) for k, rng in enumerate(rngs))
+
+
+def scenarios_digest(scenarios: Sequence[Scenario]) -> str:
+    """SHA-256 of scenarios."""
+    return hashlib.sha256(json.dumps([asdict(one) for one in scenarios], sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,201 @@
+"""Who is played on the held-out conditions, beside whom, and the playing, which goes on where it was interrupted."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from spidar_gym.benchmark.evaluate import BEHAVIOUR, RESULT, play
+from spidar_gym.benchmark.held_out import CONDITIONS, COUNT, draw_held_out
+from spidar_gym.benchmark.metrics import check_metrics
+from spidar_gym.benchmark.resume import code_digest, digest_of, finish
+from spidar_gym.benchmark.row import BASES, Row, require_one_policy
+from spidar_gym.benchmark.scenario import Scenario
+from spidar_gym.benchmark.verify import require_own_policies
+from spidar_gym.border import require_form
+from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import (
+    Policy,
+    acts_in_batches,
+    defined_on,
+    policy_arguments,
+    policy_digest,
+    policy_kind,
+    policy_name,
+)
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A policy that is played: the runs of a row, or files of one's own."""
+
+    name: str
+    """Its name."""
+    kind: str
+    """One of `KINDS`."""
+    policies: tuple[str, ...]
+    """Specification of each run."""
+    against: str
+    """Name of whom it is compared with; empty for nobody."""
+    conditions: tuple[str, ...]
+    """Conditions on which it is defined."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One scenario of a condition, to be played by one policy."""
+
+    policy: str
+    """Its specification."""
+    condition: str
+    """Condition."""
+    scenario: Scenario
+    """Which episode."""
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{self.policy} on {self.condition}, scenario {self.scenario.index}"
+
+
+def choose(
+    rows: Mapping[str, Row],
+    names: Sequence[str] = (),
+    policies: Sequence[str] = (),
+    against: str = "",
+    *,
+    trust: bool = False,
+) -> list[Entrant]:
+    """Who is played, with whomever they are compared with.
+
+    Args:
+        rows: Rows by name.
+        names: Which of them; where neither names nor policies are given, every one with a controller below it.
+        policies: Specifications of a candidate of one's own, one a run.
+        against: Whom the candidate is compared with, a row or a preset that has one; by default the preset that it adds
+            to.
+        trust: Whether rows may run code from outside the package and the checkout's baselines.
+
+    Raises:
+        UnknownNameError: For a row or preset that does not exist.
+        InvalidValueError: For a candidate with the name of a row beside it, or compared with what has no row.
+        RowError: For a row whose policy's file is no longer the one that was evaluated, or may not run.
+    """
+    for name in names:
+        require_name("row", name, rows)
+    if against and not policies:
+        raise InvalidValueError("against", against, "a candidate that is compared with it, --policy FILE …")
+    own = _candidate(rows, policies, against) if policies else None
+    chosen = set(names)
+    if own is not None:
+        chosen |= {own.against} - {""}
+    elif not names:
+        chosen = set(rows)
+    chosen |= {rows[name].base for name in chosen} & set(rows)
+    found = []
+    for name, row in rows.items():
+        if name in chosen:
+            require_own_policies(row, trust=trust)
+            # Without a controller a robot that is not as described falls: nothing to be learned from the table.
+            if names or own is not None or _has_controller(load_policy(row.policies[0])):
+                found.append(_entrant(name, row.kind, row.policies, row.base if row.base in rows else ""))
+    if own is not None:
+        if own.name in chosen:
+            raise InvalidValueError("policy", own.name, "a candidate that has a name of its own")
+        found.append(own)
+    return found
+
+
+def _candidate(rows: Mapping[str, Row], specs: Sequence[str], against: str) -> Entrant:
+    """One's own policy, and the row that it is compared with."""
+    policies = [load_policy(spec) for spec in specs]
+    require_one_policy(policies, specs)
+    name, kind = policy_name(policies[0]), policy_kind(policies[0])
+    if against:
+        require_name("row or preset", against, (*rows, *BASES))
+    elif kind == "residual":
+        against = str(_arguments(policies[0])[0].get("preset", ""))
+    base = BASES.get(against, against)
+    if base and base not in rows:
+        raise InvalidValueError("against", against, f"one of {', '.join(rows)}, or a preset with a row among them")
+    return _entrant(name, kind, tuple(specs), base)
+
+
+def _entrant(name: str, kind: str, policies: tuple[str, ...], against: str) -> Entrant:
+    defined = defined_on(load_policy(policies[0]))
+    conditions = tuple(name for name, condition in CONDITIONS.items() if condition.env_id in defined)
+    return Entrant(name, kind, policies, against, conditions)
+
+
+def _arguments(policy: Policy) -> list[dict[str, Any]]:
+    """What it asks of each environment on which it is defined."""
+    return [chosen for env_id in ENVIRONMENTS if (chosen := policy_arguments(policy, env_id)) is not None]
+
+
+def _has_controller(policy: Policy) -> bool:
+    return any(chosen.get("action_mode") != "direct" for chosen in _arguments(policy))
+
+
+def plan(entrants: Sequence[Entrant], count: int = COUNT) -> list[Episode]:
+    """Every episode that is to be played: the first `count` scenarios of each condition, by every run."""
+    return [
+        Episode(policy, condition, scenario)
+        for entrant in entrants
+        for policy in entrant.policies
+        for condition in entrant.conditions
+        for scenario in draw_held_out(condition, count)
+    ]
+
+
+def play_episodes(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
+    """Play episodes of one policy on one condition, each with a policy that has seen nothing before: at once or not."""
+    policy, name = episodes[0].policy, episodes[0].condition
+    scenarios, how = [one.scenario for one in episodes], {"track": CONDITIONS[name]}
+    if acts_in_batches(load_policy(policy)):
+        return play(load_policy(policy), name, scenarios, **how)
+    return [play(load_policy(policy), name, [scenario], **how)[0] for scenario in scenarios]
+
+
+def play_all(
+    episodes: Sequence[Episode],
+    *,
+    workers: int = 1,
+    folder: Path | None = None,
+    on_episode: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:
+    """Play episodes, or what of them is not kept yet.
+
+    Args:
+        episodes: What is played.
+        workers: Processes.
+        folder: Where finished episodes are kept, so that an interrupted table goes on where it was.
+        on_episode: Called after every episode, for progress.
+
+    Returns:
+        `METRICS` by name of each.
+
+    Raises:
+        PolicyError: When a policy raises, answers with what is no action, or takes too long.
+    """
+    policies = {spec: load_policy(spec) for spec in dict.fromkeys(one.policy for one in episodes)}
+    names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
+    batches = {spec: acts_in_batches(policy) for spec, policy in policies.items()}
+
+    def name(one: Episode) -> str:
+        own, digest = names[one.policy]
+        words = one.policy, digest, one.condition, one.scenario, code_digest(*BEHAVIOUR, "benchmark/held_out.py")
+        return f"{own}/{one.condition}/{digest_of(*words)[:24]}"
+
+    results = finish(
+        play_episodes, episodes, workers=workers, folder=folder, name=name, check=_check_result,
+        label=lambda k: str(episodes[k]), on_done=lambda *_: on_episode(),
+        together=[(e.policy, e.condition) if batches[e.policy] else (k,) for k, e in enumerate(episodes)],
+    )  # fmt: skip
+    return [result["metrics"] for result in results]
+
+
+def _check_result(episode: Episode, result: dict[str, Any]) -> None:
+    """Refuse what no episode gives."""
+    require_form(result, RESULT, "result")
+    check_metrics(result["metrics"], flies=CONDITIONS[episode.condition].flies)
