@@ -216,11 +216,12 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("time_to_next", "f8", (), "until then; SP_NO_NEXT_FORM if there is none [s]"),
     )),
     CStruct("policy", "What a learned policy remembers: its last action and what leads to the next.", (
-        ("has_momentum", "i4", (), "whether there was a tick before"),
+        ("has_momentum has_joints", "i4", (), "whether there was a tick before"),
         ("action", "f8", (MAX_ACTION,), "last, as it was applied, in [−1, 1]"),
         ("leg_momentum", "f8", (3,), "[Nms]"),
         ("slow", "f8", (MAX_ACTION,), "low-passed answers that the washout takes away"),
         ("traces", "f8", (MAX_TRACES,), "low-passes of what it saw"),
+        ("joints", "f8", (N_JOINTS,), "as commanded [rad]"),
         ("observation", "f4", (MAX_OBSERVATION,), "what it saw last"),
     )),
 )  # fmt: skip

@@ -20,11 +20,14 @@ from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.policies.filters import Traces, Washout
 
-TORSO_UNITS = {"FORCE": torso.FORCE, "JOINT_STEP": torso.STEP, "HOLD": torso.HOLD}
+TORSO_UNITS = {
+    "FORCE": torso.FORCE, "OFFSET": torso.OFFSET, "SPEED": torso.SPEED, "RAMP": torso.RAMP, "HOLD": torso.HOLD,
+}  # fmt: skip
 """What a network in torso axes says, by names in C."""
 TORSO_PLACES = {
     "JOINTS": "joint_position", "SINE": "vectoring_sine", "COSINE": "vectoring_cosine", "THRUST": "thrust_command",
-    "COMMAND_SINE": "vectoring_command_sine", "COMMAND_COSINE": "vectoring_command_cosine", "ACTION": "previous_action",
+    "COMMAND_SINE": "vectoring_command_sine", "COMMAND_COSINE": "vectoring_command_cosine",
+    "SPEEDS": "joint_command_velocity", "ASIDE": "joint_target_error",
 }  # fmt: skip
 """Pieces of the observation that its kinematics read, by names in C."""
 BLOCK = 32
@@ -162,11 +165,8 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
         "SKIP": 0,
         "TORSO": 0,
         "KEPT_SIZE": 0,
-        **{name: "0.0" for name in ("FORCE", "JOINT_STEP", "HOLD")},
-        **{
-            f"AT_{name}": 0
-            for name in ("JOINTS", "SINE", "COSINE", "THRUST", "COMMAND_SINE", "COMMAND_COSINE", "ACTION")
-        },
+        **{name: "0.0" for name in TORSO_UNITS},
+        **{f"AT_{name}": 0 for name in TORSO_PLACES},
         "ACTIONS": sizes[-1],
         "CHANNELS": f"({channels})",
         "RELU": 0,

@@ -164,11 +164,12 @@ class Artifact:
         """The network's answer, in [−1, 1], in single precision as it was learned.
 
         Args:
-            observation: Shape (…, size), traces behind it: each row is answered as it would be alone, bit for bit.
+            observation: Shape (…, size); behind it, in torso axes, the commanded joints, and then traces. Each row is
+                answered as it would be alone, bit for bit.
         """
         seen, in_torso = observation, self.output == "torso"
         if in_torso:
-            observation, traces = np.split(observation, [self.sees], axis=-1)
+            observation, traces = np.split(observation, [torso.SHOWN], axis=-1)
             seen = np.concatenate([torso.features(observation), traces], axis=-1)
         x = (seen - self.mean) / np.sqrt(self.variance)
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
@@ -308,24 +309,29 @@ class LearnedPolicy:
         self.__doc__ = artifact.doc
         self.washout = Washout(artifact.washout)
         self.traces = Traces(artifact.traced, artifact.trace_times)
+        self.joints = torso.Joints() if artifact.output == "torso" else None
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
         """What it was learned with; None elsewhere."""
         return self.artifact.arguments if env_id == self.artifact.env_id else None
 
     def reset(self, seed: int) -> None:
-        """Forget what washout and traces have seen; there is nothing to draw."""
-        self.washout.reset()
-        self.traces.reset()
+        """Forget what was seen before; there is nothing to draw."""
+        self._forget()
+
+    def _forget(self, *robots: int) -> None:
+        for memory in (self.washout, self.traces, self.joints):
+            if memory is not None:
+                memory.reset(*robots)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, washed out."""
-        return self.washout(self.artifact.act(self.traces(observation)))
+        seen = observation if self.joints is None else self.joints(observation)
+        return self.washout(self.artifact.act(self.traces(seen)))
 
     def reset_batch(self, seeds: Sequence[int]) -> None:
-        """Forget what washout and traces have seen of each robot."""
-        self.washout.reset(len(seeds))
-        self.traces.reset(len(seeds))
+        """Forget what was seen before of each robot."""
+        self._forget(len(seeds))
 
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
         """The network's answers, washed out."""

@@ -2,27 +2,34 @@
 
 In link axes one and the same force is other numbers in every form, and a small turn of it may be a large one of the
 vectoring angles. In the torso's axes hovering is nearly constant, so that a small network learns it. The turns between
-the two are kinematics of the measured joints; nothing here knows the robot's masses, its errors or a controller.
+the two are kinematics of the measured joints; nothing here knows the robot's masses, its errors or a controller. The
+joints go to their form by themselves, gently and straight, if the network says nothing else.
 """
 
 import numpy as np
 
+from spidar_gym.control.flight.compensation import ramp_joints
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 
 FORCE = 10.0
 """What a 1 of the network is of a force [N]."""
-STEP = 0.025
-"""What a 1 of the network is of a joint's change in a tick [rad]: 1 rad/s."""
+OFFSET = 0.1
+"""How far off its form a 1 of the network leads a joint [rad]."""
+SPEED, RAMP = 1.0, 0.4
+"""Speed of the slowest joint [rad/s], and the time from rest to it [s]; the servos of an environment may be slower."""
 HOLD = 0.05
 """Share of a force that keeps φ where it was: where the thrust lies along φ's axis, φ means nothing."""
 ACTION = 3 * N_ROTORS + N_JOINTS
-"""Length of a `direct` action: thrusts, φ, θ, joints; the network's is as long: forces, then joints."""
+"""Length of a `direct` action: thrusts, φ, θ, joints; the network's is as long: forces, then offsets of joints."""
 _FIELDS = layout(ACTION)
 _ENDS = np.cumsum([field.size for field in _FIELDS]).tolist()
 _PLACES = {field.name: slice(end - field.size, end) for field, end in zip(_FIELDS, _ENDS, strict=True)}
 OBSERVATION = _ENDS[-1]
 """Length of the observation."""
+SHOWN = OBSERVATION + N_JOINTS
+"""Length of the observation with the commanded joints behind it."""
 KEPT = (
     "position_error", "velocity_error", "attitude_error", "angular_velocity_error", "joint_position", "joint_velocity",
     "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate", "position_integral",
@@ -68,24 +75,50 @@ def _turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.matmul(R, vectors[..., None])[..., 0]
 
 
-def _commanded_joints(observation: np.ndarray) -> np.ndarray:
-    """Joints of the last command (…, 16) [rad]; before the first, where they are measured."""
-    last = observation[..., _PLACES["previous_action"]]
-    commanded = ROBOT.joint_limit * last[..., 3 * N_ROTORS :]
-    none = ~last.any(axis=-1, keepdims=True)
-    return np.where(none, observation[..., _PLACES["joint_position"]], commanded)
+class Joints:
+    """Where the joints are commanded: where they were measured first, and as they were told to move since.
+
+    An observation tells how far the servos have followed only as a velocity.
+    """
+
+    def __init__(self) -> None:
+        """Begin."""
+        self.reset()
+
+    def reset(self, *robots: int) -> None:
+        """Forget where they are, of one robot or of so many."""
+        self.position = np.full((*robots, N_JOINTS), np.nan)
+        """Joints as commanded [rad]; NaN before the first observation."""
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """The observation (…, `OBSERVATION`) of a tick with the commanded joints behind it."""
+        moved = self.position + observation[..., _PLACES["joint_command_velocity"]].astype(float) / CONTROL_RATE
+        measured = observation[..., _PLACES["joint_position"]].astype(float)
+        self.position = np.where(np.isnan(self.position), measured, moved)
+        return np.concatenate([observation, self.position], axis=-1)
+
+    def begin(self, robots: np.ndarray, observations: np.ndarray) -> np.ndarray:
+        """Some robots' first observations of an episode, with the joints as measured behind them.
+
+        Args:
+            robots: Which rows of the positions, (number,).
+            observations: Theirs, shape (number, `OBSERVATION`).
+        """
+        self.position[robots] = observations[:, _PLACES["joint_position"]]
+        return np.concatenate([observations, self.position[robots]], axis=-1)
 
 
 def features(observation: np.ndarray) -> np.ndarray:
     """What the network sees.
 
     Args:
-        observation: Of a `direct` flight, shape (…, `OBSERVATION`).
+        observation: Of a `direct` flight, commanded joints behind it, shape (…, `SHOWN`).
 
     Returns:
         The pieces of `KEPT`; in torso axes the measured directions of thrust, the commanded forces [N] and the links' x
-        axes, each (8, 3); the joints of the last command [rad]. Shape (…, `FEATURES`).
+        axes, each (8, 3); the commanded joints [rad]. Shape (…, `FEATURES`).
     """
+    observation, joints = np.split(observation, [OBSERVATION], axis=-1)
     seen = {name: observation[..., place].astype(float) for name, place in _PLACES.items()}
     R = links(seen["joint_position"])
     measured = _turned(R, _directions(seen["vectoring_sine"], seen["vectoring_cosine"]))
@@ -93,7 +126,7 @@ def features(observation: np.ndarray) -> np.ndarray:
     forces = _turned(R, seen["thrust_command"][..., None] * commanded)
     flat = (*observation.shape[:-1], 3 * N_ROTORS)
     parts = [observation[..., KEPT_ENTRIES], measured.reshape(flat), forces.reshape(flat), R[..., 0].reshape(flat)]
-    return np.concatenate([*parts, _commanded_joints(observation)], axis=-1)
+    return np.concatenate([*parts, joints], axis=-1)
 
 
 def forces(thrust: np.ndarray, vectoring: np.ndarray, observation: np.ndarray) -> np.ndarray:
@@ -109,17 +142,15 @@ def forces(thrust: np.ndarray, vectoring: np.ndarray, observation: np.ndarray) -
     return _turned(R, thrust[..., None] * _directions(np.sin(flat), np.cos(flat)))
 
 
-def answer(forces_b: np.ndarray, joint_position: np.ndarray, observation: np.ndarray) -> np.ndarray:
-    """What the network would have to say for a command; `command` is its inverse where the servos can follow.
+def answer(forces_b: np.ndarray) -> np.ndarray:
+    """What the network has to say for forces, with joints that go to their form; `command` does them.
 
     Args:
         forces_b: Forces in torso axes (…, 8, 3) [N].
-        joint_position: Commanded joints (…, 16) [rad].
-        observation: Of the same tick (…, `OBSERVATION`).
     """
     hover = np.array([0.0, 0.0, ROBOT.weight / N_ROTORS])
-    forces = ((forces_b - hover) / FORCE).reshape(*observation.shape[:-1], 3 * N_ROTORS)
-    return np.concatenate([forces, (joint_position - _commanded_joints(observation)) / STEP], axis=-1)
+    forces = ((forces_b - hover) / FORCE).reshape(*forces_b.shape[:-2], 3 * N_ROTORS)
+    return np.concatenate([forces, np.zeros((*forces.shape[:-1], N_JOINTS))], axis=-1)
 
 
 def command(said: np.ndarray, observation: np.ndarray) -> np.ndarray:
@@ -130,14 +161,17 @@ def command(said: np.ndarray, observation: np.ndarray) -> np.ndarray:
     tick.
 
     Args:
-        said: Shape (…, 40): forces in torso axes beyond an eighth of the weight, in `FORCE`; changes of the commanded
-            joints, in `STEP`. All zero hovers: every rotor bears an eighth of the weight, and no joint moves.
-        observation: What it was said to, shape (…, `OBSERVATION`).
+        said: Shape (…, 40): forces in torso axes beyond an eighth of the weight, in `FORCE`; where joints are to be
+            beside their form, in `OFFSET`. All zero hovers: every rotor bears an eighth of the weight.
+        observation: What it was said to, commanded joints behind it, shape (…, `SHOWN`).
     """
+    observation, commanded = np.split(observation, [OBSERVATION], axis=-1)
+    aside, velocity = (observation[..., _PLACES[f"joint_{name}"]] for name in ("target_error", "command_velocity"))
     said = said.astype(float)
     forces_b = FORCE * said[..., : 3 * N_ROTORS].reshape(*said.shape[:-1], N_ROTORS, 3)
     forces_b = forces_b + np.array([0.0, 0.0, ROBOT.weight / N_ROTORS])
-    joints = _commanded_joints(observation) + STEP * said[..., 3 * N_ROTORS :]
+    form = commanded + aside.astype(float) + OFFSET * said[..., 3 * N_ROTORS :]
+    joints, _ = ramp_joints(commanded, velocity.astype(float), form, speed=SPEED, ramp=RAMP, dt=1.0 / CONTROL_RATE)
     seen = {name: observation[..., _PLACES[name]].astype(float) for name in _PLACES if name.startswith("vectoring_c")}
     R = links(observation[..., _PLACES["joint_position"]].astype(float))
     x, y, z = np.moveaxis(_turned(np.swapaxes(R, -1, -2), forces_b), -1, 0)

@@ -257,7 +257,7 @@ def test_a_network_with_traces_and_a_skip_in_torso_axes_is_read_as_it_was_writte
     found = read_artifact(tmp_path / "net.npz")
     assert same(net, found)
     assert (found.sees, found.answers) == (torso.OBSERVATION, 40)
-    x = np.random.default_rng(5).normal(size=(3, torso.OBSERVATION + 6))
+    x = np.random.default_rng(5).normal(size=(3, torso.SHOWN + 6))
     seen = np.concatenate([torso.features(x[:, :-6]), x[:, -6:]], axis=1)
     inputs = np.clip((seen - net.mean) / np.sqrt(net.variance), -net.clip, net.clip)
     hidden = np.tanh(inputs @ net.weights[0].T + net.biases[0])

@@ -1,8 +1,9 @@
-"""Pins a `direct` policy's torso axes: kinematics, forces commanded as they were said, φ where thrust is along it."""
+"""Pins a `direct` policy's torso axes: kinematics, forces commanded as they were said, joints that go to their form."""
 
 import numpy as np
 import pytest
 
+from spidar_gym.control.flight.compensation import ramp_joints
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
@@ -11,8 +12,9 @@ from spidar_gym.robot import ROBOT
 
 
 def seen(rng, count=20):
-    """Observations of robots in any form, with any last command."""
-    observation = rng.normal(size=(count, torso.OBSERVATION))
+    """Observations of robots in any form, with any last command, the commanded joints behind them."""
+    observation = rng.normal(size=(count, torso.SHOWN))
+    observation[:, torso.OBSERVATION :] = rng.uniform(-1.2, 1.2, (count, 16))
     for part in ("vectoring", "vectoring_command"):
         angle = rng.uniform(-np.pi, np.pi, (count, 16))
         observation[:, torso.entries(f"{part}_sine")] = np.sin(angle)
@@ -41,6 +43,10 @@ def after(action, observation):
     observation[:, torso.entries("vectoring_command_sine")] = np.sin(angles)
     observation[:, torso.entries("vectoring_command_cosine")] = np.cos(angles)
     observation[:, torso.entries("previous_action")] = action
+    joints, moved = observation[:, torso.OBSERVATION :].copy(), ROBOT.joint_limit * action[:, 24:]
+    observation[:, torso.entries("joint_command_velocity")] = 40.0 * (moved - joints)
+    observation[:, torso.entries("joint_target_error")] -= moved - joints
+    observation[:, torso.OBSERVATION :] = moved
     return observation
 
 
@@ -65,21 +71,54 @@ def test_entries_are_those_of_the_layout_and_features_say_what_they_see():
     np.testing.assert_allclose(
         np.linalg.norm(forces, axis=2), observation[:, torso.entries("thrust_command")], atol=1e-9
     )  # fmt: skip
-    last = observation[:, torso.entries("previous_action")][:, 24:]
-    np.testing.assert_allclose(found[:, -16:], ROBOT.joint_limit * last)
-    observation[:, torso.entries("previous_action")] = 0.0
-    measured = observation[:, torso.entries("joint_position")]
-    np.testing.assert_array_equal(torso.features(observation)[:, -16:], measured)
+    np.testing.assert_array_equal(found[:, -16:], observation[:, torso.OBSERVATION :])
 
 
-def test_nothing_said_is_an_eighth_of_the_weight_on_every_rotor_and_joints_at_rest():
+def test_nothing_said_is_an_eighth_of_the_weight_on_every_rotor_and_joints_that_go_to_their_form():
     observation = seen(np.random.default_rng(2))
-    for _ in range(60):
+    start, form = observation[:, torso.OBSERVATION :], np.random.default_rng(9).uniform(-1.2, 1.2, (20, 16))
+    observation[:, torso.entries("joint_target_error")] = form - start
+    observation[:, torso.entries("joint_command_velocity")] = 0.0
+    path = [start]
+    for _ in range(130):
         action = torso.command(np.zeros((20, 40)), observation)
-        before, observation = observation, after(action, observation)
+        observation = after(action, observation)
+        path.append(observation[:, torso.OBSERVATION :])
     forces, joints = done(action, observation)
     np.testing.assert_allclose(forces, np.tile([0.0, 0.0, ROBOT.weight / 8], (20, 8, 1)), atol=1e-6)
-    np.testing.assert_allclose(joints, ROBOT.joint_limit * before[:, torso.entries("previous_action")][:, 24:])
+    np.testing.assert_allclose(joints, form, atol=1e-9)
+    # The slowest joint takes its way at full speed, and the ramp's time more.
+    late = round(40.0 * float((np.abs(form - start).max(axis=1) / torso.SPEED + torso.RAMP).max())) + 2
+    np.testing.assert_allclose(path[late], form, atol=1e-6)
+    velocity = 40.0 * np.diff(path, axis=0)
+    assert np.abs(velocity).max() < torso.SPEED + 1e-9
+    assert np.abs(np.diff(velocity, axis=0)).max() < torso.SPEED / torso.RAMP / 40.0 + 1e-9
+
+
+def test_joints_are_led_off_their_form_by_what_is_said():
+    observation, said = seen(np.random.default_rng(10)), np.zeros((20, 40))
+    form = observation[:, torso.OBSERVATION :] + observation[:, torso.entries("joint_target_error")]
+    said[:, 24:] = np.random.default_rng(11).uniform(-1.0, 1.0, (20, 16))
+    first = torso.command(said, observation)
+    expected = ramp_joints(
+        observation[:, torso.OBSERVATION :], observation[:, torso.entries("joint_command_velocity")],
+        form + torso.OFFSET * said[:, 24:], speed=torso.SPEED, ramp=torso.RAMP, dt=0.025,
+    )[0]  # fmt: skip
+    within = np.clip(expected, -ROBOT.joint_limit, ROBOT.joint_limit)
+    np.testing.assert_allclose(done(first, observation)[1], within, atol=1e-12)
+
+
+def test_commanded_joints_are_where_they_were_measured_first_and_as_they_moved_since():
+    rng, joints = np.random.default_rng(12), torso.Joints()
+    first, second = (rng.normal(size=(3, torso.OBSERVATION)) for _ in range(2))
+    joints.reset(3)
+    measured = first[:, torso.entries("joint_position")]
+    np.testing.assert_array_equal(joints(first), np.concatenate([first, measured], axis=1))
+    moved = measured + second[:, torso.entries("joint_command_velocity")] / 40.0
+    np.testing.assert_array_equal(joints(second)[:, torso.OBSERVATION :], moved)
+    shown = joints.begin(np.array([1]), second[1:2])
+    np.testing.assert_array_equal(shown[:, torso.OBSERVATION :], second[1:2, torso.entries("joint_position")])
+    np.testing.assert_array_equal(joints.position[[0, 2]], moved[[0, 2]])
 
 
 def test_what_is_said_again_and_again_is_done_and_at_once_where_phi_may_turn():
@@ -102,8 +141,7 @@ def test_what_is_said_again_and_again_is_done_and_at_once_where_phi_may_turn():
 def test_a_force_along_the_links_axis_leaves_phi_where_it_is():
     observation = seen(np.random.default_rng(4))
     forces = 20.0 * torso.links(observation[:, torso.entries("joint_position")])[..., 0]
-    joints = observation[:, torso.entries("joint_position")]
-    action = torso.command(torso.answer(forces, joints, observation), observation)
+    action = torso.command(torso.answer(forces), observation)
     s = observation[:, torso.entries("vectoring_command_sine")][:, ::2]
     c = observation[:, torso.entries("vectoring_command_cosine")][:, ::2]
     turn = np.exp(1j * np.pi * action[:, 8:16]) / (c + 1j * s)
@@ -117,9 +155,8 @@ def test_phi_turns_by_no_more_than_a_quarter_and_an_answer_is_what_has_to_be_sai
     action = torso.command(said, observation)
     s, c = (observation[:, torso.entries(f"vectoring_command_{part}")][:, ::2] for part in ("sine", "cosine"))
     assert (np.cos(np.pi * action[:, 8:16]) * c + np.sin(np.pi * action[:, 8:16]) * s > -1e-9).all()
-    _, joints = done(action, observation)
     wanted = 10.0 * said[:, :24].reshape(20, 8, 3) + [0.0, 0.0, ROBOT.weight / 8]
-    np.testing.assert_allclose(torso.answer(wanted, joints, observation), said, atol=1e-9)
+    np.testing.assert_allclose(torso.answer(wanted), np.concatenate([said[:, :24], np.zeros((20, 16))], axis=1))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -11,7 +11,7 @@ import torch
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import read_artifact
-from train.distill import FORCE, JOINT, NET_FORCE, PRESETS, Shelf, learn, loss_of
+from train.distill import FORCE, NET_FORCE, PRESETS, Shelf, learn, loss_of
 from train.lib.config import override
 from train.lib.taught import Lessons, TaughtFlights
 
@@ -48,7 +48,7 @@ def test_what_is_seen_is_what_a_flight_without_a_controller_shows():
     flights.close()
 
 
-def test_the_loss_counts_forces_joints_and_what_they_add_up_to_in_their_units():
+def test_the_loss_counts_forces_and_what_they_add_up_to_in_their_units():
     answers, levers, one = torch.zeros(1, 40), torch.zeros(1, 8, 3), torch.ones(1)
 
     def loss(said):
@@ -60,8 +60,8 @@ def test_the_loss_counts_forces_joints_and_what_they_add_up_to_in_their_units():
     said[0, 3] = -1.0 / torso.FORCE  # the other way: the robot feels nothing of the two
     assert loss(said) == pytest.approx(2.0 / FORCE**2, rel=1e-3)
     said = answers.clone()
-    said[0, 30] = JOINT / torso.STEP
-    assert loss(said) == pytest.approx(1.0, rel=1e-3)
+    said[0, 30] = 1.0  # joints go to their form by themselves
+    assert loss(said) == 0.0
     levers[0, 0, 1] = 0.5
     said = answers.clone()
     said[0, 2] = 1.0 / torso.FORCE
@@ -87,7 +87,8 @@ def test_the_same_seed_gives_the_same_bytes_and_a_policy_without_traces_sees_non
     assert len(net.mean) == torso.FEATURES + 12 * len(TINY.trace_times)
     other = read_artifact(learn(override(TINY, seed=1, trace_times=(), out=tmp_path / "c")))
     assert len(other.mean) == torso.FEATURES
-    assert other.act(np.zeros(torso.OBSERVATION)).shape == (40,)
+    assert other.act(np.zeros(torso.SHOWN)).shape == (40,)
+    assert not np.any(other.weights[-1][24:]), "and leads no joint off its form"
 
 
 @pytest.mark.parametrize("changes", [{"robots": 0}, {"tracks": ("ground-paper",)}, {"rounds": 0}])

@@ -59,6 +59,8 @@ class TaughtFlights:
         """How many robots."""
         self._traces = Traces(torso.entries(*ERRORS), np.array(times))
         self._traces.reset(self.count)
+        self._joints = torso.Joints()
+        self._joints.reset(self.count)
         self._integrals = np.zeros((self.count, len(INTEGRALS)))
         self.led = np.zeros(self.count, bool)
         """Whom the controller leads."""
@@ -79,7 +81,7 @@ class TaughtFlights:
         seeds = [training_seed(int(word)) for word in self._rng.integers(0, 2**32, len(mask))]
         vector.reset(seed=seeds, options=options)
         ids = np.arange(self.count)[self._places[k]][mask]
-        self._traces.low_passed[ids] = 0.0
+        self._traces.low_passed[ids], self._joints.position[ids] = 0.0, np.nan
         self._integrals[ids] = vector.buffers["observations"][mask][:, INTEGRALS]
         self.led[ids] = False
 
@@ -87,7 +89,7 @@ class TaughtFlights:
         """What all robots see, traces behind it; their integrals are those of a flight that nobody advises."""
         seen = np.concatenate([vector.buffers["observations"] for vector in self._vectors])
         seen[:, INTEGRALS] = self._integrals
-        return self._traces(seen)
+        return self._traces(self._joints(seen))
 
     def _gather(self, get: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         return np.concatenate([get(vector.robots) for vector in self._vectors])
@@ -108,7 +110,7 @@ class TaughtFlights:
     def _tick(
         self, say: Callable[[np.ndarray], np.ndarray] | None, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        seen, traces = np.split(self._seen, [torso.OBSERVATION], axis=1)
+        seen, traces = np.split(self._seen, [torso.SHOWN], axis=1)
         inputs = np.concatenate([torso.features(seen), traces], axis=1).astype(np.float32)
         if say is None:
             led = rng.random(self.count) > 0.1
@@ -120,11 +122,8 @@ class TaughtFlights:
             vector.robots["is_led"] = led[place]
             vector.advance(action[place])
         self.ticks += self.count
-        thrust, vectoring, joints = (
-            self._gather(lambda r, name=name: r["advice"][name]) for name in ("thrust", "vectoring", "joint_position")
-        )
-        forces = torso.forces(thrust, vectoring.reshape(self.count, N_ROTORS, 2), seen)
-        answers = torso.answer(forces, joints, seen)
+        thrust, vectoring = (self._gather(lambda r, name=name: r["advice"][name]) for name in ("thrust", "vectoring"))
+        answers = torso.answer(torso.forces(thrust, vectoring.reshape(self.count, N_ROTORS, 2), seen))
         self._advised = torso.command(answers, seen)
         levers = self._gather(lambda r: r["percept"]["snapshot"]["rotor_c"]).reshape(self.count, N_ROTORS, 3)
         wrong = [self._gather(lambda r, name=name: r[name]) for name in ("position_error", "attitude_error")]

@@ -25,7 +25,7 @@ from train.lib.envs import EnvConfig, Scaling, scaling_of, training_seed
 from train.lib.rewards import RewardConfig, Tick
 
 FARTHEST = 3.0
-"""Largest number that is said in the torso's axes: 30 N, or 3 rad/s."""
+"""Largest number that is said in the torso's axes: 30 N, or 0.3 rad."""
 
 
 def make_vector(track: str, arguments: Mapping[str, Any], robots: int, threads: int = 1) -> NativeVectorEnv:
@@ -54,7 +54,9 @@ class _Group:
         self.reward, self.places = reward, places
         self.washout = Washout(config.washout_times())
         self._traces = Traces(config.traced, np.array(config.trace_times))
-        self._traces.reset(len(places))
+        self._joints = torso.Joints()
+        for memory in (self._traces, self._joints):
+            memory.reset(len(places))
         self._torso, self._track = config.torso, track
         self._rng = np.random.Generator(np.random.PCG64(0))
         self._said = np.full((len(places), config.mode.size), np.nan)
@@ -73,22 +75,25 @@ class _Group:
             self.washout.reset(self.vector.num_envs)
         self.washout.low_passed[ids], self._said[ids] = 0.0, np.nan
         self._before = self._now() if mask.all() else _merged(self._before, self._now(), ids)
-        return self._shown(self._traces.begin(ids, self.vector.buffers["observations"][ids]))
+        seen = self.vector.buffers["observations"][ids]
+        return self._shown(self._traces.begin(ids, self._joints.begin(ids, seen) if self._torso else seen))
 
     def look(self) -> np.ndarray:
         """What is shown of all after a step; once a step, for the traces go on."""
-        return self._shown(self._traces(self.vector.buffers["observations"]))
+        seen = self.vector.buffers["observations"]
+        return self._shown(self._traces(self._joints(seen) if self._torso else seen))
 
     def _shown(self, seen: np.ndarray) -> np.ndarray:
         if not self._torso:
             return seen
-        observations, traces = np.split(seen, [torso.OBSERVATION], axis=1)
+        observations, traces = np.split(seen, [torso.SHOWN], axis=1)
         return np.concatenate([torso.features(observations), traces], axis=1)
 
     def step(self, said: np.ndarray, hold: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As long as actions are held, or the episode goes on: rewards, who is done, whose time alone is up."""
         vector, count = self.vector, self.vector.num_envs
-        actions = torso.command(said, vector.buffers["observations"]) if self._torso else said
+        seen = np.concatenate([vector.buffers["observations"], self._joints.position], axis=1) if self._torso else None
+        actions = said if seen is None else torso.command(said, seen)
         change = np.nan_to_num(np.sqrt(np.square(said - self._said).mean(axis=1)))  # the first of an episode is none
         self._said = said.copy()
         total, done, late = np.zeros(count), np.zeros(count, bool), np.zeros(count, bool)

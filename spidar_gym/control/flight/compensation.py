@@ -171,35 +171,30 @@ def observe_wrench(
 
 
 def ramp_joints(
-    command: JointVector, velocity: JointVector, target: JointVector, *, speed: float, ramp: float, dt: float
-) -> tuple[JointVector, JointVector]:
+    command: np.ndarray, velocity: np.ndarray, target: np.ndarray, *, speed: float, ramp: float, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Next joint command towards `target` and its velocity: all joints together, no acceleration above speed/ramp.
 
     Args:
-        command: q^d [rad].
-        velocity: Its rate in the last tick [rad/s].
-        target: Where to go [rad].
+        command: q^d (…, 16) [rad].
+        velocity: Its rate in the last tick (…, 16) [rad/s].
+        target: Where to go (…, 16) [rad].
         speed: Speed of the slowest joint [rad/s].
         ramp: Time from rest to that speed [s].
         dt: Length of the tick [s].
     """
     ahead = target - command
-    longest = float(np.abs(ahead).max())
+    longest = np.abs(ahead).max(axis=-1, keepdims=True)
     step = speed / ramp * dt
-    if longest == 0.0 and not velocity.any():
-        return command, velocity
     # The speed (n + f) steps from which, losing one step a tick, the command comes to rest on the target: it covers
     # (n + f) + (n − 1 + f) + … + f = (n + 1) (n/2 + f) steps times dt on the way.
     far = longest / (step * dt)
-    n = math.floor(math.sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9)
-    reach = step * (n + (far - 0.5 * n * (n + 1)) / (n + 1))
-    wanted = ahead * (min(speed, reach) / longest) if longest > 0.0 else np.zeros_like(ahead)
-    change = wanted - velocity
-    most = float(np.abs(change).max())
-    if most > step * (1.0 + 1e-9):
-        change *= step / most
+    n = np.floor(np.sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9)
+    reach = step * (n + (far - 0.5 * n * (n + 1.0)) / (n + 1.0))
+    change = ahead * (np.minimum(speed, reach) / np.where(longest > 0.0, longest, 1.0)) - velocity
+    most = np.abs(change).max(axis=-1, keepdims=True)
+    change = np.where(most > step * (1.0 + 1e-9), change * (step / np.where(most > 0.0, most, 1.0)), change)
     velocity = velocity + change
     following = command + dt * velocity
-    if float(np.abs(target - following).max()) < 1e-9:
-        following = target
-    return following, velocity
+    there = np.abs(target - following).max(axis=-1, keepdims=True) < 1e-9
+    return np.where(there, target, following), velocity

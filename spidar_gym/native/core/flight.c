@@ -193,8 +193,8 @@ static double longest_of(const double *way)
 }
 
 /* Next joint command and its rate: all joints together, no acceleration above speed / ramp. */
-static void ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
-                        double dt, double *following, double *rate)
+void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
+                    double dt, double *following, double *rate)
 {
     double way[SP_JOINTS], change[SP_JOINTS], longest, most, step = speed / ramp * dt, off = 0.0;
     int moving = 0;
@@ -232,8 +232,8 @@ static void plan_joints(const sp_robot *robot, const sp_flight *f, const double 
     }
     if (f->config.compensation.joint_ramp > 0.0) {
         double speed = f->config.joint_speed * sp_min(1.0, sp_max(0.0, scale));
-        ramp_joints(command, f->memory.joint_velocity, target, sp_max(speed, 1e-6), f->config.compensation.joint_ramp,
-                    f->dt, following, rate);
+        sp_ramp_joints(command, f->memory.joint_velocity, target, sp_max(speed, 1e-6),
+                       f->config.compensation.joint_ramp, f->dt, following, rate);
         return;
     }
     double longest = longest_of(way);

@@ -72,18 +72,22 @@ static void directions(const float *sine, const float *cosine, const float *leng
     }
 }
 
-/* Joint j of the last command; before the first, where it is measured. */
-static double commanded_joint(const sp_robot *robot, const float *seen, int j)
+/* Where the joints are commanded: where they were measured first, and as they were told to move since. What is no
+ * number is no motion: it must not be remembered. */
+static void follow_joints(sp_policy *policy)
 {
-    const float *last = seen + SP_POLICY_AT_ACTION;
-    for (int k = 0; k < SP_POLICY_ACTIONS; k++)
-        if (last[k] != 0.0f) return robot->joint_limit * last[3 * SP_ROTORS + j];
-    return seen[SP_POLICY_AT_JOINTS + j];
+    const float *measured = policy->observation + SP_POLICY_AT_JOINTS, *velocity = policy->observation + SP_POLICY_AT_SPEEDS;
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double to = policy->has_joints ? policy->joints[j] + velocity[j] / SP_CONTROL_RATE : measured[j];
+        if (sp_finite(&to, 1)) policy->joints[j] = to;
+    }
+    policy->has_joints = 1;
 }
 
 /* What a network in torso axes sees of an observation; how many numbers. */
-static int torso_features(const sp_robot *robot, const sp_snapshot *snapshot, const float *seen, double *to)
+static int torso_features(const sp_policy *policy, const sp_snapshot *snapshot, double *to)
 {
+    const float *seen = policy->observation;
     double vectors[3 * SP_ROTORS];
     int at = 0;
     for (int k = 0; k < SP_POLICY_KEPT_SIZE; k++) to[at++] = seen[SP_POLICY_KEPT[k]];
@@ -95,13 +99,16 @@ static int torso_features(const sp_robot *robot, const sp_snapshot *snapshot, co
     at += 3 * SP_ROTORS;
     for (int i = 0; i < SP_ROTORS; i++)
         for (int k = 0; k < 3; k++) to[at++] = snapshot->R_bl[i][3 * k];
-    for (int j = 0; j < SP_JOINTS; j++) to[at++] = commanded_joint(robot, seen, j);
+    for (int j = 0; j < SP_JOINTS; j++) to[at++] = policy->joints[j];
     return at;
 }
 
 /* The direct action of what a network in torso axes says. */
-static void torso_action(const sp_robot *robot, const sp_snapshot *snapshot, const float *seen, const float *said, double *action)
+static void torso_action(const sp_robot *robot, const sp_policy *policy, const sp_snapshot *snapshot, const float *said,
+                         double *action)
 {
+    const float *seen = policy->observation;
+    double velocity[SP_JOINTS], form[SP_JOINTS], joints[SP_JOINTS], rate[SP_JOINTS];
     for (int i = 0; i < SP_ROTORS; i++) {
         double f_b[3], f[3], s = seen[SP_POLICY_AT_COMMAND_SINE + 2 * i], c = seen[SP_POLICY_AT_COMMAND_COSINE + 2 * i];
         for (int k = 0; k < 3; k++) f_b[k] = SP_POLICY_FORCE * said[3 * i + k];
@@ -114,21 +121,26 @@ static void torso_action(const sp_robot *robot, const sp_snapshot *snapshot, con
         action[SP_ROTORS + i] = phi / SP_PI;
         action[2 * SP_ROTORS + i] = atan2(f[0], along) / SP_PI;
     }
-    for (int j = 0; j < SP_JOINTS; j++)
-        action[3 * SP_ROTORS + j] =
-            (commanded_joint(robot, seen, j) + SP_POLICY_JOINT_STEP * said[3 * SP_ROTORS + j]) / robot->joint_limit;
+    for (int j = 0; j < SP_JOINTS; j++) {
+        velocity[j] = seen[SP_POLICY_AT_SPEEDS + j];
+        form[j] = policy->joints[j] + seen[SP_POLICY_AT_ASIDE + j] + SP_POLICY_OFFSET * said[3 * SP_ROTORS + j];
+    }
+    sp_ramp_joints(policy->joints, velocity, form, SP_POLICY_SPEED, SP_POLICY_RAMP, 1.0 / SP_CONTROL_RATE, joints, rate);
+    for (int j = 0; j < SP_JOINTS; j++) action[3 * SP_ROTORS + j] = joints[j] / robot->joint_limit;
     for (int k = 0; k < SP_POLICY_ACTIONS; k++) action[k] = (float)sp_clip(action[k], -1.0, 1.0);
 }
 
 /* ---- what the network is shown ---- */
 
 /* The network's last layer for the observation in `policy`; `snapshot` is not needed but in torso axes. */
-static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot, float *answer)
+static void answer_to(sp_policy *policy, const sp_snapshot *snapshot, float *answer)
 {
     double shown[SP_POLICY_WIDTH];
     int at = 0;
-    if (SP_POLICY_TORSO) at = torso_features(robot, snapshot, policy->observation, shown);
-    else
+    if (SP_POLICY_TORSO) {
+        follow_joints(policy);
+        at = torso_features(policy, snapshot, shown);
+    } else
         for (; at < SP_POLICY_SEES; at++) shown[at] = policy->observation[at];
     for (int k = 0; k < SP_POLICY_TRACES; k++) {
         policy->traces[k] += SP_POLICY_TRACE_SHARE[k] * (policy->observation[SP_POLICY_TRACED[k]] - policy->traces[k]);
@@ -140,10 +152,10 @@ static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapsho
 /* ---- action ---- */
 
 /* Go towards the network's answer, washed out, no further than a step; what is no number counts as 0. */
-static void update_action(const sp_robot *robot, sp_policy *policy)
+static void update_action(sp_policy *policy)
 {
     float answer[SP_POLICY_WIDTH];
-    answer_to(robot, policy, NULL, answer);
+    answer_to(policy, NULL, answer);
     for (int k = 0; k < SP_POLICY_ACTIONS; k++) {
         double wish = output(answer[k]), last = policy->action[k];
         if (wish != wish) wish = 0.0;
@@ -213,7 +225,7 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
     *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_FLIGHT) return;
     look(robot, policy, flight, state, control, preview);
-    update_action(robot, policy);
+    update_action(policy);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }
 
@@ -226,8 +238,8 @@ void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *fligh
     sp_flight_memory *memory = &flight->memory;
     if (SP_POLICY_KIND != SP_POLICY_DIRECT) return;
     look(robot, policy, flight, state, control, preview);
-    answer_to(robot, policy, &control->snapshot, answer);
-    if (SP_POLICY_TORSO) torso_action(robot, &control->snapshot, policy->observation, answer, policy->action);
+    answer_to(policy, &control->snapshot, answer);
+    if (SP_POLICY_TORSO) torso_action(robot, policy, &control->snapshot, answer, policy->action);
     else
         for (int k = 0; k < SP_POLICY_ACTIONS; k++) policy->action[k] = output(answer[k]);
     for (int k = 0; k < SP_POLICY_ACTIONS; k++)
@@ -248,6 +260,6 @@ void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *c
     last_thrust(robot, crawl->ticked, crawl->memory.forces_l, state, thrust);
     sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
                      policy->observation);
-    update_action(robot, policy);
+    update_action(policy);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }

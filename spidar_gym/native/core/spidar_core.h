@@ -69,6 +69,8 @@ void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
 void sp_flight_reset(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
 void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring);
 void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
+void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
+                    double dt, double *following, double *rate);
 void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);

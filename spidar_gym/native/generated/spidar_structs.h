@@ -478,11 +478,12 @@ typedef struct {
 
 /* What a learned policy remembers: its last action and what leads to the next. */
 typedef struct {
-    int32_t has_momentum; /* whether there was a tick before */
+    int32_t has_momentum, has_joints; /* whether there was a tick before */
     double action[40]; /* last, as it was applied, in [−1, 1] */
     double leg_momentum[3]; /* [Nms] */
     double slow[40]; /* low-passed answers that the washout takes away */
     double traces[128]; /* low-passes of what it saw */
+    double joints[16]; /* as commanded [rad] */
     float observation[512]; /* what it saw last */
 } sp_policy;
 
