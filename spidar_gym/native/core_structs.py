@@ -222,6 +222,9 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("slow", "f8", (MAX_ACTION,), "low-passed answers that the washout takes away"),
         ("traces", "f8", (MAX_TRACES,), "low-passes of what it saw"),
         ("joints", "f8", (N_JOINTS,), "as commanded [rad]"),
+        ("has_velocity has_first", "i4", (), "whether they are remembered"),
+        ("velocity force", "f8", (3,), "of the last tick, of the model of the rotors; torso axes [m/s], [N]"),
+        ("external", "f8", (9,), "external force, the same without signs, the first integral of the position"),
         ("observation", "f4", (MAX_OBSERVATION,), "what it saw last"),
     )),
 )  # fmt: skip

@@ -16,20 +16,24 @@ from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.codegen.header import array, header, hex_float
 from spidar_gym.native.constants import MAX_ACTION, MAX_OBSERVATION, MAX_TRACES, MAX_WIDTH
-from spidar_gym.policies import torso
+from spidar_gym.policies import external, torso
 from spidar_gym.policies.artifact import Artifact
+from spidar_gym.policies.external import ExternalForce
 from spidar_gym.policies.filters import Traces, Washout
+from spidar_gym.robot import ROBOT
 
 TORSO_UNITS = {
-    "FORCE": torso.FORCE, "OFFSET": torso.OFFSET, "SPEED": torso.SPEED, "RAMP": torso.RAMP, "HOLD": torso.HOLD,
+    "FORCE": torso.FORCE, "OFFSET": torso.OFFSET, "SPEED": torso.SPEED, "ACCELERATION": torso.ACCELERATION,
+    "SURE": torso.SURE, "HOLD": torso.HOLD, "JOINT_LIMIT": ROBOT.joint_limit,
 }  # fmt: skip
 """What a network in torso axes says, by names in C."""
-TORSO_PLACES = {
+PLACES = {
     "JOINTS": "joint_position", "SINE": "vectoring_sine", "COSINE": "vectoring_cosine", "THRUST": "thrust_command",
     "COMMAND_SINE": "vectoring_command_sine", "COMMAND_COSINE": "vectoring_command_cosine",
-    "SPEEDS": "joint_command_velocity", "ASIDE": "joint_target_error",
+    "ACTION": "previous_action", "SPEEDS": "joint_command_velocity", "ASIDE": "joint_target_error",
+    "VELOCITY": "velocity_error", "ATTITUDE": "attitude_error", "INTEGRAL": "position_integral",
 }  # fmt: skip
-"""Pieces of the observation that its kinematics read, by names in C."""
+"""Pieces of a flight's observation that the core itself reads, by names in C."""
 BLOCK = 32
 """Outputs of a layer that the core computes side by side."""
 RATE = 10.0
@@ -91,6 +95,9 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     if traces:
         arrays["TRACED"] = np.tile(artifact.traced, len(artifact.trace_times)).astype(int)
         arrays["TRACE_SHARE"] = Traces(artifact.traced, artifact.trace_times).share
+    if len(artifact.rotor_lag):
+        own = ExternalForce(float(artifact.rotor_lag[0]))
+        words |= {"EXTERNAL": external.SIZE, "ROTOR_SHARE": hex_float(own.share), **_places()}
     if artifact.output == "torso":
         words |= _torso_words()
         arrays["KEPT"] = torso.KEPT_ENTRIES
@@ -146,8 +153,13 @@ def _torso_words() -> dict[str, object]:
         "TORSO": 1,
         "KEPT_SIZE": len(torso.KEPT_ENTRIES),
         **{name: hex_float(value) for name, value in TORSO_UNITS.items()},
-        **{f"AT_{name}": int(torso.entries(piece)[0]) for name, piece in TORSO_PLACES.items()},
+        **_places(),
     }
+
+
+def _places() -> dict[str, int]:
+    """Where which pieces of the observation begin."""
+    return {f"AT_{name}": int(torso.entries(piece)[0]) for name, piece in PLACES.items()}
 
 
 def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: str) -> dict[str, object]:
@@ -165,8 +177,10 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
         "SKIP": 0,
         "TORSO": 0,
         "KEPT_SIZE": 0,
+        "EXTERNAL": 0,
+        "ROTOR_SHARE": "0.0",
         **{name: "0.0" for name in TORSO_UNITS},
-        **{f"AT_{name}": 0 for name in TORSO_PLACES},
+        **{f"AT_{name}": 0 for name in PLACES},
         "ACTIONS": sizes[-1],
         "CHANNELS": f"({channels})",
         "RELU": 0,

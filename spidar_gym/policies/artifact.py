@@ -11,10 +11,11 @@ import numpy as np
 
 from spidar_gym.border import MOST_WORDS, BorderError, pack, read_file, require_form, unpack
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.envs.registry import ENVIRONMENTS, HOVER
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
-from spidar_gym.policies import torso
+from spidar_gym.policies import external, torso
+from spidar_gym.policies.external import ExternalForce
 from spidar_gym.policies.filters import Traces, Washout
 from spidar_gym.policies.policy import KINDS, check_name
 from spidar_gym.policies.provenance import versions
@@ -33,7 +34,9 @@ With `torso` the network sees the `features` of an observation in its place, and
 """
 VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
 """Fields of an artifact that are vectors in its file, and what they are part of."""
-LATER = {"traced": np.zeros(0), "trace_times": np.zeros(0), "skip": np.zeros((0, 0), np.float32)}
+LATER = {
+    "traced": np.zeros(0), "trace_times": np.zeros(0), "rotor_lag": np.zeros(0), "skip": np.zeros((0, 0), np.float32)
+}  # fmt: skip
 """Fields that came with format 3, and what they are where there are none."""
 RENAMED = {"tuned": "tuned_v1", "robust_overlapped": "robust_overlapped_v1"}
 """Presets that another search has filled since format 2, and which are today what they were then."""
@@ -96,8 +99,11 @@ class Artifact:
     """How the last layer becomes an action."""
     washout: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Time constants of the `Washout` of every entry of the action [s], or none at all."""
+    rotor_lag: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Time constant of the rotors in the `ExternalForce` that enters the network behind the observation [s], (1,); or
+    none at all."""
     traced: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Entries of the observation that have `Traces`, which enter the network behind it."""
+    """Entries of the observation, or of what stands behind it, that have `Traces`, which enter the network last."""
     trace_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Time constants of those traces [s]."""
     skip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), np.float32))
@@ -146,13 +152,18 @@ class Artifact:
             raise InvalidValueError("washout", self.washout.shape, f"({self.answers},) time constants, or none")
         require_not_negative(washout=float(self.washout.min(initial=0.0)))
         require_not_negative(trace_times=float(self.trace_times.min(initial=0.0)))
-        if np.any(self.traced % 1.0) or not all(0 <= entry < self.sees for entry in self.traced.tolist()):
-            raise InvalidValueError("traced", self.traced.shape, f"entries within 0 … {self.sees - 1}")
+        if len(self.rotor_lag) > (self.env_id == HOVER and self.output != "torso"):
+            raise InvalidValueError("rotor_lag", self.rotor_lag.shape, "one in flights on a controller, else none")
+        if len(self.rotor_lag):
+            ExternalForce(float(self.rotor_lag[0]))
+        shown = self.sees + external.SIZE * len(self.rotor_lag)
+        if np.any(self.traced % 1.0) or not all(0 <= entry < shown for entry in self.traced.tolist()):
+            raise InvalidValueError("traced", self.traced.shape, f"entries within 0 … {shown - 1}")
 
     @property
     def sees(self) -> int:
         """Length of an observation, without the traces."""
-        shown = len(self.mean) - len(self.traced) * len(self.trace_times)
+        shown = len(self.mean) - len(self.traced) * len(self.trace_times) - external.SIZE * len(self.rotor_lag)
         return shown - torso.FEATURES + torso.OBSERVATION if self.output == "torso" else shown
 
     @property
@@ -164,8 +175,8 @@ class Artifact:
         """The network's answer, in [−1, 1], in single precision as it was learned.
 
         Args:
-            observation: Shape (…, size); behind it, in torso axes, the commanded joints, and then traces. Each row is
-                answered as it would be alone, bit for bit.
+            observation: Shape (…, size); behind it the commanded joints, in torso axes, or the external force, where it
+                has one; then the traces. Each row is answered as it would be alone, bit for bit.
         """
         seen, in_torso = observation, self.output == "torso"
         if in_torso:
@@ -214,7 +225,7 @@ def write_artifact(artifact: Artifact, path: Path) -> None:
         "training": dict(artifact.training),
     }
     arrays: dict[str, np.ndarray] = {name: getattr(artifact, name).astype(np.float64) for name in VECTORS}
-    arrays |= {name: getattr(artifact, name).astype(np.float64) for name in ("traced", "trace_times")}
+    arrays |= {name: getattr(artifact, name).astype(np.float64) for name in ("rotor_lag", "traced", "trace_times")}
     arrays["skip"] = artifact.skip.astype(np.float32)
     for k, (w, b) in enumerate(zip(artifact.weights, artifact.biases, strict=True)):
         arrays[f"weight{k}"], arrays[f"bias{k}"] = w.astype(np.float32), b.astype(np.float32)
@@ -299,6 +310,13 @@ def _check_origin(path: Path, meta: Mapping[str, Any]) -> None:
         )
 
 
+def _behind(artifact: Artifact) -> torso.Joints | ExternalForce | None:
+    """What a network is shown behind the observation, besides traces."""
+    if artifact.output == "torso":
+        return torso.Joints()
+    return ExternalForce(float(artifact.rotor_lag[0])) if len(artifact.rotor_lag) else None
+
+
 class LearnedPolicy:
     """An artifact, acting."""
 
@@ -309,7 +327,7 @@ class LearnedPolicy:
         self.__doc__ = artifact.doc
         self.washout = Washout(artifact.washout)
         self.traces = Traces(artifact.traced, artifact.trace_times)
-        self.joints = torso.Joints() if artifact.output == "torso" else None
+        self.behind = _behind(artifact)
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
         """What it was learned with; None elsewhere."""
@@ -320,14 +338,17 @@ class LearnedPolicy:
         self._forget()
 
     def _forget(self, *robots: int) -> None:
-        for memory in (self.washout, self.traces, self.joints):
+        for memory in (self.washout, self.traces, self.behind):
             if memory is not None:
                 memory.reset(*robots)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, washed out."""
-        seen = observation if self.joints is None else self.joints(observation)
-        return self.washout(self.artifact.act(self.traces(seen)))
+        return self.washout(self.artifact.act(self.see(observation)))
+
+    def see(self, observation: np.ndarray) -> np.ndarray:
+        """The observation of a tick with what is remembered behind it; once a tick, for memories go on."""
+        return self.traces(observation if self.behind is None else self.behind(observation))
 
     def reset_batch(self, seeds: Sequence[int]) -> None:
         """Forget what was seen before of each robot."""

@@ -8,7 +8,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.errors import require_not_negative
 
 
-def _shares(name: str, times: np.ndarray) -> np.ndarray:
+def shares(name: str, times: np.ndarray) -> np.ndarray:
     """Share of the way to its input that a low-pass of each time constant [s] goes in a tick; 0 for none."""
     for time in times.tolist():
         require_not_negative(**{name: time})
@@ -27,7 +27,7 @@ class Washout:
         Raises:
             InvalidValueError: For a time that is negative or not finite.
         """
-        self.share = _shares("washout", times)
+        self.share = shares("washout", times)
         """Share of the way to the action that its low-pass goes in a tick."""
         self.reset()
 
@@ -59,7 +59,7 @@ class Traces:
             InvalidValueError: For a time that is negative or not finite.
         """
         self.entries = entries.astype(int)
-        self.share = np.repeat(_shares("trace_times", times), len(entries))
+        self.share = np.repeat(shares("trace_times", times), len(entries))
         """Share of the way to its entry that each trace goes in a tick: those of the first time constant first."""
         self._of = np.tile(self.entries, len(times))
         self.reset()

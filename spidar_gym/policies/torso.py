@@ -17,8 +17,10 @@ FORCE = 10.0
 """What a 1 of the network is of a force [N]."""
 OFFSET = 0.1
 """How far off its form a 1 of the network leads a joint [rad]."""
-SPEED, RAMP = 1.0, 0.4
-"""Speed of the slowest joint [rad/s], and the time from rest to it [s]; the servos of an environment may be slower."""
+SPEED, ACCELERATION = 1.0, 2.5
+"""Largest speed of the slowest joint [rad/s], and how fast that changes [rad/s²]."""
+SURE = 0.15
+"""A joint that was commanded slower than this was where it was asked to be [rad/s]: no servo is as slow."""
 HOLD = 0.05
 """Share of a force that keeps φ where it was: where the thrust lies along φ's axis, φ means nothing."""
 ACTION = 3 * N_ROTORS + N_JOINTS
@@ -64,21 +66,21 @@ def _yaw_pitch(yaw: np.ndarray, pitch: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _directions(sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+def directions(sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     """Thrust directions u(φ, θ) in link axes (…, 8, 3) of the angles' sines and cosines (…, 16) [Zhao2025, Eq. 1]."""
     s_phi, s_theta, c_phi, c_theta = sine[..., 0::2], sine[..., 1::2], cosine[..., 0::2], cosine[..., 1::2]
     return np.stack([s_theta, -s_phi * c_theta, c_phi * c_theta], axis=-1)
 
 
-def _turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Each vector (…, 8, 3) by its matrix."""
     return np.matmul(R, vectors[..., None])[..., 0]
 
 
 class Joints:
-    """Where the joints are commanded: where they were measured first, and as they were told to move since.
+    """Where the joints are commanded: where they were asked to be, or as far on the way as their speed let them go.
 
-    An observation tells how far the servos have followed only as a velocity.
+    How far that is, an observation tells only as a velocity. Before the first action they are where they are measured.
     """
 
     def __init__(self) -> None:
@@ -92,7 +94,9 @@ class Joints:
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """The observation (…, `OBSERVATION`) of a tick with the commanded joints behind it."""
-        moved = self.position + observation[..., _PLACES["joint_command_velocity"]].astype(float) / CONTROL_RATE
+        velocity = observation[..., _PLACES["joint_command_velocity"]].astype(float)
+        asked = ROBOT.joint_limit * observation[..., _PLACES["previous_action"]][..., 3 * N_ROTORS :].astype(float)
+        moved = np.where(np.abs(velocity) < SURE, asked, self.position + velocity / CONTROL_RATE)
         measured = observation[..., _PLACES["joint_position"]].astype(float)
         self.position = np.where(np.isnan(self.position), measured, moved)
         return np.concatenate([observation, self.position], axis=-1)
@@ -121,9 +125,9 @@ def features(observation: np.ndarray) -> np.ndarray:
     observation, joints = np.split(observation, [OBSERVATION], axis=-1)
     seen = {name: observation[..., place].astype(float) for name, place in _PLACES.items()}
     R = links(seen["joint_position"])
-    measured = _turned(R, _directions(seen["vectoring_sine"], seen["vectoring_cosine"]))
-    commanded = _directions(seen["vectoring_command_sine"], seen["vectoring_command_cosine"])
-    forces = _turned(R, seen["thrust_command"][..., None] * commanded)
+    measured = turned(R, directions(seen["vectoring_sine"], seen["vectoring_cosine"]))
+    commanded = directions(seen["vectoring_command_sine"], seen["vectoring_command_cosine"])
+    forces = turned(R, seen["thrust_command"][..., None] * commanded)
     flat = (*observation.shape[:-1], 3 * N_ROTORS)
     parts = [observation[..., KEPT_ENTRIES], measured.reshape(flat), forces.reshape(flat), R[..., 0].reshape(flat)]
     return np.concatenate([*parts, joints], axis=-1)
@@ -139,7 +143,14 @@ def forces(thrust: np.ndarray, vectoring: np.ndarray, observation: np.ndarray) -
     """
     flat = vectoring.reshape(*vectoring.shape[:-2], 2 * N_ROTORS)
     R = links(observation[..., _PLACES["joint_position"]].astype(float))
-    return _turned(R, thrust[..., None] * _directions(np.sin(flat), np.cos(flat)))
+    return turned(R, thrust[..., None] * directions(np.sin(flat), np.cos(flat)))
+
+
+def _toward(form: np.ndarray, commanded: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Next joint command (…, 16) [rad]: straight to a form, and never much faster than the joints were let go."""
+    most = np.abs(velocity).max(axis=-1, keepdims=True)
+    speed = np.minimum(SPEED, most + ACCELERATION / CONTROL_RATE)
+    return ramp_joints(commanded, velocity, form, speed=speed, ramp=speed / ACCELERATION, dt=1.0 / CONTROL_RATE)[0]
 
 
 def answer(forces_b: np.ndarray) -> np.ndarray:
@@ -171,10 +182,10 @@ def command(said: np.ndarray, observation: np.ndarray) -> np.ndarray:
     forces_b = FORCE * said[..., : 3 * N_ROTORS].reshape(*said.shape[:-1], N_ROTORS, 3)
     forces_b = forces_b + np.array([0.0, 0.0, ROBOT.weight / N_ROTORS])
     form = commanded + aside.astype(float) + OFFSET * said[..., 3 * N_ROTORS :]
-    joints, _ = ramp_joints(commanded, velocity.astype(float), form, speed=SPEED, ramp=RAMP, dt=1.0 / CONTROL_RATE)
+    joints = _toward(form, commanded, velocity.astype(float))
     seen = {name: observation[..., _PLACES[name]].astype(float) for name in _PLACES if name.startswith("vectoring_c")}
     R = links(observation[..., _PLACES["joint_position"]].astype(float))
-    x, y, z = np.moveaxis(_turned(np.swapaxes(R, -1, -2), forces_b), -1, 0)
+    x, y, z = np.moveaxis(turned(np.swapaxes(R, -1, -2), forces_b), -1, 0)
     s, c = seen["vectoring_command_sine"][..., 0::2], seen["vectoring_command_cosine"][..., 0::2]
     hold = HOLD * np.sqrt(x * x + y * y + z * z)
     side = np.where(c * z - s * y < 0.0, -1.0, 1.0)

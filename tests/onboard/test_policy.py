@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from support.needs import needs_compiler
-from support.networks import in_torso_axes, made
+from support.networks import feeling, in_torso_axes, made
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.crawl.footsteps import Move
@@ -273,6 +273,41 @@ def test_controller_and_policy_of_the_core_are_those_of_python(core, name):
     print(f"\ncommand {worst:.1e}, moved {moved:.1e}")
     assert worst < 1e-3
     assert moved > 0.5, "the residual does something"
+
+
+def test_a_residual_that_remembers_the_external_force_answers_as_in_its_environment(core):
+    net = feeling()
+    core(net, 1000.0)
+    env = make(net, control="core", sensors=True, disturbances={"wind": 2.0, "push": 20.0})
+    observation, _ = env.reset(seed=4)
+    learned, policy = Learned(env), LearnedPolicy(net)
+    policy.reset(0)
+    apart_by, pulls = [], []
+    for _ in range(TICKS):
+        learned.look()
+        learned.act()
+        action = policy.act(observation)
+        apart_by.append(np.abs(learned.action[:6] - action).max())
+        shown = policy.behind.velocity
+        np.testing.assert_allclose(learned.own["policy"]["velocity"], shown, atol=1e-6)
+        pulls.append(learned.own["policy"]["external"].copy())
+        observation, _, terminated, _, _ = env.step(learned.action[:6].astype(np.float32))
+        assert not terminated
+    print(f"\naction {max(apart_by):.1e}, pulls up to {np.abs(pulls).max():.0f} N")
+    assert max(apart_by) < 1e-4
+    assert np.abs(np.mean(pulls[20:], axis=0)[:3]).max() > 1.0, "wind pulls"
+    # What is no number is not remembered.
+    seen = learned.own["policy"]
+    before = seen["traces"].copy()
+    learned.look(replace(env.seen, velocity_w=np.full(3, np.nan)))
+    learned.act()
+    assert np.isfinite(seen["traces"]).all()
+    assert np.isfinite(seen["external"]).all()
+    for _ in range(3):
+        learned.look()
+        learned.act()
+    assert np.isfinite(learned.action).all()
+    assert np.abs(seen["traces"] - before).max() < 50.0
 
 
 def test_bound_and_rate_hold_whatever_the_network_says(core):

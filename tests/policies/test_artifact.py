@@ -9,8 +9,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from support.artifacts import flier, made
+from support.networks import feeling
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
+from spidar_gym.control.flight.observation import layout
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import artifact as artifacts
 from spidar_gym.policies import torso
@@ -18,6 +20,7 @@ from spidar_gym.policies.artifact import (
     LATER,
     Artifact,
     ArtifactError,
+    LearnedPolicy,
     interface,
     read_artifact,
     write_artifact,
@@ -47,7 +50,17 @@ def same(a, b):
     """Whether two artifacts are equal, arrays bit for bit and with their types."""
     for part in fields(Artifact):
         x, y = getattr(a, part.name), getattr(b, part.name)
-        if part.name in ("weights", "biases", "mean", "variance", "washout", "traced", "trace_times", "skip"):
+        if part.name in (
+            "weights",
+            "biases",
+            "mean",
+            "variance",
+            "washout",
+            "rotor_lag",
+            "traced",
+            "trace_times",
+            "skip",
+        ):
             x, y = (list(v) if isinstance(v, tuple) else [v] for v in (x, y))
             if [(v.dtype, v.shape, v.tobytes()) for v in x] != [(v.dtype, v.shape, v.tobytes()) for v in y]:
                 return False
@@ -283,6 +296,16 @@ def test_a_file_of_format_2_is_read_as_a_network_that_sees_the_present_alone(tmp
         tmp_path / "net.npz", tmp_path, change=lambda meta: meta.update(format=2), drop=[f"{n}.npy" for n in LATER]
     )
     assert same(read_artifact(old), flier())
+
+
+def test_a_network_that_is_shown_the_external_force_is_read_as_it_was_written(tmp_path):
+    net = feeling()
+    write_artifact(net, tmp_path / "net.npz")
+    found = read_artifact(tmp_path / "net.npz")
+    assert same(net, found)
+    assert (found.sees, found.answers) == (sum(f.size for f in layout(6)), 6)
+    assert LearnedPolicy(found).behind.share == pytest.approx(1.0 - np.exp(-0.5))
+    assert LearnedPolicy(flier()).behind is None
 
 
 @pytest.mark.parametrize("name", LATER)

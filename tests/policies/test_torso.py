@@ -1,5 +1,6 @@
 """Pins a `direct` policy's torso axes: kinematics, forces commanded as they were said, joints that go to their form."""
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -87,12 +88,13 @@ def test_nothing_said_is_an_eighth_of_the_weight_on_every_rotor_and_joints_that_
     forces, joints = done(action, observation)
     np.testing.assert_allclose(forces, np.tile([0.0, 0.0, ROBOT.weight / 8], (20, 8, 1)), atol=1e-6)
     np.testing.assert_allclose(joints, form, atol=1e-9)
-    # The slowest joint takes its way at full speed, and the ramp's time more.
-    late = round(40.0 * float((np.abs(form - start).max(axis=1) / torso.SPEED + torso.RAMP).max())) + 2
+    # The slowest joint takes its way at full speed, and what it takes to speed up and slow down.
+    ramp = torso.SPEED / torso.ACCELERATION
+    late = round(40.0 * float((np.abs(form - start).max(axis=1) / torso.SPEED + ramp).max())) + 2
     np.testing.assert_allclose(path[late], form, atol=1e-6)
     velocity = 40.0 * np.diff(path, axis=0)
     assert np.abs(velocity).max() < torso.SPEED + 1e-9
-    assert np.abs(np.diff(velocity, axis=0)).max() < torso.SPEED / torso.RAMP / 40.0 + 1e-9
+    assert np.abs(np.diff(velocity, axis=0)).max() < torso.ACCELERATION / 40.0 + 1e-9
 
 
 def test_joints_are_led_off_their_form_by_what_is_said():
@@ -100,21 +102,55 @@ def test_joints_are_led_off_their_form_by_what_is_said():
     form = observation[:, torso.OBSERVATION :] + observation[:, torso.entries("joint_target_error")]
     said[:, 24:] = np.random.default_rng(11).uniform(-1.0, 1.0, (20, 16))
     first = torso.command(said, observation)
-    expected = ramp_joints(
-        observation[:, torso.OBSERVATION :], observation[:, torso.entries("joint_command_velocity")],
-        form + torso.OFFSET * said[:, 24:], speed=torso.SPEED, ramp=torso.RAMP, dt=0.025,
-    )[0]  # fmt: skip
-    within = np.clip(expected, -ROBOT.joint_limit, ROBOT.joint_limit)
-    np.testing.assert_allclose(done(first, observation)[1], within, atol=1e-12)
+    for k, row in enumerate(observation):  # each robot by itself, as the controller's own ramp has it
+        velocity = row[torso.entries("joint_command_velocity")]
+        speed = min(torso.SPEED, float(np.abs(velocity).max()) + torso.ACCELERATION / 40.0)
+        expected = ramp_joints(
+            row[torso.OBSERVATION :], velocity, form[k] + torso.OFFSET * said[k, 24:], speed=speed,
+            ramp=speed / torso.ACCELERATION, dt=0.025,
+        )[0]  # fmt: skip
+        within = np.clip(expected, -ROBOT.joint_limit, ROBOT.joint_limit)
+        np.testing.assert_allclose(done(first, observation)[1][k], within, atol=1e-12)
 
 
-def test_commanded_joints_are_where_they_were_measured_first_and_as_they_moved_since():
+@pytest.mark.parametrize("limit", [0.2, 0.4, 1.0])
+@pytest.mark.parametrize("sensors", [False, True])
+def test_joints_go_straight_to_their_forms_at_whatever_speed_they_are_let_go(limit, sensors):
+    env = gymnasium.make(
+        "spidar_gym/Hover-v0", action_mode="direct", forms="independent", joint_speed=limit, sensors=sensors,
+        preset="tuned", horizon_s=60.0, max_episode_steps=10**6,
+    ).unwrapped  # fmt: skip
+    joints = torso.Joints()
+    observation, _ = env.reset(seed=3)
+    start, form = (goal.joint_target for goal in env.progress.goals[:2])
+    seen, path = joints(observation), []
+    for _ in range(500):
+        # Physics has no part in it: only what is commanded is looked at.
+        action = torso.command(np.zeros(40), seen)
+        observation = env.step(action.astype(np.float32))[0]
+        observation[torso.entries("joint_target_error")] = form - env.controller.memory.joint_position
+        seen = joints(observation)
+        path.append(env.controller.memory.joint_position.copy())
+        np.testing.assert_allclose(joints.position, path[-1], atol=1e-6)
+    np.testing.assert_allclose(path[-1], form, atol=1e-4)
+    way = np.abs(form - start).max()
+    late = np.flatnonzero(np.abs(np.array(path) - form).max(axis=1) < 0.05)[0] / 40.0
+    assert late < way / limit + 0.5
+    past = (np.array(path) - form) * np.sign(form - start)
+    assert past.max() < 0.01, "none goes past its form"
+
+
+def test_commanded_joints_are_where_they_were_measured_first_then_asked_and_else_as_they_moved():
     rng, joints = np.random.default_rng(12), torso.Joints()
     first, second = (rng.normal(size=(3, torso.OBSERVATION)) for _ in range(2))
+    second[:, torso.entries("joint_command_velocity")] *= 0.2
     joints.reset(3)
     measured = first[:, torso.entries("joint_position")]
     np.testing.assert_array_equal(joints(first), np.concatenate([first, measured], axis=1))
-    moved = measured + second[:, torso.entries("joint_command_velocity")] / 40.0
+    velocity = second[:, torso.entries("joint_command_velocity")]
+    asked = ROBOT.joint_limit * second[:, torso.entries("previous_action")][:, 24:]
+    moved = np.where(np.abs(velocity) < torso.SURE, asked, measured + velocity / 40.0)
+    assert 5 < (np.abs(velocity) < torso.SURE).sum() < 43
     np.testing.assert_array_equal(joints(second)[:, torso.OBSERVATION :], moved)
     shown = joints.begin(np.array([1]), second[1:2])
     np.testing.assert_array_equal(shown[:, torso.OBSERVATION :], second[1:2, torso.entries("joint_position")])

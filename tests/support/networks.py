@@ -1,5 +1,6 @@
 """Random networks that fit their environment."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,7 +9,7 @@ from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
-from spidar_gym.policies import torso
+from spidar_gym.policies import external, torso
 from spidar_gym.policies.artifact import Artifact
 
 
@@ -29,6 +30,20 @@ def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(2
         "variance": (0.2 * bound * rng.uniform(0.5, 1.5, len(bound))) ** 2,
     }  # fmt: skip
     return Artifact(**(known | options))
+
+
+def feeling(loud=1.0, times=(0.1, 1.0), hidden=(24, 16), lag=0.05):
+    """A random network on `tuned` that is shown the external force, with traces of it and of an error."""
+    net, rng = made(hidden=hidden, loud=loud, preset="tuned"), np.random.default_rng(9)
+    seen = net.sees
+    traced = np.array([0.0, seen, seen + 1, seen + 5])
+    more = external.SIZE + len(traced) * len(times)
+    first = np.concatenate([net.weights[0], rng.normal(size=(hidden[0], more)) / np.sqrt(more)], axis=1)
+    return replace(
+        net, weights=(first.astype(np.float32), *net.weights[1:]), traced=traced, trace_times=np.array(times),
+        mean=np.concatenate([net.mean, np.zeros(more)]), variance=np.concatenate([net.variance, np.full(more, 9.0)]),
+        rotor_lag=np.array([lag]),
+    )  # fmt: skip
 
 
 def in_torso_axes(loud=0.1, traced=(0.0, 1.0, 2.0, 7.0), times=(0.1, 0.5), hidden=(40, 24)):

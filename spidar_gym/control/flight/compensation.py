@@ -171,16 +171,17 @@ def observe_wrench(
 
 
 def ramp_joints(
-    command: np.ndarray, velocity: np.ndarray, target: np.ndarray, *, speed: float, ramp: float, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
+    command: np.ndarray, velocity: np.ndarray, target: np.ndarray,
+    *, speed: float | np.ndarray, ramp: float | np.ndarray, dt: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Next joint command towards `target` and its velocity: all joints together, no acceleration above speed/ramp.
 
     Args:
         command: q^d (…, 16) [rad].
         velocity: Its rate in the last tick (…, 16) [rad/s].
         target: Where to go (…, 16) [rad].
-        speed: Speed of the slowest joint [rad/s].
-        ramp: Time from rest to that speed [s].
+        speed: Speed of the slowest joint, one for all robots or (…, 1) [rad/s].
+        ramp: Time from rest to that speed, likewise [s].
         dt: Length of the tick [s].
     """
     ahead = target - command

@@ -72,13 +72,15 @@ static void directions(const float *sine, const float *cosine, const float *leng
     }
 }
 
-/* Where the joints are commanded: where they were measured first, and as they were told to move since. What is no
- * number is no motion: it must not be remembered. */
+/* Where the joints are commanded: where they were asked to be, or as far on the way as their speed let them go; before
+ * the first action where they are measured. What is no number is not remembered. */
 static void follow_joints(sp_policy *policy)
 {
     const float *measured = policy->observation + SP_POLICY_AT_JOINTS, *velocity = policy->observation + SP_POLICY_AT_SPEEDS;
     for (int j = 0; j < SP_JOINTS; j++) {
-        double to = policy->has_joints ? policy->joints[j] + velocity[j] / SP_CONTROL_RATE : measured[j];
+        double asked = SP_POLICY_JOINT_LIMIT * policy->observation[SP_POLICY_AT_ACTION + 3 * SP_ROTORS + j];
+        double moved = fabs(velocity[j]) < SP_POLICY_SURE ? asked : policy->joints[j] + velocity[j] / SP_CONTROL_RATE;
+        double to = policy->has_joints ? moved : measured[j];
         if (sp_finite(&to, 1)) policy->joints[j] = to;
     }
     policy->has_joints = 1;
@@ -125,15 +127,50 @@ static void torso_action(const sp_robot *robot, const sp_policy *policy, const s
         velocity[j] = seen[SP_POLICY_AT_SPEEDS + j];
         form[j] = policy->joints[j] + seen[SP_POLICY_AT_ASIDE + j] + SP_POLICY_OFFSET * said[3 * SP_ROTORS + j];
     }
-    sp_ramp_joints(policy->joints, velocity, form, SP_POLICY_SPEED, SP_POLICY_RAMP, 1.0 / SP_CONTROL_RATE, joints, rate);
+    double speed = 0.0;
+    for (int j = 0; j < SP_JOINTS; j++) speed = sp_max(speed, fabs(velocity[j]));
+    speed = sp_min(SP_POLICY_SPEED, speed + SP_POLICY_ACCELERATION / SP_CONTROL_RATE);
+    sp_ramp_joints(policy->joints, velocity, form, speed, speed / SP_POLICY_ACCELERATION, 1.0 / SP_CONTROL_RATE, joints, rate);
     for (int j = 0; j < SP_JOINTS; j++) action[3 * SP_ROTORS + j] = joints[j] / robot->joint_limit;
     for (int k = 0; k < SP_POLICY_ACTIONS; k++) action[k] = (float)sp_clip(action[k], -1.0, 1.0);
+}
+
+/* ---- the external force ---- */
+
+/* What of the acceleration commands and weight do not explain, torso axes; spidar_gym/policies/external.py. What is no
+ * number is not remembered: the force stays what it was, and begins anew. */
+static void look_for_force(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot)
+{
+    const float *seen = policy->observation, *error = seen + SP_POLICY_AT_ATTITUDE;
+    double forces[SP_FORCES], force[3] = {0.0}, up[3] = {error[1], -error[0], 1.0};
+    directions(seen + SP_POLICY_AT_COMMAND_SINE, seen + SP_POLICY_AT_COMMAND_COSINE, seen + SP_POLICY_AT_THRUST, forces);
+    turn_out(snapshot, forces, forces);
+    for (int i = 0; i < SP_ROTORS; i++)
+        for (int k = 0; k < 3; k++) force[k] += forces[3 * i + k];
+    double sum = sp_dot(force, up);
+    for (int k = 0; k < 3; k++) sum += seen[SP_POLICY_AT_VELOCITY + k] + seen[SP_POLICY_AT_INTEGRAL + k];
+    if (!sp_finite(&sum, 1)) {
+        policy->has_velocity = 0;
+        return;
+    }
+    for (int k = 0; k < 3; k++) {
+        double velocity = -seen[SP_POLICY_AT_VELOCITY + k];
+        double share = policy->has_velocity ? SP_POLICY_ROTOR_SHARE : 1.0;
+        policy->force[k] += share * (force[k] - policy->force[k]);
+        double gained = robot->weight / robot->gravity * SP_CONTROL_RATE * (velocity - policy->velocity[k]);
+        double pull = policy->has_velocity ? gained - policy->force[k] + robot->weight * up[k] : 0.0;
+        policy->external[k] = pull;
+        policy->external[3 + k] = fabs(pull);
+        if (!policy->has_first) policy->external[6 + k] = seen[SP_POLICY_AT_INTEGRAL + k];
+        policy->velocity[k] = velocity;
+    }
+    policy->has_velocity = policy->has_first = 1;
 }
 
 /* ---- what the network is shown ---- */
 
 /* The network's last layer for the observation in `policy`; `snapshot` is not needed but in torso axes. */
-static void answer_to(sp_policy *policy, const sp_snapshot *snapshot, float *answer)
+static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot, float *answer)
 {
     double shown[SP_POLICY_WIDTH];
     int at = 0;
@@ -142,8 +179,15 @@ static void answer_to(sp_policy *policy, const sp_snapshot *snapshot, float *ans
         at = torso_features(policy, snapshot, shown);
     } else
         for (; at < SP_POLICY_SEES; at++) shown[at] = policy->observation[at];
+    if (SP_POLICY_EXTERNAL) {
+        look_for_force(robot, policy, snapshot);
+        for (int k = 0; k < SP_POLICY_EXTERNAL; k++) shown[at++] = policy->external[k];
+    }
     for (int k = 0; k < SP_POLICY_TRACES; k++) {
-        policy->traces[k] += SP_POLICY_TRACE_SHARE[k] * (policy->observation[SP_POLICY_TRACED[k]] - policy->traces[k]);
+        int of = SP_POLICY_TRACED[k];
+        double now = of < SP_POLICY_SEES ? policy->observation[of] : policy->external[of - SP_POLICY_SEES];
+        double next = policy->traces[k] + SP_POLICY_TRACE_SHARE[k] * (now - policy->traces[k]);
+        if (sp_finite(&next, 1)) policy->traces[k] = next; /* what is no number must not be remembered */
         shown[at++] = policy->traces[k];
     }
     evaluate_network(shown, answer);
@@ -152,10 +196,10 @@ static void answer_to(sp_policy *policy, const sp_snapshot *snapshot, float *ans
 /* ---- action ---- */
 
 /* Go towards the network's answer, washed out, no further than a step; what is no number counts as 0. */
-static void update_action(sp_policy *policy)
+static void update_action(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot)
 {
     float answer[SP_POLICY_WIDTH];
-    answer_to(policy, NULL, answer);
+    answer_to(robot, policy, snapshot, answer);
     for (int k = 0; k < SP_POLICY_ACTIONS; k++) {
         double wish = output(answer[k]), last = policy->action[k];
         if (wish != wish) wish = 0.0;
@@ -225,7 +269,7 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
     *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_FLIGHT) return;
     look(robot, policy, flight, state, control, preview);
-    update_action(policy);
+    update_action(robot, policy, &control->snapshot);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }
 
@@ -238,7 +282,7 @@ void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *fligh
     sp_flight_memory *memory = &flight->memory;
     if (SP_POLICY_KIND != SP_POLICY_DIRECT) return;
     look(robot, policy, flight, state, control, preview);
-    answer_to(policy, &control->snapshot, answer);
+    answer_to(robot, policy, &control->snapshot, answer);
     if (SP_POLICY_TORSO) torso_action(robot, policy, &control->snapshot, answer, policy->action);
     else
         for (int k = 0; k < SP_POLICY_ACTIONS; k++) policy->action[k] = output(answer[k]);
@@ -260,6 +304,6 @@ void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *c
     last_thrust(robot, crawl->ticked, crawl->memory.forces_l, state, thrust);
     sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
                      policy->observation);
-    update_action(policy);
+    update_action(robot, policy, NULL);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }

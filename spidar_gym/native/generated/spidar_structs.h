@@ -484,6 +484,9 @@ typedef struct {
     double slow[40]; /* low-passed answers that the washout takes away */
     double traces[128]; /* low-passes of what it saw */
     double joints[16]; /* as commanded [rad] */
+    int32_t has_velocity, has_first; /* whether they are remembered */
+    double velocity[3], force[3]; /* of the last tick, of the model of the rotors; torso axes [m/s], [N] */
+    double external[9]; /* external force, the same without signs, the first integral of the position */
     float observation[512]; /* what it saw last */
 } sp_policy;
 

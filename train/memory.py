@@ -1,0 +1,382 @@
+"""Learn a residual with a memory: what pulls at the robot now, from what was seen since the flight began.
+
+    python -m train.memory hover --seed 0
+
+The base flies on all tracks, in wind and as drawn robots too, and its true pose errors are recorded, which no sensor
+tells. A network remembers the force that its commands do not explain, as low-passes over a tenth of a second up to many
+seconds, and is fitted such that its wrench, sent through the measured response of the closed loop, cancels what was
+recorded. What it remembers is what the robot feels beyond the commands, residual included, so the loop that it closes
+is weak: the errors that it was fitted to stay valid. Calm flights have as much of a say as windy ones, and a louder one
+where they would lose by it. Then the agent flies, and the rest is learned from what it left.
+"""
+
+import itertools
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spidar_gym.benchmark.track import HOVER, TRACKS, find_track
+from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import layout
+from spidar_gym.errors import InvalidValueError, require_least
+from spidar_gym.policies import external
+from spidar_gym.policies.artifact import Artifact, LearnedPolicy
+from spidar_gym.processes import Pool, cpu_count
+from train.lib.config import TrackRecipe, parse
+from train.lib.envs import training_seed
+from train.lib.evaluate import Base, PairedEvaluator
+from train.lib.report import report
+from train.lib.response import POSE, RESPONSE_TICKS, SETTLE, pulse_response, respond
+from train.lib.run import Run, State, command_line, curve_line, require_frameworks
+from train.lib.stages import Stages, scalars
+
+if TYPE_CHECKING:
+    import torch
+    from torch.utils.tensorboard import SummaryWriter
+
+OBSERVATION = sum(piece.size for piece in layout(POSE))
+"""Length of the observation that the artifact is shown; the network sees none of it."""
+FORCES = 3
+"""What it answers: forces; torques stay 0."""
+FIRST = 40
+"""Ticks at the beginning of a flight that do not count, as in the benchmark's errors."""
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """The network, and how it is fitted."""
+
+    trace_times: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
+    """Time constants of what it remembers [s]."""
+    rotor_lag: float = 0.05
+    """Time constant of the rotors that it believes in [s]."""
+    hidden: int = 32
+    """Width of the two hidden layers."""
+    updates: int = 2500
+    """Steps of the optimiser a round."""
+    batch: int = 4
+    """Flights of every track in a step of the optimiser."""
+    lr: float = 3e-3
+    """Learning rate at the beginning; it falls to 0 along a cosine."""
+    decay: float = 0.01
+    """Weight decay."""
+    harm: float = 40.0
+    """How much more a cell counts that becomes worse than the base's."""
+
+    def __post_init__(self) -> None:
+        require_least(1, updates=self.updates, batch=self.batch, hidden=self.hidden)
+
+
+@dataclass(frozen=True)
+class Args(TrackRecipe):
+    """Learn a residual with a memory."""
+
+    action_mode = "residual_wrench"
+
+    rounds: int = 2
+    """How often it flies and learns; the base alone flies in the first round."""
+    robots: int = 32
+    """Flights of each track a round."""
+    forms: int = 4
+    """Forms in which the response to a pulse is measured."""
+    scenarios: int = 12
+    """Validation scenarios of each track."""
+    workers: int = cpu_count()
+    """Processes that fly."""
+    fit: FitConfig = field(default_factory=FitConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least = ("rounds", "robots", "forms", "scenarios", "workers")
+        require_least(1, **{name: getattr(self, name) for name in least})
+        for track in self.tracks:
+            if not find_track(track).flies:
+                raise InvalidValueError("tracks", track, "flights: a crawl has no pose to hold")
+
+
+PRESETS: dict[str, Args] = {
+    "hover": Args(
+        "memory",
+        "Regression: forces against what pulls at the robot, remembered over seconds, on `tuned`.",
+        tuple(name for name, track in TRACKS.items() if track.flies),
+        "tuned",
+    ),
+}
+"""Settings by name."""
+
+
+@dataclass(frozen=True)
+class Records:
+    """Flights of one track."""
+
+    inputs: np.ndarray
+    """What the network saw: external force and traces, (robots, ticks, inputs)."""
+    actions: np.ndarray
+    """Residual wrench in its own unit, (robots, ticks, 6)."""
+    errors: np.ndarray
+    """True pose errors after each tick, (robots, ticks, 6) [m], [rad]."""
+
+    def plus(self, other: "Records") -> "Records":
+        """These and others of the same track."""
+        return Records(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+
+def network_inputs(config: FitConfig) -> int:
+    """How many numbers the network sees."""
+    return external.SIZE + len(traced()) * len(config.trace_times)
+
+
+def traced() -> np.ndarray:
+    """Entries of the external force, and of the same without its signs, that have traces."""
+    return OBSERVATION + np.arange(2 * 3)
+
+
+def fly(args: Args, agent: Artifact, round_index: int, track: str) -> Records:
+    """Flights of the agent on one track, side by side."""
+    from train.lib.vector import draw_disturbances, make_vector  # with torch, which help does without
+
+    vector, policy = make_vector(track, args.arguments, args.robots), LearnedPolicy(agent)
+    place = list(TRACKS).index(track)
+    rng = np.random.Generator(np.random.PCG64(training_seed(args.seed, 2, round_index, place)))
+    seeds = [training_seed(int(word)) for word in rng.integers(0, 2**32, args.robots)]
+    drawn: dict[str, Any] = {}
+    if find_track(track).disturbances:
+        drawn = {"disturbances": draw_disturbances(track, rng, args.robots)}
+    vector.reset(seed=seeds, options=drawn)
+    policy.reset_batch(seeds)
+    inputs, actions, errors = [], [], []
+    for _ in range(round(find_track(track).seconds * CONTROL_RATE)):
+        seen = policy.see(vector.buffers["observations"])
+        action = agent.act(seen)
+        vector.advance(action)
+        inputs.append(seen[:, OBSERVATION:].astype(np.float32))
+        actions.append(action.astype(np.float32))
+        robots = vector.robots
+        errors.append(np.concatenate([robots["position_error"], robots["attitude_error"]], axis=1, dtype=np.float32))
+    vector.close()
+    return Records(*(np.stack(column, axis=1) for column in (inputs, actions, errors)))
+
+
+@dataclass(frozen=True)
+class Weights:
+    """A network: two hidden layers and a matrix past them."""
+
+    matrices: tuple[np.ndarray, ...]
+    """(hidden, inputs), (hidden, hidden), (3, hidden)."""
+    biases: tuple[np.ndarray, ...]
+    """(hidden,), (hidden,), (3,)."""
+    skip: np.ndarray
+    """(3, inputs)."""
+
+    def weakened(self, fraction: float) -> "Weights":
+        """The same network with a fraction of its output."""
+        *rest, last = self.matrices
+        return Weights(
+            (*rest, fraction * last), (*self.biases[:-1], fraction * self.biases[-1]), fraction * self.skip
+        )  # fmt: skip
+
+
+def silent(config: FitConfig) -> Weights:
+    """The network that adds nothing."""
+    sizes = (network_inputs(config), config.hidden, config.hidden, FORCES)
+    return Weights(
+        tuple(np.zeros((m, n)) for n, m in itertools.pairwise(sizes)), tuple(np.zeros(m) for m in sizes[1:]),
+        np.zeros((FORCES, sizes[0])),
+    )  # fmt: skip
+
+
+def input_scale(records: Mapping[str, Records]) -> np.ndarray:
+    """RMS of what the network sees, over all tracks alike, (inputs,); zero stays zero."""
+    squares = [np.square(own.inputs, dtype=float).mean(axis=(0, 1)) for own in records.values()]
+    return np.sqrt(np.mean(squares, axis=0))
+
+
+def fit(
+    config: FitConfig,
+    records: Mapping[str, Records],
+    units: Mapping[str, np.ndarray],
+    response: np.ndarray,
+    scale: np.ndarray,
+    seed: int,
+    on_update: Callable[[float], object],
+) -> Weights:
+    """Fit a network whose forces, sent through the response, cancel the recorded errors.
+
+    The recorded errors had the recorded residual in them; it is taken out first. A cell, position or attitude of a
+    track, counts by its mean square over the base's, and `harm` times as much where that is above 1.
+
+    Args:
+        config: The network, and how it is fitted.
+        records: Flights so far, by track.
+        units: Track → RMS errors of the base, shape (6,).
+        response: Response of the pose to a pulse, shape (6 errors, 6 entries, ticks).
+        scale: What each input is divided by, (inputs,).
+        seed: Seed of first weights and batches.
+        on_update: Called with the loss of every step.
+    """
+    # Loaded by those who learn: whoever asks for help need not have it.
+    import torch
+    from torch import nn
+
+    torch.manual_seed(seed)
+    rng = np.random.Generator(np.random.PCG64([seed, 1]))
+    first, second, last = (
+        nn.Linear(n, m) for n, m in ((len(scale), config.hidden), (config.hidden,) * 2, (config.hidden, FORCES))
+    )
+    skip = nn.Linear(len(scale), FORCES, bias=False)
+    for layer in (last, skip):
+        nn.init.zeros_(layer.weight)
+    nn.init.zeros_(last.bias)
+    kernel = torch.tensor(response[:, :, ::-1].copy(), dtype=torch.float32)
+
+    def answer(x: "torch.Tensor") -> "torch.Tensor":
+        forces = last(torch.tanh(second(torch.tanh(first(x))))) + skip(x)
+        return torch.cat([forces, torch.zeros_like(forces)], dim=-1)
+
+    def sent(wrench: "torch.Tensor") -> "torch.Tensor":
+        return torch.stack([respond(kernel, each) for each in wrench])
+
+    flown = {}
+    for track, own in records.items():
+        inputs = torch.tensor(own.inputs / np.where(scale > 0.0, scale, 1.0).astype(np.float32))
+        left = torch.tensor(own.errors) - sent(torch.tensor(own.actions))
+        flown[track] = inputs, left, torch.tensor(1.0 / units[track], dtype=torch.float32)
+
+    parameters = [p for layer in (first, second, last, skip) for p in layer.parameters()]
+    optimizer = torch.optim.AdamW(parameters, lr=config.lr, weight_decay=config.decay)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, config.updates)
+    for _ in range(config.updates):
+        loss = torch.zeros(())
+        for inputs, left, weight in flown.values():
+            ids = torch.from_numpy(rng.integers(0, len(inputs), config.batch))
+            before = left[ids] * weight
+            after = before + sent(answer(inputs[ids])) * weight
+            for cell in (slice(0, 3), slice(3, 6)):
+                share = (after[:, FIRST:, cell] ** 2).mean() / (before[:, FIRST:, cell] ** 2).mean()
+                loss = loss + share + config.harm * torch.relu(share - 1.0)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+        on_update(loss.item())
+    with torch.no_grad():
+        layers = first, second, last
+        matrices, biases = (tuple(getattr(m, name).numpy().copy() for m in layers) for name in ("weight", "bias"))
+        return Weights(matrices, biases, skip.weight.numpy().copy())
+
+
+def artifact(args: Args, weights: Weights, scale: np.ndarray, state: State) -> Artifact:
+    """A network as the benchmark's artifact, which is shown the whole observation."""
+    inputs = OBSERVATION + network_inputs(args.fit)
+    first, second, last = weights.matrices
+    unseen = OBSERVATION
+    *hidden, answered = weights.biases
+    none = np.zeros(POSE - FORCES)
+    curve = [[entry["steps"], round(entry["score"], 5)] for entry in state.curve]
+    return Artifact(
+        args.name, "residual", args.doc, HOVER, args.arguments,
+        tuple(w.astype(np.float32) for w in (
+            np.pad(first, ((0, 0), (unseen, 0))), second, np.pad(last, ((0, POSE - FORCES), (0, 0)))
+        )),
+        tuple(b.astype(np.float32) for b in (*hidden, np.concatenate([answered, none]))),
+        np.zeros(inputs), np.concatenate([np.ones(unseen), np.where(scale > 0.0, scale, 1.0) ** 2]),
+        rotor_lag=np.array([args.fit.rotor_lag]), traced=traced().astype(float),
+        trace_times=np.array(args.fit.trace_times),
+        skip=np.pad(weights.skip, ((0, POSE - FORCES), (unseen, 0))).astype(np.float32),
+        training={
+            "command": command_line(), "seed": args.seed, "steps": state.best_steps, "curve": curve,
+        },
+    )  # fmt: skip
+
+
+def weakened(args: Args, weights: Weights, scale: np.ndarray, state: State, fraction: float) -> Artifact:
+    """The artifact of a fraction of what was learned."""
+    return artifact(args, weights.weakened(fraction), scale, state)
+
+
+def learn(args: Args) -> Path:
+    """One run; the path of its artifact."""
+    require_frameworks()
+    from torch.utils.tensorboard import SummaryWriter
+
+    run, state = Run.of(args, HOVER, args.arguments), State()
+    with (
+        kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
+        Pool(args.workers) as pool,
+        Stages(f"{args.name} seed {args.seed}") as stages,
+        SummaryWriter(str(run.folder / "tensorboard")) as board,
+    ):
+        return _learn(args, run, state, pool, stages, board)
+
+
+def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board: "SummaryWriter") -> Path:
+    """Fly, fit and evaluate, round by round; the path of the artifact."""
+    began, updates, ticks = time.perf_counter(), itertools.count(), 0
+    validations = len(args.tracks) * args.scenarios
+
+    def on_update(loss: float) -> None:
+        board.add_scalar("train/loss", loss, next(updates))
+        stages.count()
+
+    stages.begin("playing the base", validations, "scenario")
+    evaluator = PairedEvaluator(
+        args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=stages.count,
+        each=pool.map,
+    )  # fmt: skip
+    state.base = evaluator.means
+    measure = partial(pulse_response, args.arguments, ticks=RESPONSE_TICKS, control=args.control)
+    seeds = [training_seed(args.seed, 4, k) for k in range(args.forms)]
+    measured = stages.each("measuring the response to pulses", pool.map(measure, seeds), args.forms, "form")
+    response = np.mean(list(measured), axis=0)
+    ticks += args.forms * (1 + POSE) * (SETTLE + RESPONSE_TICKS)
+
+    weights = chosen = silent(args.fit)
+    scale = np.zeros(network_inputs(args.fit))
+    records: dict[str, Records] = {}
+    units: dict[str, np.ndarray] = {}
+    for k in range(args.rounds):
+        agent = artifact(args, weights, scale, State())
+        flown = pool.map(partial(fly, args, agent, k), args.tracks)
+        new = stages.each(f"round {k + 1} of {args.rounds}, flying", flown, len(args.tracks), "track")
+        for track, own in zip(args.tracks, list(new), strict=True):
+            records[track] = records[track].plus(own) if k else own
+            ticks += own.actions.shape[0] * own.actions.shape[1]
+        if k == 0:
+            # What the base's flights show, and the errors that it makes, scale all rounds.
+            scale, units = input_scale(records), {track: error_unit(own.errors) for track, own in records.items()}
+        stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update")
+        weights = fit(args.fit, records, units, response, scale, training_seed(args.seed, 3, k), on_update)
+
+        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario")
+        verdict, fraction = evaluator.largest_fraction(partial(weakened, args, weights, scale, state), stages.count)
+        stages.evaluated(verdict)
+        weights = weights.weakened(fraction)
+        state.seconds, state.segment = time.perf_counter() - began, k + 1
+        state.curve.append(curve_line(ticks, state.seconds, verdict))
+        if verdict.admissible and verdict.score < state.best_score:
+            chosen, state.best_score, state.best_steps = weights, verdict.score, ticks
+        run.write_curve(state)
+        for name, value in scalars(state.curve[-1]):
+            board.add_scalar(name, value, ticks)
+    return run.publish(artifact(args, chosen, scale, state))
+
+
+def error_unit(errors: np.ndarray) -> np.ndarray:
+    """RMS of position and attitude errors (robots, ticks, 6), per axis, shape (6,)."""
+    return np.repeat(np.sqrt((errors[:, FIRST:].reshape(-1, 2, 3).astype(float) ** 2).mean(axis=(0, 2))), 3)
+
+
+def main() -> None:
+    """Entry point."""
+    args = parse(PRESETS, "python -m train.memory", __doc__)
+    report(learn(args), args, HOVER, args.tracks, args.base, workers=args.workers)
+
+
+if __name__ == "__main__":
+    run_cli("train.memory", main)
