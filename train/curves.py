@@ -22,7 +22,7 @@ from spidar_gym.errors import SpidarError, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.processes import Pool, cpu_count
 from spidar_gym.text import format_table
-from spidar_gym.viz import learning_curves
+from spidar_gym.viz import Curve, learning_curves
 from train.lib.config import CONTROL
 from train.lib.evaluate import Base, PairedEvaluator
 
@@ -71,21 +71,23 @@ def read_curve(path: Path) -> dict[str, Any]:
         raise SpidarError(f"{path} is no learning curve ({error}); valid: one that a training script wrote") from error
 
 
-def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, list[tuple[list[float], list[float]]]]]:
-    """Metric → row → for each run its steps and absolute values on the validation scenarios.
+def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, list[Curve]]]:
+    """Metric → row → for each run its ticks, minutes, and absolute values on the validation scenarios.
 
     A run that adds to a controller begins as that one; one from nothing begins where it was judged first.
     """
-    found: dict[str, dict[str, list[tuple[list[float], list[float]]]]] = {}
+    found: dict[str, dict[str, list[Curve]]] = {}
     for curve in curves:
         for run in curve["runs"]:
             base = run["base"].get(track)
             adds = run["settings"].get("action_mode") != "direct"
             for metric, value in (base or {}).items():
-                judged = [(float(n["steps"]), value * (1.0 + n["cells"][track][metric])) for n in run["curve"]]
-                points = [(0.0, value), *judged] if adds else judged
-                steps, values = [step for step, _ in points], [value for _, value in points]
-                found.setdefault(metric, {}).setdefault(curve["row"], []).append((steps, values))
+                judged = [
+                    (float(n["steps"]), n["seconds"] / 60.0, value * (1.0 + n["cells"][track][metric]))
+                    for n in run["curve"]
+                ]
+                points = [(0.0, 0.0, value), *judged] if adds else judged
+                found.setdefault(metric, {}).setdefault(curve["row"], []).append(Curve(*zip(*points, strict=True)))
     return found
 
 

@@ -32,7 +32,7 @@ from train.lib.config import TrackRecipe, parse
 from train.lib.envs import training_seed
 from train.lib.evaluate import Base, PairedEvaluator
 from train.lib.report import report
-from train.lib.response import POSE, RESPONSE_TICKS, SETTLE, pulse_response, respond
+from train.lib.response import POSE, RESPONSE_TICKS, SETTLE, pulse_response
 from train.lib.run import Run, State, command_line, curve_line, require_frameworks
 from train.lib.stages import Stages, scalars
 
@@ -233,19 +233,15 @@ def fit(
     for layer in (last, skip):
         nn.init.zeros_(layer.weight)
     nn.init.zeros_(last.bias)
-    kernel = torch.tensor(response[:, :, ::-1].copy(), dtype=torch.float32)
 
     def answer(x: "torch.Tensor") -> "torch.Tensor":
-        forces = last(torch.tanh(second(torch.tanh(first(x))))) + skip(x)
-        return torch.cat([forces, torch.zeros_like(forces)], dim=-1)
+        return last(torch.tanh(second(torch.tanh(first(x))))) + skip(x)
 
-    def sent(wrench: "torch.Tensor") -> "torch.Tensor":
-        return torch.stack([respond(kernel, each) for each in wrench])
-
+    sent = responder(response)
     flown = {}
     for track, own in records.items():
         inputs = torch.tensor(own.inputs / np.where(scale > 0.0, scale, 1.0).astype(np.float32))
-        left = torch.tensor(own.errors) - sent(torch.tensor(own.actions))
+        left = torch.tensor(own.errors) - sent(torch.tensor(own.actions[..., :FORCES]))
         flown[track] = inputs, left, torch.tensor(1.0 / units[track], dtype=torch.float32)
 
     parameters = [p for layer in (first, second, last, skip) for p in layer.parameters()]
@@ -269,6 +265,27 @@ def fit(
         layers = first, second, last
         matrices, biases = (tuple(getattr(m, name).numpy().copy() for m in layers) for name in ("weight", "bias"))
         return Weights(matrices, biases, skip.weight.numpy().copy())
+
+
+def responder(response: np.ndarray) -> Callable[["torch.Tensor"], "torch.Tensor"]:
+    """Forces in their own unit (robots, ticks, 3) → pose errors that they cause (robots, ticks, 6).
+
+    Args:
+        response: Response of the pose to a pulse, shape (6 errors, 6 entries, length).
+    """
+    import torch
+
+    kernel = torch.tensor(response[:, :FORCES], dtype=torch.float32)
+
+    def sent(forces: "torch.Tensor") -> "torch.Tensor":
+        # A product of spectra: the convolution itself takes as long as everything else together five times.
+        ticks = forces.shape[1]
+        size = 1 << (ticks + kernel.shape[2] - 1).bit_length()
+        spectra = torch.fft.rfft(forces.transpose(1, 2), size)
+        caused = torch.einsum("eif,rif->ref", torch.fft.rfft(kernel, size), spectra)
+        return torch.fft.irfft(caused, size)[..., :ticks].transpose(1, 2)
+
+    return sent
 
 
 def artifact(args: Args, weights: Weights, scale: np.ndarray, state: State) -> Artifact:

@@ -1,10 +1,17 @@
 """Figures and films of experiments: what the commands draw."""
 
-from spidar_gym.viz.figures import crawl_figure, flight_figure, leaderboard_picture, learning_curves, speed_figure
+from spidar_gym.viz.figures import (
+    Curve,
+    crawl_figure,
+    flight_figure,
+    leaderboard_picture,
+    learning_curves,
+    speed_figure,
+)
 from spidar_gym.viz.film import Film, Take, crawl_take, crawl_traces, film_take, flight_take, flight_traces
 from spidar_gym.viz.stills import crawl_strip, forms_picture
 
 __all__ = [
-    "Film", "Take", "crawl_figure", "crawl_strip", "crawl_take", "crawl_traces", "film_take", "flight_figure",
+    "Curve", "Film", "Take", "crawl_figure", "crawl_strip", "crawl_take", "crawl_traces", "film_take", "flight_figure",
     "flight_take", "flight_traces", "forms_picture", "leaderboard_picture", "learning_curves", "speed_figure",
 ]  # fmt: skip

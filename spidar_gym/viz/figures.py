@@ -1,6 +1,7 @@
 """Every figure: the paper's flight and crawl, errors over joint speeds, learning curves, the leaderboard."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +41,23 @@ METRICS = {
     "duration_s": ("time [s]", 1.0), "energy_wh": ("energy [Wh]", 1.0), "error": ("error", 1.0),
 }  # fmt: skip
 """Label and factor of the metrics of learning curves."""
-Curves = Sequence[tuple[list[float], list[float]]]
-"""For each run its steps and values."""
 COLUMNS = 3
 """Panels of the leaderboard side by side."""
 WIDE = (0.01, 0.1, 1.0, 10.0)
 FINE = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Ticks of scores, over decades or within one."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A run's learning curve."""
+
+    ticks: Sequence[float]
+    """Control ticks that it had learned from at each validation."""
+    minutes: Sequence[float]
+    """Wall time until then [min]."""
+    values: Sequence[float]
+    """Metric on the validation scenarios, in its own unit."""
 
 
 def flight_figure(log: FlightLog, path: Path) -> None:
@@ -130,44 +141,57 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def learning_curves(
-    panels: Mapping[str, Mapping[str, Curves]], lines: Mapping[str, Mapping[str, float]], title: str, path: Path
+    panels: Mapping[str, Mapping[str, Sequence[Curve]]],
+    lines: Mapping[str, Mapping[str, float]],
+    title: str,
+    path: Path,
 ) -> None:
-    """Learning curves of all runs, a panel a metric, with classical controllers as lines, written as PNG and PDF.
+    """Learning curves of all runs over ticks and, below, over minutes; classical controllers are lines; PNG and PDF.
 
     Args:
-        panels: Metric → row → for each run its steps and values.
+        panels: Metric → row → its runs; a column for each metric.
         lines: Row → metric → value.
         title: Title.
         path: Where the PNG goes.
     """
     plt = pyplot()
-    figure, axes = plt.subplots(1, len(panels), figsize=(3.9 * len(panels), 3.0), squeeze=False)
+    figure, axes = plt.subplots(2, len(panels), figsize=(3.9 * len(panels), 5.4), squeeze=False, sharey="col")
     rows = list(dict.fromkeys(row for runs in panels.values() for row in runs))
     labelled: list[Labelled] = []
-    for axis, (metric, runs) in zip(axes[0], panels.items(), strict=True):
-        label, factor = METRICS[metric]
-        last = []
-        for row, curves in runs.items():
-            color, mark = LOOKS[rows.index(row) % len(LOOKS)]
-            drawn = [
-                axis.plot(
-                    np.array(steps) / 1e6, factor * np.array(values), color=color, linestyle="-", linewidth=0.9,
-                    alpha=0.8, marker=mark, markersize=2.2,
-                )[0]
-                for steps, values in curves
-            ]  # fmt: skip
-            # The name stands at the run in the middle of its row.
-            last.append(sorted(drawn, key=lambda line: line.get_ydata()[-1])[len(drawn) // 2])
-        for k, values in enumerate(lines.values()):
-            last.append(axis.axhline(factor * values[metric], color=GREY, linewidth=1.0, linestyle=STROKES[k % 4]))
-        axis.margins(x=0.03)
-        axis.set_yscale("log")
-        _number(axis)
-        axis.set_xlabel("control ticks [million]")
-        axis.set_ylabel(label)
-        labelled.append((axis, last, [*runs, *lines]))
+    across = (("ticks", 1e-6, "control ticks [million]"), ("minutes", 1.0, "wall time [min]"))
+    for row_axes, (over, scale, name) in zip(axes, across, strict=True):
+        for axis, (metric, runs) in zip(row_axes, panels.items(), strict=True):
+            last = _draw_runs(axis, metric, runs, rows, over, scale)
+            for k, values in enumerate(lines.values()):
+                height = METRICS[metric][1] * values[metric]
+                last.append(axis.axhline(height, color=GREY, linewidth=1.0, linestyle=STROKES[k % 4]))
+            axis.margins(x=0.03)
+            axis.set_yscale("log")
+            _number(axis)
+            axis.set_xlabel(name)
+            axis.set_ylabel(METRICS[metric][0])
+            labelled.append((axis, last, [*runs, *lines]))
     figure.suptitle(title)
     _finish(figure, labelled, path)
+
+
+def _draw_runs(
+    axis: Axes, metric: str, runs: Mapping[str, Sequence[Curve]], rows: list[str], over: str, scale: float
+) -> list[Line]:
+    """Every run of each row; the lines at which the names of the rows stand."""
+    last = []
+    for row, curves in runs.items():
+        color, mark = LOOKS[rows.index(row) % len(LOOKS)]
+        drawn = [
+            axis.plot(
+                scale * np.array(getattr(curve, over)), METRICS[metric][1] * np.array(curve.values), color=color,
+                linestyle="-", linewidth=0.9, alpha=0.8, marker=mark, markersize=2.2,
+            )[0]
+            for curve in curves
+        ]  # fmt: skip
+        # The name stands at the run in the middle of its row.
+        last.append(sorted(drawn, key=lambda line: line.get_ydata()[-1])[len(drawn) // 2])
+    return last
 
 
 def leaderboard_picture(board: Board, path: Path) -> None:

@@ -17,7 +17,11 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def line(steps, position, attitude):
-    return {"steps": steps, "cells": {"flight-fast3": {"position_rms_m": position, "attitude_rms_rad": attitude}}}
+    return {
+        "steps": steps,
+        "seconds": 0.6 * steps,
+        "cells": {"flight-fast3": {"position_rms_m": position, "attitude_rms_rad": attitude}},
+    }
 
 
 def run(folder, seed, *lines, **more):
@@ -36,17 +40,18 @@ def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
     assert len(curve["runs"]) == 2
     found = panels([curve], "flight-fast3")
     first, second = found["position_rms_m"]["ppo"]
-    assert first == ([0.0, 100, 200], pytest.approx([0.01, 0.005, 0.0025]))
-    assert second == ([0.0, 100], pytest.approx([0.01, 0.011]))
-    assert found["attitude_rms_rad"]["ppo"][0][1] == pytest.approx([0.02, 0.02, 0.03])
+    assert (first.ticks, first.minutes) == ((0.0, 100, 200), pytest.approx((0.0, 1.0, 2.0)))
+    assert first.values == pytest.approx([0.01, 0.005, 0.0025])
+    assert (second.ticks, second.values) == ((0.0, 100), pytest.approx([0.01, 0.011]))
+    assert found["attitude_rms_rad"]["ppo"][0].values == pytest.approx([0.02, 0.02, 0.03])
     assert panels([curve], "flight-fast5") == {}
 
 
 def test_a_run_from_nothing_does_not_start_as_the_controller_that_it_is_compared_with(tmp_path):
     run(tmp_path / "runs", 0, line(100, 9.0, 4.0), settings={"action_mode": "direct"})
     (path,) = gather(tmp_path / "runs", tmp_path / "curves")
-    ((steps, values),) = panels([read_curve(path)], "flight-fast3")["position_rms_m"]["ppo"]
-    assert (steps, values) == ([100], pytest.approx([0.1]))
+    (curve,) = panels([read_curve(path)], "flight-fast3")["position_rms_m"]["ppo"]
+    assert (curve.ticks, curve.values) == ((100,), pytest.approx([0.1]))
 
 
 def test_the_guide_says_what_every_committed_row_cost(tmp_path):
@@ -85,4 +90,4 @@ def test_a_picture_has_a_panel_for_each_metric(tmp_path):
     from PIL import Image
 
     with Image.open(tmp_path / "curve.png") as picture:
-        assert picture.width > 2 * picture.height
+        assert picture.width > 1.2 * picture.height

@@ -135,18 +135,28 @@ def test_the_figure_over_joint_speeds_names_its_lines(kept, tmp_path):
         assert (paper.get_ydata() > tuned.get_ydata()).all()
 
 
-def test_learning_curves_have_a_panel_a_metric_and_cover_nothing(kept, tmp_path):
+def curve(steps, run, k):
+    """A run that becomes better as it goes on, a validation every `run` minutes."""
+    values = 1e-3 * k * np.exp(-steps / 5e5 / run)
+    return viz.Curve(steps.tolist(), (steps / 5e4 * run).tolist(), values.tolist())
+
+
+def test_learning_curves_are_over_ticks_and_minutes_and_cover_nothing(kept, tmp_path):
     steps = np.arange(10) * 5e4
     panels = {
-        metric: {row: [(steps.tolist(), (1e-3 * k * np.exp(-steps / 5e5 / run)).tolist()) for run in (1, 2, 3)]
+        metric: {row: [curve(steps, run, k) for run in (1, 2, 3)]
                  for k, row in ((5, "ppo_paper"), (4, "supervised_paper"), (1, "ppo_tuned"))}
         for metric in ("position_rms_m", "attitude_rms_rad")
     }  # fmt: skip
     lines = {"qp": dict.fromkeys(panels, 5e-3), "qp_tuned": dict.fromkeys(panels, 1e-3)}
     viz.learning_curves(panels, lines, "title", tmp_path / "curves.png")
     (figure,) = kept
-    assert len(figure.axes) == 2
+    assert len(figure.axes) == 4
     check_nothing_is_covered(figure)
+    over_ticks, over_minutes = (data_lines(figure.axes[k]) for k in (0, 2))
+    np.testing.assert_allclose(over_ticks[1].get_xdata(), steps / 1e6)
+    np.testing.assert_allclose(over_minutes[1].get_xdata(), steps / 2.5e4)
+    np.testing.assert_array_equal(over_ticks[1].get_ydata(), over_minutes[1].get_ydata())
 
 
 def test_a_figure_is_written_as_png_and_pdf_and_the_same_twice(tmp_path):
