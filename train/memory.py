@@ -192,9 +192,15 @@ def silent(config: FitConfig) -> Weights:
 
 
 def input_scale(records: Mapping[str, Records]) -> np.ndarray:
-    """RMS of what the network sees, over all tracks alike, (inputs,); zero stays zero."""
+    """RMS of what the network sees, over all tracks alike, (inputs,); 0 for what it does not see.
+
+    That is the force of this very tick: most of it is noise, and what the rotors do within a tick or two of the last
+    command, which an answer to it would drive in a circle.
+    """
     squares = [np.square(own.inputs, dtype=float).mean(axis=(0, 1)) for own in records.values()]
-    return np.sqrt(np.mean(squares, axis=0))
+    scale = np.sqrt(np.mean(squares, axis=0))
+    scale[: len(traced())] = 0.0
+    return scale
 
 
 def fit(
@@ -237,10 +243,11 @@ def fit(
     def answer(x: "torch.Tensor") -> "torch.Tensor":
         return last(torch.tanh(second(torch.tanh(first(x))))) + skip(x)
 
-    sent = responder(response)
+    sent, seen = responder(response), np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    first.weight.data[:, torch.tensor(seen == 0.0)] = 0.0  # whose gradients are zero, too
     flown = {}
     for track, own in records.items():
-        inputs = torch.tensor(own.inputs / np.where(scale > 0.0, scale, 1.0).astype(np.float32))
+        inputs = torch.tensor((own.inputs * seen).astype(np.float32))
         left = torch.tensor(own.errors) - sent(torch.tensor(own.actions[..., :FORCES]))
         flown[track] = inputs, left, torch.tensor(1.0 / units[track], dtype=torch.float32)
 
