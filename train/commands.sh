@@ -5,6 +5,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 FLIGHTS="flight-forms flight-fast3 flight-fast5 flight-randomised"
+ALL_FLIGHTS="flight-paper $FLIGHTS flight-wind flight-narrow"
 
 row() { # row NAME SEEDS TRACKS SCRIPT PRESET: train every seed, keep the artifacts, evaluate on the test scenarios
   local name=$1 seeds=$2 tracks=$3 script=$4 preset=$5 seed policies=()
@@ -22,8 +23,10 @@ supervised_tuned() { row supervised_tuned "0 1 2 3 4" "$FLIGHTS" supervised hove
 ppo_paper() { row ppo_paper "0 1 2 3 4" "$FLIGHTS" residual hover-paper-ppo; }
 ppo_tuned() { row ppo_tuned "0 1 2 3 4" "$FLIGHTS" residual hover-tuned-ppo; }
 learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl; }
+distilled() { row distilled "0 1 2 3 4" "$ALL_FLIGHTS" distill hover; }
+memory() { row memory "0 1 2 3 4" "$ALL_FLIGHTS" memory hover; }
 ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }
 
-for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned learned_gait ppo_direct}; do "$name"; done
+for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled memory learned_gait ppo_direct}; do "$name"; done
 python -m train.curves
 spidar leaderboard build

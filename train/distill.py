@@ -84,7 +84,7 @@ class Args(TrackRecipe):
     """Robots on each track."""
     first_ticks: int = 500
     """Ticks that the controller flies alone."""
-    rounds: int = 400
+    rounds: int = 160
     """How often it flies and learns."""
     ticks: int = 150
     """Ticks of every robot a round."""

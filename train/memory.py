@@ -16,10 +16,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from spidar_gym.benchmark.scenario import draw_scenario_from, reset_options
 from spidar_gym.benchmark.track import HOVER, TRACKS, find_track
 from spidar_gym.cli.console import kept, run_cli
 from spidar_gym.control.flight.controller import CONTROL_RATE
@@ -138,17 +139,16 @@ def traced() -> np.ndarray:
 
 
 def fly(args: Args, agent: Artifact, round_index: int, track: str) -> Records:
-    """Flights of the agent on one track, side by side."""
-    from train.lib.vector import draw_disturbances, make_vector  # with torch, which help does without
+    """Flights of the agent on one track, side by side; they begin as scenarios do, trimmed for their robot and wind."""
+    from train.lib.vector import make_vector  # with torch, which help does without
 
     vector, policy = make_vector(track, args.arguments, args.robots), LearnedPolicy(agent)
-    place = list(TRACKS).index(track)
-    rng = np.random.Generator(np.random.PCG64(training_seed(args.seed, 2, round_index, place)))
-    seeds = [training_seed(int(word)) for word in rng.integers(0, 2**32, args.robots)]
-    drawn: dict[str, Any] = {}
-    if find_track(track).disturbances:
-        drawn = {"disturbances": draw_disturbances(track, rng, args.robots)}
-    vector.reset(seed=seeds, options=drawn)
+    words = 2, round_index, list(TRACKS).index(track)
+    rngs = [np.random.Generator(np.random.PCG64(training_seed(args.seed, *words, k))) for k in range(args.robots)]
+    drawn = [draw_scenario_from(find_track(track), rng, k) for k, rng in enumerate(rngs)]
+    options = [reset_options(scenario) for scenario in drawn]
+    seeds = [scenario.seed for scenario in drawn]
+    vector.reset(seed=seeds, options={name: [each[name] for each in options] for name in options[0]})
     policy.reset_batch(seeds)
     inputs, actions, errors = [], [], []
     for _ in range(round(find_track(track).seconds * CONTROL_RATE)):

@@ -1,0 +1,135 @@
+"""Pins the residual with a memory: that what is fitted is what is flown, that it helps in wind, and what it writes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+import torch
+
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.policies import external
+from spidar_gym.policies.artifact import read_artifact
+from train import memory
+from train.lib.config import override
+from train.lib.response import respond
+from train.lib.run import State
+from train.memory import (
+    OBSERVATION,
+    PRESETS,
+    Records,
+    artifact,
+    error_unit,
+    fit,
+    fly,
+    input_scale,
+    learn,
+    network_inputs,
+    responder,
+    silent,
+)
+
+pytestmark = pytest.mark.train
+TINY = override(
+    PRESETS["hover"], tracks=("flight-wind", "flight-fast3"), robots=4, rounds=1, forms=1, scenarios=1, updates=150,
+    hidden=8, batch=2, workers=1,
+)  # fmt: skip
+
+
+def linear_response(seed=0, ticks=60):
+    """A response of six errors to six entries that dies away."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(6, 6, 1)) * np.exp(-np.arange(ticks) / 8.0) * 0.01
+
+
+def test_a_product_of_spectra_is_the_convolution():
+    response, forces = linear_response(), torch.randn(3, 90, 3, generator=torch.Generator().manual_seed(0))
+    kernel = torch.tensor(response[:, :, ::-1].copy(), dtype=torch.float32)
+    expected = [respond(kernel, torch.cat([each, torch.zeros_like(each)], dim=1)) for each in forces]
+    torch.testing.assert_close(responder(response)(forces), torch.stack(expected), atol=1e-6, rtol=1e-4)
+
+
+def test_what_is_fitted_cancels_the_errors_that_the_memory_tells_of_and_leaves_the_others_alone():
+    rng, response = np.random.default_rng(1), linear_response()
+    size, sent = network_inputs(TINY.fit), responder(response)
+    records = {}
+    for track, told in (("windy", 1.0), ("calm", 0.0)):
+        inputs = rng.normal(size=(6, 160, size)).astype(np.float32) * (0.2 + told)
+        # Behind the force of this tick and the first integral, the first trace of x tells of a force.
+        cause = 0.3 * told * inputs[..., external.SIZE : external.SIZE + 3]
+        noise = 0.002 * rng.normal(size=(6, 160, 6)).astype(np.float32)
+        errors = sent(torch.tensor(cause)).numpy() + noise
+        records[track] = Records(inputs, np.zeros((6, 160, 6), np.float32), errors)
+    units = {track: error_unit(own.errors) for track, own in records.items()}
+    scale = input_scale(records)
+    config = replace(TINY.fit, updates=400)
+    found = fit(config, records, units, response, scale, 0, lambda _: None)
+
+    def left(own):
+        x = own.inputs / np.where(scale > 0.0, scale, 1.0) * (scale > 0.0)
+        hidden = x
+        for matrix, bias in zip(found.matrices[:-1], found.biases[:-1], strict=True):
+            hidden = np.tanh(hidden @ matrix.T + bias)
+        forces = hidden @ found.matrices[-1].T + found.biases[-1] + x @ found.skip.T
+        errors = own.errors + sent(torch.tensor(forces, dtype=torch.float32)).numpy()
+        return float(np.sqrt(np.square(errors[:, 40:]).mean() / np.square(own.errors[:, 40:]).mean()))
+
+    assert left(records["windy"]) < 0.6
+    assert left(records["calm"]) < 1.1
+    assert not found.matrices[0][:, scale == 0.0].any(), "what it does not see has no weight"
+
+
+def test_the_artifact_flies_as_the_fit_saw_it_and_the_silent_one_is_the_base():
+    rng, config = np.random.default_rng(2), TINY.fit
+    quiet = silent(config)
+    scale = np.full(network_inputs(config), 3.0)
+    scale[:6] = 0.0
+    base = fly(TINY, artifact(TINY, quiet, scale, State()), 0, "flight-wind")
+    assert base.inputs.shape == (4, 800, network_inputs(config))
+    assert not base.actions.any()
+    again = fly(TINY, artifact(TINY, quiet, scale, State()), 0, "flight-wind")
+    np.testing.assert_array_equal(base.inputs, again.inputs)
+    loud = replace(quiet, skip=0.02 * rng.normal(size=quiet.skip.shape))
+    loud.skip[:, :9] = 0.0
+    flown = fly(TINY, artifact(TINY, loud, scale, State()), 0, "flight-wind")
+    expected = flown.inputs[..., 9:] / 3.0 @ loud.skip[:, 9:].T
+    np.testing.assert_allclose(flown.actions[..., :3], expected, atol=1e-5)
+    assert not flown.actions[..., 3:].any(), "no torque is learned"
+
+
+def test_it_takes_a_part_of_what_wind_does_and_adds_nothing_that_is_worse(tmp_path):
+    args = override(TINY, robots=8, updates=400, scenarios=3, hidden=16, workers=2)
+    path = learn(override(args, out=tmp_path))
+    curve = json.loads((path.parent / "curve.json").read_text())
+    cells = curve["curve"][-1]["cells"]
+    assert cells["flight-wind"]["position_rms_m"] < -0.15
+    assert max(value for cell in cells.values() for value in cell.values()) <= 0.02
+    learned = read_artifact(path)
+    assert not learned.weights[0][:, : OBSERVATION + 6].any()
+    assert learned.training["steps"] > 8 * (800 + 480)
+
+
+def test_the_same_seed_gives_the_same_bytes_however_many_processes_fly(tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "RESPONSE_TICKS", 40)
+    for name in TINY.tracks:
+        monkeypatch.setitem(TRACKS, name, replace(TRACKS[name], seconds=3.0))
+    args = override(TINY, updates=4, robots=2)
+    first, second = (learn(override(args, out=tmp_path / str(n), workers=n)) for n in (1, 2))
+    assert first.read_bytes() == second.read_bytes()
+    assert learn(override(args, seed=1, out=tmp_path / "other")).read_bytes() != first.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"robots": 0}, "robots = 0 is not valid"),
+        ({"tracks": ("ground-paper",)}, "a crawl has no pose to hold"),
+        ({"tracks": ("flight-to-mars",)}, "unknown track"),
+    ],
+)
+def test_settings_that_cannot_be_learned_with_are_refused(change, words):
+    with pytest.raises((InvalidValueError, UnknownNameError), match=words):
+        override(TINY, **change)
