@@ -112,6 +112,18 @@ PRESETS: dict[str, Args] = {
         tuple(name for name, track in TRACKS.items() if track.flies),
         "tuned",
     ),
+    "first": Args(
+        "first",
+        "A first agent: a smaller network that flies through forms, without a controller, after some minutes.",
+        ("flight-forms", "flight-fast3"),
+        "tuned",
+        robots=12,
+        first_ticks=300,
+        rounds=60,
+        validations=3,
+        scenarios=4,
+        study=StudyConfig(hidden=128, first_updates=1000, updates=100),
+    ),
 }
 """Settings by name."""
 

@@ -64,6 +64,6 @@ def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str
         words = f"{words}; worst {worst:+.1%}: {'; '.join(cells)}" if cells else words
     return "\n".join([
         f"validation: {words}",
-        f"watch it:   spidar run {env_id} --policy {path}",
+        f"film it:    spidar run {env_id} --policy {path} --out {path.with_name('film.mp4')}",
         f"measure it: spidar eval --policy {path} --tracks {' '.join(tracks)}",
     ])  # fmt: skip

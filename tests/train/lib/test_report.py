@@ -24,7 +24,7 @@ def test_the_conclusion_compares_in_words_and_numbers_and_names_commands(tmp_pat
     said = concluded(tmp_path, {"steps": 64, "score": -0.1})
     assert "10.0% better than paper in the mean, chosen after 64 ticks; worst +1.0%" in said
     assert "flight-fast3 position -21.0%, attitude +1.0%" in said
-    assert f"spidar run {HOVER} --policy {tmp_path / 'policy.npz'}" in said
+    assert f"spidar run {HOVER} --policy {tmp_path / 'policy.npz'} --out {tmp_path / 'film.mp4'}" in said
     assert f"spidar eval --policy {tmp_path / 'policy.npz'} --tracks flight-fast3" in said
 
 
