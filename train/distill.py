@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from train.lib.taught import Lessons, TaughtFlights
 
-FORCE, NET_FORCE, NET_TORQUE = 2.0, 1.0, 0.3
+FORCE, NET_FORCE, NET_TORQUE = 2.0, 0.5, 0.1
 """Errors that count the same: of a rotor's force [N], the total force [N] and torque [Nm].
 
 The joints go to their form by themselves: learned, changes of 5 mrad in a tick never became exact enough to reach it.
@@ -84,7 +84,7 @@ class Args(TrackRecipe):
     """Robots on each track."""
     first_ticks: int = 500
     """Ticks that the controller flies alone."""
-    rounds: int = 160
+    rounds: int = 100
     """How often it flies and learns."""
     ticks: int = 150
     """Ticks of every robot a round."""
