@@ -51,7 +51,7 @@ OPPONENT = "paper"
 class StudyConfig:
     """The network, and how it learns."""
 
-    hidden: int = 192
+    hidden: int = 96
     """Width of the two hidden layers."""
     lr: float = 2e-3
     """Learning rate at the beginning; it falls to a fiftieth along a cosine."""
@@ -114,7 +114,7 @@ PRESETS: dict[str, Args] = {
     ),
     "first": Args(
         "first",
-        "A first agent: a smaller network that flies through forms, without a controller, after some minutes.",
+        "A first agent: a network that flies through forms, without a controller, after some minutes.",
         ("flight-forms", "flight-fast3"),
         "tuned",
         robots=12,
@@ -122,7 +122,7 @@ PRESETS: dict[str, Args] = {
         rounds=60,
         validations=3,
         scenarios=4,
-        study=StudyConfig(hidden=128, first_updates=1000, updates=100),
+        study=StudyConfig(first_updates=1000, updates=100),
     ),
 }
 """Settings by name."""
