@@ -224,7 +224,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("joints", "f8", (N_JOINTS,), "as commanded [rad]"),
         ("has_velocity has_first", "i4", (), "whether they are remembered"),
         ("velocity force", "f8", (3,), "of the last tick, of the model of the rotors; torso axes [m/s], [N]"),
-        ("external", "f8", (9,), "external force, the same without signs, the first integral of the position"),
+        ("external", "f8", (9,), "external force; the same, and the first integral of the position, without signs"),
         ("observation", "f4", (MAX_OBSERVATION,), "what it saw last"),
     )),
 )  # fmt: skip

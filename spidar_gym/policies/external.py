@@ -50,8 +50,8 @@ class ExternalForce:
             observation: Of a flight, shape (…, size).
 
         Returns:
-            Behind it the force, what it is without its signs [N], and the position's integral as it was first [m s],
-            which tells what was known of the robot before; three each. At first there is no force yet.
+            Behind it the force [N], the same without its signs, and the position's integral as it was first [m s],
+            without its signs, which tells how much was known to pull before; three each. At first there is no force yet.
         """
         seen = {name: observation[..., place].astype(float) for name, place in PLACES.items()}
         x, y = -seen["attitude_error"][..., 1], seen["attitude_error"][..., 0]
@@ -61,7 +61,7 @@ class ExternalForce:
         self.force = np.where(begun, self.force + self.share * (force - self.force), force)
         momentum = ROBOT.weight / GRAVITY * CONTROL_RATE * (velocity - self.velocity)
         pull = np.where(begun, momentum - self.force + ROBOT.weight * up, 0.0)
-        self.first = np.where(begun, self.first, seen["position_integral"])
+        self.first = np.where(begun, self.first, np.abs(seen["position_integral"]))
         self.velocity = velocity
         return np.concatenate([observation, pull, np.abs(pull), self.first], axis=-1)
 

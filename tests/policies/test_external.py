@@ -48,7 +48,7 @@ def test_it_is_a_force_its_size_and_the_first_integral():
     assert first.shape == (3, 200 + SIZE)
     later = force(rng.normal(size=(3, 200)))
     np.testing.assert_array_equal(later[:, -6:-3], np.abs(later[:, -9:-6]))
-    np.testing.assert_array_equal(later[:, -3:], seen[:, PLACES["position_integral"]])
+    np.testing.assert_array_equal(later[:, -3:], np.abs(seen[:, PLACES["position_integral"]]))
     assert np.abs(later[:, -9:-6]).min() > 0.0
 
 

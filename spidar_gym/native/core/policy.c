@@ -161,7 +161,7 @@ static void look_for_force(const sp_robot *robot, sp_policy *policy, const sp_sn
         double pull = policy->has_velocity ? gained - policy->force[k] + robot->weight * up[k] : 0.0;
         policy->external[k] = pull;
         policy->external[3 + k] = fabs(pull);
-        if (!policy->has_first) policy->external[6 + k] = seen[SP_POLICY_AT_INTEGRAL + k];
+        if (!policy->has_first) policy->external[6 + k] = fabsf(seen[SP_POLICY_AT_INTEGRAL + k]);
         policy->velocity[k] = velocity;
     }
     policy->has_velocity = policy->has_first = 1;

@@ -486,7 +486,7 @@ typedef struct {
     double joints[16]; /* as commanded [rad] */
     int32_t has_velocity, has_first; /* whether they are remembered */
     double velocity[3], force[3]; /* of the last tick, of the model of the rotors; torso axes [m/s], [N] */
-    double external[9]; /* external force, the same without signs, the first integral of the position */
+    double external[9]; /* external force; the same, and the first integral of the position, without signs */
     float observation[512]; /* what it saw last */
 } sp_policy;
 
