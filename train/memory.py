@@ -85,8 +85,8 @@ class Args(TrackRecipe):
     action_mode = "residual_wrench"
 
     rounds: int = 1
-    """How often it flies and learns; the base alone flies in the first round. More than one brings nothing: what is
-    flown is what the fit foresaw."""
+    """How often it flies and learns; the base alone flies in the first round. One is enough: what is flown is what the
+    fit foresaw."""
     robots: int = 64
     """Flights of each track a round."""
     forms: int = 4
