@@ -51,7 +51,7 @@ class ExternalForce:
 
         Returns:
             Behind it the force [N], the same without its signs, and the position's integral as it was first [m s],
-            without its signs, which tells how much was known to pull before; three each. At first there is no force yet.
+            without its signs, which tells how much was known to pull before; three each. There is no force at first.
         """
         seen = {name: observation[..., place].astype(float) for name, place in PLACES.items()}
         x, y = -seen["attitude_error"][..., 1], seen["attitude_error"][..., 0]
