@@ -32,6 +32,10 @@ LINES = {
 """Whether it flies → rows of the controllers that are added to, drawn as lines, with their presets."""
 
 
+TAUGHT = "train.distill"
+"""The recipe whose agents never add to a controller; its settings have no action mode."""
+
+
 @dataclass(frozen=True)
 class Args:
     """Gather the curves of runs, and draw them."""
@@ -74,13 +78,13 @@ def read_curve(path: Path) -> dict[str, Any]:
 def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, list[Curve]]]:
     """Metric → row → for each run its ticks, minutes, and absolute values on the validation scenarios.
 
-    A run that adds to a controller begins as that one; one from nothing begins where it was judged first.
+    A run that adds to a controller begins as that one; one that flies by itself begins where it was judged first.
     """
     found: dict[str, dict[str, list[Curve]]] = {}
     for curve in curves:
         for run in curve["runs"]:
             base = run["base"].get(track)
-            adds = run["settings"].get("action_mode") != "direct"
+            adds = run["settings"].get("action_mode") != "direct" and TAUGHT not in run.get("command", "")
             for metric, value in (base or {}).items():
                 judged = [
                     (float(n["steps"]), n["seconds"] / 60.0, value * (1.0 + n["cells"][track][metric]))

@@ -18,6 +18,7 @@ from spidar_gym.viz.style import (
     GREEN,
     GREY,
     PURPLE,
+    SKY,
     VERMILLION,
     Axes,
     Figure,
@@ -31,7 +32,7 @@ from spidar_gym.viz.style import (
 
 Labelled = tuple[Axes, Sequence[Line], Sequence[str]]
 """A panel, its lines, and their names."""
-LOOKS = ((BLUE, "o"), (VERMILLION, "D"), (GREEN, "s"), (PURPLE, "v"), (BLACK, "^"))
+LOOKS = ((BLUE, "o"), (VERMILLION, "D"), (GREEN, "s"), (PURPLE, "v"), (BLACK, "^"), (SKY, "P"))
 """Colour and mark of what is told apart by both."""
 CLASSES: dict[str, tuple[str, str]] = dict(zip(KINDS, LOOKS, strict=False))
 """Colour and mark of a class of policies."""

@@ -18,7 +18,7 @@ INSTALL_VIZ = "pip install 'spidar-gym[viz]'"
 STYLE = "spidar_gym.viz.spidar"
 """Name of the style file for Matplotlib: `spidar.mplstyle` beside this module."""
 BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-BLACK, GREY = "#222222", "#8A8A8A"
+SKY, BLACK, GREY = "#56B4E9", "#222222", "#8A8A8A"
 Span = tuple[float, float]
 """Start and end of a stretch of time [s]."""
 LABEL_GAP = 1.15
