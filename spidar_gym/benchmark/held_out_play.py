@@ -97,7 +97,7 @@ def choose(
     for name, row in rows.items():
         if name in chosen:
             require_own_policies(row, trust=trust)
-            # Without a controller a robot that is not as described falls: nothing to be learned from the table.
+            # Most policies without a controller fall everywhere, and tell nothing here; who flies without is named.
             if names or own is not None or _has_controller(load_policy(row.policies[0])):
                 found.append(_entrant(name, row.kind, row.policies, row.base if row.base in rows else ""))
     if own is not None:

@@ -20,7 +20,7 @@ OFFSET = 0.1
 SPEED, ACCELERATION = 1.0, 2.5
 """Largest speed of the slowest joint [rad/s], and how fast that changes [rad/s²]."""
 SURE = 0.15
-"""A joint that was commanded slower than this was where it was asked to be [rad/s]: no servo is as slow."""
+"""A joint that was commanded slower than this was where it was asked to be [rad/s]; so servos may not be slower."""
 HOLD = 0.05
 """Share of a force that keeps φ where it was: where the thrust lies along φ's axis, φ means nothing."""
 ACTION = 3 * N_ROTORS + N_JOINTS
