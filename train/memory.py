@@ -224,7 +224,7 @@ def fit(
     """Fit a network whose forces, sent through the response, cancel the recorded errors.
 
     The recorded errors had the recorded residual in them; it is taken out first. A cell, position or attitude of a
-    track, counts by its mean square over the base's, and `harm` times as much where that is above 1.
+    track, counts by its mean square over the base's, and `harm` times as much where that is above 1 and `SLACK`.
 
     Args:
         config: The network, and how it is fitted.

@@ -278,7 +278,8 @@ def test_controller_and_policy_of_the_core_are_those_of_python(core, name):
 def test_a_residual_that_remembers_the_external_force_answers_as_in_its_environment(core):
     net = feeling()
     core(net, 1000.0)
-    env = make(net, control="core", sensors=True, disturbances={"wind": 2.0, "push": 20.0})
+    # A drawn robot begins with integrals, of either sign.
+    env = make(net, control="core", sensors=True, randomization=1.0, disturbances={"wind": 2.0, "push": 20.0})
     observation, _ = env.reset(seed=4)
     learned, policy = Learned(env), LearnedPolicy(net)
     policy.reset(0)
@@ -290,11 +291,13 @@ def test_a_residual_that_remembers_the_external_force_answers_as_in_its_environm
         apart_by.append(np.abs(learned.action[:6] - action).max())
         shown = policy.behind.velocity
         np.testing.assert_allclose(learned.own["policy"]["velocity"], shown, atol=1e-6)
+        np.testing.assert_allclose(learned.own["policy"]["external"][6:], policy.behind.first, rtol=1e-6)
         pulls.append(learned.own["policy"]["external"].copy())
         observation, _, terminated, _, _ = env.step(learned.action[:6].astype(np.float32))
         assert not terminated
     print(f"\naction {max(apart_by):.1e}, pulls up to {np.abs(pulls).max():.0f} N")
     assert max(apart_by) < 1e-4
+    assert pulls[0][6:].min() > 0.0, "it is told without signs"
     assert np.abs(np.mean(pulls[20:], axis=0)[:3]).max() > 1.0, "wind pulls"
     # What is no number is not remembered.
     seen = learned.own["policy"]
