@@ -4,6 +4,7 @@ import contextlib
 import os
 import pickle
 import signal
+import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -128,6 +129,9 @@ def _work(line: Connection, life: Connection, parents_end: Connection) -> None:
         signal.signal(number, lambda *_: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
     parents_end.close()
+    if torch := sys.modules.get("torch"):
+        # A fork has none of the threads that its parent's products were shared among, and would wait for them for ever.
+        torch.set_num_threads(1)
     threading.Thread(target=_end_with, args=(life,), daemon=True).start()
     with contextlib.suppress(EOFError, ConnectionError):
         while job := line.recv_bytes():

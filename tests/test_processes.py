@@ -219,6 +219,25 @@ def test_a_pool_works_in_a_thread_too():
     assert found == [1, 2, 3]
 
 
+def torch_product(size):
+    """Something that torch shares among threads."""
+    import torch
+
+    return float(torch.linalg.qr(torch.eye(size) + 1.0)[0].square().sum())
+
+
+def test_workers_of_a_process_in_which_torch_has_threads_do_not_wait_for_them():
+    torch = pytest.importorskip("torch", reason="the extra `train` is not installed")
+    before = torch.get_num_threads()
+    torch.set_num_threads(4)
+    try:
+        here = torch_product(400)
+        with Pool(2) as pool:
+            assert list(pool.map(torch_product, [400, 400])) == pytest.approx([here, here], rel=1e-4)
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_no_workers_at_all_are_refused():
     with pytest.raises(InvalidValueError, match="workers"):
         Pool(0)
