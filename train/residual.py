@@ -21,7 +21,9 @@ import numpy as np
 
 from spidar_gym.benchmark.track import CRAWL, HOVER, TRACKS
 from spidar_gym.cli.console import kept, run_cli
-from spidar_gym.policies.artifact import Artifact
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.policies import torso
+from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.processes import cpu_count
 from train.lib.config import CONTROL, EvaluationConfig, Recipe, ScheduleConfig, parse
 from train.lib.envs import NOMINAL, EnvConfig, Scaling, training_seed
@@ -48,7 +50,13 @@ class Args(Recipe):
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     start: str = ""
-    """Artifact whose network it begins as, {seed} standing for the run's; none: it begins as what adds nothing."""
+    """Artifact whose network it begins as, and with which it is compared, {seed} standing for the run's; none: it
+    begins as what adds nothing."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.learner.symmetric and not self.env.torso:
+            raise InvalidValueError("symmetric", True, "False but in the torso's axes")
 
 
 MOMENTUM = ("leg_momentum", "leg_momentum_rate")
@@ -183,6 +191,30 @@ PRESETS: dict[str, Args] = {
         schedule=ScheduleConfig(steps=8_028_160, first_steps=1_500_000, segment=286_720, envs=112),
         evaluation=EvaluationConfig(scenarios=4, select=False),
     ),
+    "hover-distilled-ppo": Args(
+        "distilled_ppo",
+        "PPO: the network of `distilled`, improved on all flights.",
+        EnvConfig(HOVER, DIRECT_TRACKS, "tuned", "direct", torso=True, trace_times=(0.2, 1.0, 5.0, 30.0)),
+        # As small as what is left of the errors, and a noise that is not much larger.
+        RewardConfig("pose", position=0.003, attitude=0.0037, velocity=0.01, rate=0.02, penalty=0.0, reward_scale=0.2),
+        LearnerConfig(
+            hidden=96,
+            activation="relu",
+            skip=True,
+            action_scale=0.02,
+            log_std=0.0,
+            lr=1e-4,
+            lr_end=1e-5,
+            gamma=0.95,
+            batch_size=1792,
+            critic_first=143_360,
+            average=0.9,
+            ppo=PPOConfig(n_steps=64, epochs=5, target_kl=0.03),
+        ),
+        ScheduleConfig(steps=2_007_040, segment=143_360, envs=112),
+        EvaluationConfig(scenarios=12),
+        start="baselines/learned/distilled/seed{seed}.npz",
+    ),
     "hover-direct-ppo": Args(
         "ppo_direct",
         "PPO from nothing: thrust, vectoring angles and joint targets, no controller.",
@@ -215,7 +247,7 @@ def make_robots(
     env = replace(args.env, tracks=tuple(tracks)) if tracks else args.env
     return TrainingVec(
         env, args.reward, args.schedule.envs, scaling=scaling, relative_errors=relative_errors,
-        threads=args.schedule.threads,
+        action_scale=args.learner.action_scale, threads=args.schedule.threads,
     )  # fmt: skip
 
 
@@ -224,7 +256,8 @@ def make_agent(args: Args, envs: "TrainingVec", logs: str | None = None) -> "Age
     from train.lib.agent import build
 
     hidden, still = args.env.hidden_entries(), args.env.still_entries()
-    return build(args.learner, envs, args.seed, logs=logs, hidden=hidden, still=still)
+    turns = (args.env.shown_turn(), torso.SAID_TURN) if args.learner.symmetric else None
+    return build(args.learner, envs, args.seed, logs=logs, hidden=hidden, still=still, turns=turns)
 
 
 def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Scaling:
@@ -235,8 +268,9 @@ def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Sc
     """
     from train.lib.vector import baseline_scaling
 
-    spread = 0.0 if args.env.adds else math.exp(args.learner.log_std)
-    return baseline_scaling(args.env, args.seed, args.schedule.scaling_ticks // args.env.hold, spread, on_tick)
+    spread = 0.0 if args.env.adds else args.learner.action_scale * math.exp(args.learner.log_std)
+    found = baseline_scaling(args.env, args.seed, args.schedule.scaling_ticks // args.env.hold, spread, on_tick)
+    return found.alike(args.env.shown_turn()) if args.learner.symmetric else found
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
@@ -244,10 +278,11 @@ def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Arti
     env, ppo = args.env, args.learner.algorithm == "ppo"
     output = "torso" if env.torso else "clip" if ppo else "tanh"
     skip = np.zeros((0, 0), np.float32)
+    *first, (weight, bias) = layers
+    weight, bias = args.learner.action_scale * weight, args.learner.action_scale * bias
     if args.learner.skip:
-        *first, (weight, bias) = layers
-        last, skip = np.split(weight, [len(layers[-2][1])], axis=1)
-        layers = (*first, (last, bias))
+        weight, skip = np.split(weight, [len(layers[-2][1])], axis=1)
+    layers = (*first, (weight, bias))
     return make_artifact(
         layers, scaling, state, name=args.name, kind="residual" if env.adds else "learned", doc=args.doc,
         env_id=env.env_id, arguments=env.arguments, activation=args.learner.activation if ppo else "relu",
@@ -320,11 +355,11 @@ def _learn(
     segments = max(1, round(schedule.steps / schedule.segment))
 
     stages.begin("playing the base", len(env.tracks) * args.evaluation.scenarios, "scenario")
-    base = Base(env.arguments if env.adds else {"preset": env.base})
+    origin = find_origin(args.start, args.seed, env, learner)
+    base = Base(env.arguments if env.adds else {"preset": env.base}) if origin is None else LearnedPolicy(origin)
     evaluator = PairedEvaluator(env.tracks, base, args.evaluation.scenarios, control=CONTROL, on_scenario=stages.count)
     state.base = evaluator.means
 
-    origin = find_origin(args.start, args.seed, env, learner)
     if not state.scaling:
         state.scaling = vars(_first_scaling(args, origin, stages))
     size = len(env.hidden_entries())
@@ -334,7 +369,7 @@ def _learn(
     course = Course(args, scaling, evaluator.relative_errors())
     model = make_agent(args, course.robots(state.segment), str(run.folder / "tensorboard"))
     if origin is not None:
-        agent.set_actor(model, first_layers(origin))
+        agent.set_actor(model, first_layers(origin, learner.action_scale))
     if state.learner:
         for name, layers in (("mean", state.mean), ("best", state.best)):
             run.require_alike(layer_arrays(name, layers), layer_arrays(name, agent.actor_layers(model)))
@@ -392,7 +427,9 @@ def _reward(model: "Agent") -> float | None:
 def main() -> None:
     """Entry point."""
     args = parse(PRESETS, "python -m train.residual", __doc__)
-    report(learn(args), args, args.env.env_id, args.env.tracks, args.env.base, workers=cpu_count())
+    origin = find_origin(args.start, args.seed, args.env, args.learner)
+    base = args.env.base if origin is None else origin.name
+    report(learn(args), args, args.env.env_id, args.env.tracks, base, workers=cpu_count())
 
 
 if __name__ == "__main__":

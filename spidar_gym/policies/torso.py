@@ -6,6 +6,9 @@ the two are kinematics of the measured joints; nothing here knows the robot's ma
 joints go to their form by themselves, gently and straight, if the network says nothing else.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from spidar_gym.control.flight.compensation import ramp_joints
@@ -75,6 +78,54 @@ def directions(sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
 def turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Each vector (…, 8, 3) by its matrix."""
     return np.matmul(R, vectors[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What becomes of numbers when the robot is turned by 90° about its z axis and each leg takes the next one's place.
+
+    The robot is the same again: what is shown, turned, has the answer, turned.
+    """
+
+    places: np.ndarray
+    """Which number stands at each place afterwards, (size,)."""
+    signs: np.ndarray
+    """With which sign, (size,)."""
+
+    @classmethod
+    def joined(cls, turns: "Sequence[Turn]") -> "Turn":
+        """That of numbers one behind the other."""
+        starts = np.cumsum([0, *(len(turn.places) for turn in turns)])
+        places = [start + turn.places for start, turn in zip(starts, turns, strict=False)]
+        return cls(np.concatenate(places), np.concatenate([turn.signs for turn in turns]))
+
+    @classmethod
+    def passed_on(cls, size: int, parts: int = N_LEGS) -> "Turn":
+        """That of numbers whose `parts` equal parts take the next one's place; one part stays where it is."""
+        return cls(np.roll(np.arange(size), size // parts % size), np.ones(size))
+
+    def __call__(self, numbers: np.ndarray) -> np.ndarray:
+        """Numbers (…, size), turned."""
+        return self.signs * numbers[..., self.places]
+
+
+_VECTOR = Turn(np.array([1, 0, 2]), np.array([-1.0, 1.0, 1.0]))
+"""(x, y, z) → (−y, x, z)."""
+_BY_ROTOR = Turn(
+    (3 * np.roll(np.arange(N_ROTORS), N_ROTORS // N_LEGS)[:, None] + _VECTOR.places).reshape(-1),
+    np.tile(_VECTOR.signs, N_ROTORS),
+)
+"""A vector for each rotor: turned, and passed on to the next leg's."""
+_BY_LEG = Turn.passed_on(N_JOINTS)
+SAID_TURN = Turn.joined([_BY_ROTOR, _BY_LEG])
+"""That of what the network says."""
+
+
+def shown_turn(traces: int) -> Turn:
+    """That of what the network sees: features, and behind them so many traces of vectors."""
+    kinds = {3: _VECTOR, N_JOINTS: _BY_LEG, 1: Turn.passed_on(1, 1)}
+    kept = [kinds[field.size] for name in KEPT for field in _FIELDS if field.name == name]
+    return Turn.joined([*kept, *[_BY_ROTOR] * 3, _BY_LEG, *[_VECTOR] * (traces // 3)])
 
 
 class Joints:

@@ -6,6 +6,7 @@ import pytest
 
 from spidar_gym.control.flight.compensation import ramp_joints
 from spidar_gym.control.flight.observation import layout
+from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.policies import torso
@@ -204,3 +205,43 @@ def test_each_robot_of_many_is_answered_as_it_would_be_alone(dtype):
     for k in range(33):
         np.testing.assert_array_equal(torso.features(observation[k]), many[0][k])
         np.testing.assert_array_equal(torso.command(said[k], observation[k]), many[1][k])
+
+
+def test_a_robot_turned_by_a_quarter_flies_nearly_as_it_did_if_what_it_is_told_is_turned_too():
+    rng, by_leg = np.random.default_rng(7), torso.Turn.passed_on(16)
+    by_axis = torso.Turn(np.array([1, 0, 2]), np.array([-1.0, 1.0, 1.0]))
+    forms, offset, tilt = rng.uniform(-0.6, 0.6, (2, 16)), np.array([0.02, -0.03, 0.01]), np.array([0.05, -0.02, 0.03])
+    starts = [
+        {
+            "goals": [[0.0, 0.0, one], [0.2, 3.0, other]],
+            "position": [float(x) for x in offset], "rotation": [float(x) for x in tilt],
+        }
+        for one, other, offset, tilt in (
+            (*forms.tolist(), offset, tilt), (*by_leg(forms).tolist(), by_axis(offset), by_axis(tilt)),
+        )
+    ]  # fmt: skip
+    robots = NativeVectorEnv("spidar_gym/Hover-v0", 2, action_mode="direct", forms="independent", joint_speed=0.6)
+    observations = robots.reset(seed=1, options={"start": starts})[0]
+    joints, turn = torso.Joints(), torso.shown_turn(0)
+    joints.reset(2)
+    first = torso.features(joints(observations))
+    np.testing.assert_allclose(turn(first[0]), first[1], atol=1e-6)
+    for _ in range(8):
+        seen = joints(observations)
+        shown = torso.features(seen)
+        said = 0.2 * rng.normal(size=40)
+        observations = robots.step(torso.command(np.array([said, torso.SAID_TURN(said)]), seen).astype(np.float32))[0]
+    robots.close()
+    # Not exactly: the torso carries a flight controller and a computer beside its axis.
+    for name in ("velocity_error", "attitude_error", "angular_velocity_error"):
+        place = torso.KEPT_ENTRIES.tolist().index(torso.entries(name)[0]) + np.arange(3)
+        way = np.linalg.norm(shown[1, place] - first[1, place])
+        assert way > 0.01
+        assert np.linalg.norm(turn(shown[0])[place] - shown[1, place]) < 0.03 * way
+
+
+def test_four_quarters_are_a_whole_turn():
+    numbers = np.random.default_rng(8).normal(size=(3, torso.FEATURES + 12))
+    turn = torso.shown_turn(12)
+    np.testing.assert_array_equal(turn(turn(turn(turn(numbers)))), numbers)
+    assert np.abs(turn(turn(numbers)) - numbers).max() > 0.1

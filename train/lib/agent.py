@@ -16,6 +16,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.policies.torso import Turn
+from spidar_gym.robot import N_LEGS
 from train.lib.learner import Layers, LearnerConfig
 
 Agent = PPO | SAC
@@ -58,7 +60,8 @@ class PastPolicy(ActorCriticPolicy):
 
 
 def build(
-    config: LearnerConfig, envs: VecEnv, seed: int, *, logs: str | None, hidden: np.ndarray, still: np.ndarray
+    config: LearnerConfig, envs: VecEnv, seed: int, *, logs: str | None, hidden: np.ndarray, still: np.ndarray,
+    turns: tuple[Turn, Turn] | None = None,
 ) -> Agent:  # fmt: skip
     """An agent on the CPU whose mean action is exactly zero.
 
@@ -69,6 +72,7 @@ def build(
         logs: Folder for TensorBoard; none if None.
         hidden: Mask of the observation's numbers that the actor does not see, though the critic does.
         still: Mask of the action's entries that stay 0.
+        turns: Those of what is seen and of what is said, for an agent that does turned what it does.
     """
     # A second thread spins between the small products of these networks, on the core where the engine's second works.
     torch.set_num_threads(1)
@@ -109,7 +113,50 @@ def build(
         first.weight.register_hook(lambda gradient: gradient * seen)
         last.weight.register_hook(lambda gradient: gradient * free[:, None])
         last.bias.register_hook(lambda gradient: gradient * free)
+    if turns is not None:
+        assert isinstance(model, PPO)
+        _make_symmetric(model, *turns)
     return model
+
+
+def _make_symmetric(model: PPO, shown: Turn, said: Turn) -> None:
+    """Let actor and critic do with what is turned what they do, turned; gradients that are alike keep them so."""
+    policy = model.policy
+    networks = (
+        (said, policy.mlp_extractor.policy_net, policy.action_net),
+        (Turn.passed_on(1, 1), policy.mlp_extractor.value_net, policy.value_net),
+    )
+    for end, *parts in networks:
+        layers = [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
+        before = shown
+        for layer in layers:
+            after = end if layer is layers[-1] else Turn.passed_on(layer.out_features)
+            if layer.in_features > len(before.places):
+                before = Turn.joined([before, shown])
+            _tie(layer.weight, after, before)
+            _tie(layer.bias, after)
+            before = after
+    _tie(policy.log_std, Turn(said.places, np.ones(len(said.places))))
+
+
+def _tie(parameter: torch.Tensor, *turns: Turn) -> None:
+    """Make a parameter, and its gradients from now on, the same whichever way its axes are turned."""
+    places = np.ix_(*(turn.places for turn in turns))
+    flat = torch.from_numpy(np.arange(parameter.numel()).reshape(parameter.shape)[places])
+    signs = turns[0].signs if len(turns) == 1 else np.multiply.outer(*(turn.signs for turn in turns))
+    factor = torch.tensor(signs, dtype=torch.float32)
+
+    def alike(values: torch.Tensor) -> torch.Tensor:
+        total = turned = values
+        for _ in range(N_LEGS - 1):
+            turned = factor * turned.flatten()[flat]
+            total = total + turned
+        return total / N_LEGS
+
+    with torch.no_grad():
+        # Drawn independently, a mean of four is half as large as each; a bias is zero, and log σ alike.
+        parameter.copy_(alike(parameter) * (2.0 if parameter.dim() == 2 else 1.0))
+    parameter.register_hook(alike)
 
 
 def learn_segment(

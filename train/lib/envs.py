@@ -17,6 +17,8 @@ from spidar_gym.control.flight.observation import Field, layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode, find_action_mode
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.policies import torso
+from spidar_gym.policies.torso import Turn
+from spidar_gym.robot import N_LEGS
 
 NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
 """Tracks of flights at three speeds, on the robot of the description."""
@@ -103,6 +105,10 @@ class EnvConfig:
             require_name("piece of the observation", name, [field.name for field in self.fields])
         return np.concatenate([np.full(f.size, bool(self.sees) and f.name not in self.sees) for f in self.fields])
 
+    def shown_turn(self) -> Turn:
+        """What becomes of the numbers shown in the torso's axes when the robot is turned by 90°."""
+        return torso.shown_turn(len(self.traced) * len(self.trace_times))
+
     def still_entries(self) -> np.ndarray:
         """Mask of the action's entries that stay 0 (`InvalidValueError` for an entry that there is not)."""
         size = self.mode.size
@@ -149,6 +155,14 @@ class Scaling:
         """(o − mean) / √variance, clipped, float32."""
         x = (observation - self.mean) / np.sqrt(self.variance)
         return np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
+
+    def alike(self, turn: Turn) -> "Scaling":
+        """That which scales what is turned alike: means over all four ways in which the robot can stand."""
+        means, variances = [self.mean], [self.variance]
+        for _ in range(N_LEGS - 1):
+            means.append(turn(means[-1]))
+            variances.append(variances[-1][turn.places])
+        return Scaling(np.mean(means, axis=0), np.mean(variances, axis=0), self.clip)
 
 
 def scaling_of(observations: np.ndarray, bounds: np.ndarray) -> Scaling:

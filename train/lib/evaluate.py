@@ -83,14 +83,14 @@ class PairedEvaluator:
     """Plays the base once, and then every candidate on the very same scenarios."""
 
     def __init__(
-        self, tracks: Sequence[str], base: Base, scenarios: int, *, control: str,
+        self, tracks: Sequence[str], base: Policy, scenarios: int, *, control: str,
         on_scenario: Callable[[], object] = lambda: None, each: Callable[..., Iterable[Any]] = map,
     ) -> None:  # fmt: skip
         """Play the base.
 
         Args:
             tracks: Tracks of one environment.
-            base: Controller that candidates are compared with.
+            base: What candidates are compared with.
             scenarios: How many of each track's validation scenarios, from the first on.
             control: `python` or `core`.
             on_scenario: Called after each.

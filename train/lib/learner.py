@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
+from spidar_gym.robot import N_LEGS
 
 ALGORITHMS = ("ppo", "sac")
 """Learners by name."""
@@ -59,10 +60,15 @@ class LearnerConfig:
     """PPO: activation of the hidden layers, tanh or relu."""
     skip: bool = False
     """PPO: whether a matrix goes straight from what the actor sees to what it says, past the layers."""
+    symmetric: bool = False
+    """PPO in the torso's axes: turned by 90° the robot is the same again, so the network is, too."""
     critic_hidden: int = 128
     """Width of the critic's two hidden layers."""
+    action_scale: float = 1.0
+    """What a 1 of the learner is of an action: steps of Adam are as large in units of one network as of another, and
+    have to be small beside the exploration."""
     log_std: float = -2.0
-    """Logarithm of the exploration's standard deviation at the beginning."""
+    """Logarithm of the exploration's standard deviation at the beginning, in units of `action_scale`."""
     lr: float = 5e-4
     """Learning rate at the beginning."""
     lr_end: float = 5e-5
@@ -82,6 +88,9 @@ class LearnerConfig:
         require_name("algorithm", self.algorithm, ALGORITHMS)
         require_name("activation", self.activation, ACTIVATIONS)
         require_least(1, hidden=self.hidden, batch_size=self.batch_size)
+        for name, width in (("hidden", self.hidden), ("critic_hidden", self.critic_hidden)):
+            if self.symmetric and width % N_LEGS:
+                raise InvalidValueError(name, width, f"a multiple of {N_LEGS}: each leg has as many units")
         require_within(0.0, 1.0, gamma=self.gamma, average=self.average)
         if self.average == 1.0:
             raise InvalidValueError("average", 1.0, "a number below 1")

@@ -30,6 +30,7 @@ def find_origin(start: str, seed: int, env: EnvConfig, learner: LearnerConfig) -
     widths = [learner.hidden] * 2
     same = (
         found.env_id == env.env_id
+        and dict(found.arguments) == env.arguments
         and found.output == ("torso" if env.torso else "clip")
         and found.activation == learner.activation
         and (found.skip.size > 0) == learner.skip
@@ -39,15 +40,15 @@ def find_origin(start: str, seed: int, env: EnvConfig, learner: LearnerConfig) -
     )
     if not same:
         raise SpidarError(
-            f"{path} is another kind of network; valid: one of {env.env_id} with torso={env.torso}, hidden layers of "
-            f"{widths} {learner.activation}, skip={learner.skip}, trace_times={env.trace_times}"
+            f"{path} is another kind of network; valid: one of {env.env_id} {env.arguments} with torso={env.torso}, "
+            f"hidden layers of {widths} {learner.activation}, skip={learner.skip}, trace_times={env.trace_times}"
         )
     return found
 
 
-def first_layers(found: Artifact) -> Layers:
-    """Its layers as those of an actor."""
-    weights = list(found.weights)
+def first_layers(found: Artifact, action_scale: float = 1.0) -> Layers:
+    """Its layers as those of an actor of which a 1 is `action_scale` of an action."""
+    *first, (weight, bias) = zip(found.weights, found.biases, strict=True)
     if found.skip.size:
-        weights[-1] = np.concatenate([weights[-1], found.skip], axis=1)
-    return tuple(zip(weights, found.biases, strict=True))
+        weight = np.concatenate([weight, found.skip], axis=1)
+    return (*first, (weight / action_scale, bias / action_scale))

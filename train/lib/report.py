@@ -25,7 +25,7 @@ def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base:
         recipe: Settings of the run, which say whether a row is wanted, and where it goes.
         env_id: Environment.
         tracks: Tracks on which it was evaluated.
-        base: Preset of the controller that it adds to, or that it is to replace.
+        base: Preset of the controller that it adds to, or that it is to replace; or a row of the leaderboard.
         workers: Processes.
     """
     print(f"{path}: {recipe.name}, seed {recipe.seed}\n{conclusion(path, base, env_id, tracks)}")
@@ -39,7 +39,7 @@ def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base:
             on_track=bar.set_postfix_str,
         )  # fmt: skip
     row = make_row([policy], [spec], scores, command=eval_command([spec], tracks))
-    written, against = write_row(row, recipe.output.out / "scores"), committed_row(BASES[base])
+    written, against = write_row(row, recipe.output.out / "scores"), committed_row(BASES.get(base, base))
     if against is not None:
         print(comparison_text(row, against))
     print(f"written to {written}")

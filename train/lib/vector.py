@@ -153,6 +153,7 @@ class TrainingVec(VecEnv):
         *,
         scaling: Scaling | None = None,
         relative_errors: Mapping[str, float] | None = None,
+        action_scale: float = 1.0,
         threads: int = 1,
     ) -> None:
         """Make them.
@@ -164,10 +165,11 @@ class TrainingVec(VecEnv):
             scaling: Scaling of the observations; none if None.
             relative_errors: Errors of the base on each track over their mean on all tracks, by which `reward` is
                 scaled; 1 where a track has none.
+            action_scale: What a 1 of the learner is of an action.
             threads: How many threads carry them.
         """
         errors = relative_errors or {}
-        self._hold, self._scaling, self._free = config.hold, scaling, 1.0 - config.still_entries()
+        self._hold, self._scaling, self._does = config.hold, scaling, action_scale * (1.0 - config.still_entries())
         self._groups = []
         for k, track in enumerate(config.tracks):
             places = np.arange(k, robots, len(config.tracks))
@@ -184,6 +186,8 @@ class TrainingVec(VecEnv):
         if config.torso:
             space = _box(np.inf, len(config.hidden_entries()))
             does = _box(FARTHEST, torso.ACTION)
+        if action_scale != 1.0:
+            does = _box(float(does.high[0]) / action_scale, len(does.high))
         self.raw_space = space
         """Space of what is shown before it is scaled."""
         if scaling is not None:
@@ -205,7 +209,7 @@ class TrainingVec(VecEnv):
 
     def step_async(self, actions: np.ndarray) -> None:
         """Say what all robots are to do."""
-        self._actions = self._free * np.asarray(actions, np.float64)
+        self._actions = self._does * np.asarray(actions, np.float64)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """As long as an action is held: observations, rewards, who is done, infos."""

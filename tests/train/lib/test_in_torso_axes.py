@@ -6,21 +6,22 @@ import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+import torch
 from support.networks import in_torso_axes
 
 from spidar_gym.benchmark.track import CRAWL, TRACKS
 from spidar_gym.envs.hover.task import MARGINS
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies import torso
-from spidar_gym.policies.artifact import LearnedPolicy, write_artifact
+from spidar_gym.policies.artifact import LearnedPolicy, read_artifact, write_artifact
 from train.lib.agent import actor_layers, set_actor
 from train.lib.config import override
 from train.lib.envs import Scaling, training_seed
 from train.lib.origin import find_origin, first_layers
 from train.lib.rewards import RewardConfig
 from train.lib.run import State
-from train.lib.vector import TrainingVec
-from train.residual import PRESETS, Course, artifact, make_agent, make_robots
+from train.lib.vector import FARTHEST, TrainingVec
+from train.residual import PRESETS, Course, artifact, learn, make_agent, make_robots
 
 pytestmark = pytest.mark.train
 ARGS = override(
@@ -79,7 +80,7 @@ def test_an_agent_is_shown_and_does_what_its_artifact_sees_and_does(brief):
 
 def test_without_an_origin_it_hovers_and_with_one_it_is_that(brief, tmp_path):
     net = in_torso_axes(traced=tuple(ARGS.env.traced.astype(float)), times=(0.2,), hidden=(16, 16))
-    net = replace(net, activation="relu")
+    net = replace(net, activation="relu", arguments=ARGS.env.arguments)
     write_artifact(net, tmp_path / "seed4.npz")
     args = replace(ARGS, seed=4, start=str(tmp_path / "seed{seed}.npz"))
     found = find_origin(args.start, args.seed, args.env, args.learner)
@@ -97,7 +98,7 @@ def test_without_an_origin_it_hovers_and_with_one_it_is_that(brief, tmp_path):
         np.testing.assert_array_equal(one, other)
     seen = np.concatenate([group.vector.buffers["observations"] for group in robots._groups])
     np.testing.assert_array_equal(LearnedPolicy(net).act(seen[0]), LearnedPolicy(again).act(seen[0]))
-    for other in ({"hidden": 8}, {"skip": False}, {"activation": "tanh"}, {"trace_times": (0.3,)}):
+    for other in ({"hidden": 8}, {"base": "tuned"}, {"skip": False}, {"activation": "tanh"}, {"trace_times": (0.3,)}):
         with pytest.raises(SpidarError, match="another kind of network; valid: one of") as caught:
             find_origin(args.start, 4, *(lambda a: (a.env, a.learner))(override(args, **other)))
         assert "\n" not in str(caught.value)
@@ -162,3 +163,50 @@ def test_the_reward_of_a_flight_counts_far_errors_joints_and_changes(brief):
     assert terms[2] < 1.0
     for robots in (plain, counted):
         robots.close()
+
+
+def test_whatever_a_1_of_the_learner_is_the_artifact_does_what_was_learned(brief):
+    scaling = scaling_for(ARGS)
+    args = override(ARGS, action_scale=0.25)
+    robots = make_robots(args, scaling)
+    assert robots.action_space.high[0] == pytest.approx(FARTHEST / 0.25)
+    model = loud(make_agent(args, robots))
+    layers = actor_layers(model)
+    assert robots.step_async(np.ones((3, 40))) is None
+    np.testing.assert_array_equal(robots._actions, 0.25)
+    learned = artifact(args, layers, scaling, State())
+    plain = artifact(ARGS, layers, scaling, State())
+    for one, other in ((learned.weights[-1], plain.weights[-1]), (learned.skip, plain.skip)):
+        np.testing.assert_allclose(one, 0.25 * other, rtol=1e-6)
+    np.testing.assert_array_equal(learned.weights[0], plain.weights[0])
+    again = first_layers(learned, 0.25)
+    for one, other in zip(layers, again, strict=True):
+        for mine, its in zip(one, other, strict=True):
+            np.testing.assert_allclose(mine, its, rtol=1e-6)
+    robots.close()
+
+
+def test_a_symmetric_agent_says_turned_what_it_says_and_learning_leaves_it_so(brief, tmp_path):
+    args = override(ARGS, symmetric=True, seed=3, lr=3e-3, segment=48, steps=96, first_steps=0, scenarios=1, row=False)
+    found = read_artifact(learn(override(args, out=tmp_path)))
+    other = read_artifact(learn(override(args, symmetric=False, out=tmp_path / "free")))
+    turn, seen = args.env.shown_turn(), np.random.default_rng(5).normal(size=(9, len(found.mean)))
+    model = make_agent(args, make_robots(args, scaling_for(args)))
+
+    def answers(net, shown):
+        set_actor(model, first_layers(net))
+        scaling = Scaling(net.mean, net.variance, net.clip)
+        return model.predict(scaling(shown), deterministic=True)[0]
+
+    assert np.abs(answers(found, seen)).max() > 0.001, "it has learned something"
+    np.testing.assert_allclose(answers(found, turn(seen)), torso.SAID_TURN(answers(found, seen)), atol=1e-5)
+    assert np.abs(answers(other, turn(seen)) - torso.SAID_TURN(answers(other, seen))).max() > 0.001
+    values = [model.policy.predict_values(torch.tensor(each, dtype=torch.float32)) for each in (seen, turn(seen))]
+    torch.testing.assert_close(*values, atol=1e-5, rtol=1e-5)
+
+
+def test_symmetry_is_of_torso_axes_and_of_whole_legs():
+    with pytest.raises(InvalidValueError, match="symmetric = True is not valid"):
+        override(PRESETS["hover-direct-ppo"], symmetric=True)
+    with pytest.raises(InvalidValueError, match="hidden = 18 is not valid; expected a multiple of 4"):
+        override(ARGS, symmetric=True, hidden=18)
