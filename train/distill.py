@@ -24,7 +24,7 @@ from spidar_gym.errors import InvalidValueError, require_above, require_least
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.processes import Pool, cpu_count
-from spidar_gym.robot import N_ROTORS
+from spidar_gym.robot import N_LEGS, N_ROTORS
 from train.lib.config import TrackRecipe, parse
 from train.lib.envs import ERRORS, Scaling, scaling_of, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
@@ -51,7 +51,7 @@ OPPONENT = "paper"
 class StudyConfig:
     """The network, and how it learns."""
 
-    hidden: int = 96
+    hidden: int = 64
     """Width of the two hidden layers."""
     lr: float = 2e-3
     """Learning rate at the beginning; it falls to a fiftieth along a cosine."""
@@ -65,11 +65,15 @@ class StudyConfig:
     """Lessons that are kept; the oldest make room."""
     average: int = 500
     """Steps over which the weights are averaged."""
+    symmetric: bool = True
+    """Turned by 90° the robot is the same again, so the network is, too."""
 
     def __post_init__(self) -> None:
         require_least(1, hidden=self.hidden, batch=self.batch, updates=self.updates, room=self.room)
         require_least(1, first_updates=self.first_updates, average=self.average)
         require_above("1", lr=self.lr)
+        if self.symmetric and self.hidden % N_LEGS:
+            raise InvalidValueError("hidden", self.hidden, f"a multiple of {N_LEGS}: each leg has as many units")
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,11 @@ class Args(TrackRecipe):
     """Robots on each track."""
     first_ticks: int = 500
     """Ticks that the controller flies alone."""
-    rounds: int = 100
+    rounds: int = 60
     """How often it flies and learns."""
     ticks: int = 150
     """Ticks of every robot a round."""
-    validations: int = 5
+    validations: int = 3
     """How often it is evaluated."""
     scenarios: int = 6
     """Validation scenarios of each track."""
@@ -190,10 +194,13 @@ class Student:
         import torch
         from torch import nn
 
+        from train.lib.symmetry import tie, tie_layers
+
         self._config, self._updates, self.done = config, updates, 0
-        self.scaling = scaling
-        self._mean = torch.tensor(scaling.mean, dtype=torch.float32)
-        self._deviation = torch.tensor(np.sqrt(scaling.variance), dtype=torch.float32)
+        turn = torso.shown_turn(len(scaling.mean) - torso.FEATURES)
+        self.scaling = scaling.alike(turn) if config.symmetric else scaling
+        self._mean = torch.tensor(self.scaling.mean, dtype=torch.float32)
+        self._deviation = torch.tensor(np.sqrt(self.scaling.variance), dtype=torch.float32)
         sizes = (len(scaling.mean), config.hidden, config.hidden, answers.shape[1])
         self.network: Any = nn.ModuleList([nn.Linear(n, m) for n, m in pairwise(sizes)])
         self.network.append(nn.Linear(sizes[0], sizes[-1], bias=False))
@@ -205,6 +212,9 @@ class Student:
             nn.init.normal_(last.weight, std=0.01)
             last.weight[3 * N_ROTORS :] = 0.0  # and nothing teaches them else
             last.bias.copy_(torch.from_numpy(answers.mean(axis=0)))
+        if config.symmetric:
+            tie_layers([*hidden, last], turn, torso.SAID_TURN)
+            tie(skip.weight, torso.SAID_TURN, turn)
         matrices = [layer.weight for layer in (*hidden, last)]
         rest = [p for p in self.network.parameters() if all(p is not m for m in matrices)]
         # Steps of equal size in all directions of a matrix (Jordan et al. 2024): rare directions are learned, too.

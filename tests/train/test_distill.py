@@ -91,7 +91,35 @@ def test_the_same_seed_gives_the_same_bytes_and_a_policy_without_traces_sees_non
     assert not np.any(other.weights[-1][24:]), "and leads no joint off its form"
 
 
+def test_turned_by_a_quarter_a_network_says_the_same_turned_but_for_a_constant(tmp_path):
+    found = read_artifact(learn(override(TINY, out=tmp_path)))
+    free = read_artifact(learn(override(TINY, symmetric=False, out=tmp_path / "free")))
+    turn, shown = (
+        torso.shown_turn(12 * len(TINY.trace_times)),
+        np.random.default_rng(0).normal(size=(9, len(found.mean))),
+    )
+
+    def said(net, shown):
+        x = (shown - net.mean) / np.sqrt(net.variance)
+        first, second, last = net.weights
+        hidden = np.maximum(
+            second @ np.maximum(first @ x.T + net.biases[0][:, None], 0.0) + net.biases[1][:, None], 0.0
+        )
+        return (last @ hidden + net.skip @ x.T).T
+
+    loudest = np.abs(said(found, shown)).max()
+    assert loudest > 0.01
+    np.testing.assert_allclose(said(found, turn(shown)), torso.SAID_TURN(said(found, shown)), atol=1e-5 * loudest)
+    assert np.abs(said(free, turn(shown)) - torso.SAID_TURN(said(free, shown))).max() > 0.01
+    assert np.abs(found.biases[-1] - torso.SAID_TURN(found.biases[-1])).max() > 0.0
+
+
 @pytest.mark.parametrize("changes", [{"robots": 0}, {"tracks": ("ground-paper",)}, {"rounds": 0}])
 def test_what_is_no_course_is_refused(changes):
     with pytest.raises(InvalidValueError):
         replace(TINY, **changes)
+
+
+def test_each_leg_has_as_many_units():
+    with pytest.raises(InvalidValueError, match="hidden = 18 is not valid; expected a multiple of 4"):
+        override(TINY, hidden=18)

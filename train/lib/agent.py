@@ -17,8 +17,8 @@ from torch import nn
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.torso import Turn
-from spidar_gym.robot import N_LEGS
 from train.lib.learner import Layers, LearnerConfig
+from train.lib.symmetry import tie, tie_layers
 
 Agent = PPO | SAC
 """A learner of Stable-Baselines3."""
@@ -120,43 +120,11 @@ def build(
 
 
 def _make_symmetric(model: PPO, shown: Turn, said: Turn) -> None:
-    """Let actor and critic do with what is turned what they do, turned; gradients that are alike keep them so."""
-    policy = model.policy
-    networks = (
-        (said, policy.mlp_extractor.policy_net, policy.action_net),
-        (Turn.passed_on(1, 1), policy.mlp_extractor.value_net, policy.value_net),
-    )
-    for end, *parts in networks:
-        layers = [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
-        before = shown
-        for layer in layers:
-            after = end if layer is layers[-1] else Turn.passed_on(layer.out_features)
-            if layer.in_features > len(before.places):
-                before = Turn.joined([before, shown])
-            _tie(layer.weight, after, before)
-            _tie(layer.bias, after)
-            before = after
-    _tie(policy.log_std, Turn(said.places, np.ones(len(said.places))))
-
-
-def _tie(parameter: torch.Tensor, *turns: Turn) -> None:
-    """Make a parameter, and its gradients from now on, the same whichever way its axes are turned."""
-    places = np.ix_(*(turn.places for turn in turns))
-    flat = torch.from_numpy(np.arange(parameter.numel()).reshape(parameter.shape)[places])
-    signs = turns[0].signs if len(turns) == 1 else np.multiply.outer(*(turn.signs for turn in turns))
-    factor = torch.tensor(signs, dtype=torch.float32)
-
-    def alike(values: torch.Tensor) -> torch.Tensor:
-        total = turned = values
-        for _ in range(N_LEGS - 1):
-            turned = factor * turned.flatten()[flat]
-            total = total + turned
-        return total / N_LEGS
-
-    with torch.no_grad():
-        # Drawn independently, a mean of four is half as large as each; a bias is zero, and log σ alike.
-        parameter.copy_(alike(parameter) * (2.0 if parameter.dim() == 2 else 1.0))
-    parameter.register_hook(alike)
+    """Let actor and critic do with what is turned what they do, turned."""
+    critic = [m for part in (model.policy.mlp_extractor.value_net, model.policy.value_net) for m in _linear(part)]
+    tie_layers(_actor(model), shown, said)
+    tie_layers(critic, shown, Turn.passed_on(1, 1))
+    tie(model.policy.log_std, Turn(said.places, np.ones(len(said.places))))
 
 
 def learn_segment(
@@ -242,7 +210,12 @@ def _actor(model: Agent) -> list[nn.Linear]:
         parts = [model.policy.mlp_extractor.policy_net, model.policy.action_net]
     else:
         parts = [model.actor.latent_pi, model.actor.mu]
-    return [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
+    return [m for part in parts for m in _linear(part)]
+
+
+def _linear(part: nn.Module) -> list[nn.Linear]:
+    """A part's layers, in order."""
+    return [m for m in part.modules() if isinstance(m, nn.Linear)]
 
 
 def actor_layers(model: Agent) -> Layers:
