@@ -88,11 +88,11 @@ class Args(TrackRecipe):
     """Robots on each track."""
     first_ticks: int = 500
     """Ticks that the controller flies alone."""
-    rounds: int = 60
+    rounds: int = 100
     """How often it flies and learns."""
     ticks: int = 150
     """Ticks of every robot a round."""
-    validations: int = 3
+    validations: int = 5
     """How often it is evaluated."""
     scenarios: int = 6
     """Validation scenarios of each track."""
