@@ -128,8 +128,9 @@ def _make_symmetric(model: PPO, shown: Turn, said: Turn) -> None:
 
 
 def learn_segment(
-    model: Agent, envs: VecEnv, schedule: "ActorSchedule", *, steps: int, seed: int, lr: float, first: bool
-) -> None:
+    model: Agent, envs: VecEnv, schedule: "ActorSchedule", *, steps: int, seed: int, lr: float, first: bool,
+    log_std: float | None = None,
+) -> None:  # fmt: skip
     """Learn for `steps` decisions from fresh episodes: the outcome depends on the state, the seed and nothing else.
 
     An update of PPO is Stable-Baselines3's: all environments play `n_steps` decisions; the advantages of generalised
@@ -145,11 +146,15 @@ def learn_segment(
         seed: Seed of everything that is drawn in this segment.
         lr: Learning rate.
         first: Whether it is the run's first segment.
+        log_std: PPO: logarithm of the exploration's standard deviation; None: it is learned.
     """
     model.set_env(envs, force_reset=True)
     model.set_random_seed(seed)
     model.learning_rate = lr
     model._setup_lr_schedule()
+    if isinstance(model, PPO) and log_std is not None:
+        with torch.no_grad():
+            model.policy.log_std.fill_(log_std)
     model.learn(steps, callback=schedule, reset_num_timesteps=first, log_interval=1, tb_log_name="log")
     schedule.update_average()
 

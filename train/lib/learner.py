@@ -69,6 +69,8 @@ class LearnerConfig:
     have to be small beside the exploration."""
     log_std: float = -2.0
     """Logarithm of the exploration's standard deviation at the beginning, in units of `action_scale`."""
+    log_std_end: float | None = None
+    """PPO: the same at the end; it changes evenly, segment by segment. None: it is learned."""
     lr: float = 5e-4
     """Learning rate at the beginning."""
     lr_end: float = 5e-5
