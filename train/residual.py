@@ -203,24 +203,27 @@ PRESETS: dict[str, Args] = {
     "hover-distilled-ppo": Args(
         "distilled_ppo",
         "PPO: the network of `distilled`, improved on all flights.",
-        EnvConfig(HOVER, DIRECT_TRACKS, "tuned", "direct", torso=True, trace_times=(0.2, 1.0, 5.0, 30.0)),
-        # As small as what is left of the errors, and a noise that is not much larger.
-        RewardConfig("pose", position=0.003, attitude=0.0037, velocity=0.01, rate=0.02, penalty=0.0, reward_scale=0.2),
+        EnvConfig(HOVER, DIRECT_TRACKS, "tuned", "direct", still=JOINTS, torso=True, trace_times=(0.2, 1.0, 5.0, 30.0)),
+        # Each error in units of what is left of it, and an exploration that is not much larger.
+        RewardConfig(
+            "pose", position=0.003, attitude=0.003, velocity=0.01, rate=0.02, apart=True, penalty=0.0, reward_scale=0.2
+        ),
         LearnerConfig(
-            hidden=96,
             activation="relu",
             skip=True,
-            action_scale=0.02,
+            symmetric=True,
+            action_scale=0.01,
             log_std=0.0,
+            log_std_end=0.0,
             lr=1e-4,
             lr_end=1e-5,
-            gamma=0.95,
-            batch_size=1792,
+            gamma=0.98,
+            batch_size=3584,
             critic_first=143_360,
-            average=0.9,
-            ppo=PPOConfig(n_steps=64, epochs=5, target_kl=0.03),
+            average=0.8,
+            ppo=PPOConfig(n_steps=128, epochs=4, target_kl=0.05),
         ),
-        ScheduleConfig(steps=2_007_040, segment=143_360, envs=112),
+        ScheduleConfig(steps=2_007_040, segment=200_704, envs=112),
         EvaluationConfig(scenarios=12),
         start="baselines/learned/distilled/seed{seed}.npz",
     ),
@@ -239,7 +242,7 @@ PRESETS: dict[str, Args] = {
 def make_robots(
     args: Args,
     scaling: Scaling,
-    relative_errors: Mapping[str, float] = MappingProxyType({}),
+    relative_errors: Mapping[str, Sequence[float]] = MappingProxyType({}),
     tracks: Sequence[str] = (),
 ) -> "TrainingVec":
     """The robots to learn on; the tracks take turns.
@@ -324,7 +327,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
 class Course:
     """The robots to learn on: first those of a few tracks, then those of all."""
 
-    def __init__(self, args: Args, scaling: Scaling, relative_errors: Mapping[str, float]) -> None:
+    def __init__(self, args: Args, scaling: Scaling, relative_errors: Mapping[str, Sequence[float]]) -> None:
         """Take the settings; robots are made when they are asked for."""
         self._args, self._make = args, partial(make_robots, args, scaling, relative_errors)
         self._tracks: tuple[str, ...] = ()
@@ -375,7 +378,7 @@ def _learn(
     run.require_alike(state.scaling, vars(Scaling(np.zeros(size), np.ones(size))))
     scaling = Scaling(**state.scaling)
 
-    course = Course(args, scaling, evaluator.relative_errors())
+    course = Course(args, scaling, evaluator.relative_errors(apart=args.reward.apart))
     model = make_agent(args, course.robots(state.segment), str(run.folder / "tensorboard"))
     if origin is not None:
         agent.set_actor(model, first_layers(origin, learner.action_scale))

@@ -114,15 +114,20 @@ class PairedEvaluator:
             means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
         return means
 
-    def relative_errors(self) -> dict[str, float]:
-        """Track → error of the base over its mean on all tracks, mean over the metrics."""
+    def relative_errors(self, *, apart: bool = False) -> dict[str, tuple[float, ...]]:
+        """Track → errors of the base over their means on all tracks, one for each metric.
+
+        Args:
+            apart: Each by itself; else each is the mean of them all.
+        """
         every = {
             metric: np.mean([means[metric] for means in self.means.values()]) for metric in self.means[self._tracks[0]]
         }
-        return {
-            track: float(np.mean([value / every[metric] for metric, value in means.items()]))
-            for track, means in self.means.items()
-        }
+        found = {}
+        for track, means in self.means.items():
+            own = [float(value / every[metric]) for metric, value in means.items()]
+            found[track] = tuple(own) if apart else (float(np.mean(own)),) * len(own)
+        return found
 
     def _play(
         self,

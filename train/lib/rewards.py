@@ -27,6 +27,8 @@ class RewardConfig:
     """Velocity that halves a term of its own of `pose` [m/s]; 0 is no such term."""
     rate: float = 0.0
     """Angular velocity that halves a term of its own of `pose` [rad/s]; 0 is no such term."""
+    apart: bool = False
+    """In proportion to the base's error of the same kind, position or attitude; else to the mean of both."""
     far_position: float = 0.0
     """Position error that halves a second term of `pose` [m], the same on each track: where the others are next to
     nothing, it says which way is better; 0 is no such term."""

@@ -152,7 +152,7 @@ class TrainingVec(VecEnv):
         robots: int,
         *,
         scaling: Scaling | None = None,
-        relative_errors: Mapping[str, float] | None = None,
+        relative_errors: Mapping[str, Sequence[float]] | None = None,
         action_scale: float = 1.0,
         threads: int = 1,
     ) -> None:
@@ -163,8 +163,8 @@ class TrainingVec(VecEnv):
             reward: What it is rewarded for.
             robots: How many.
             scaling: Scaling of the observations; none if None.
-            relative_errors: Errors of the base on each track over their mean on all tracks, by which `reward` is
-                scaled; 1 where a track has none.
+            relative_errors: Errors of the base on each track over their means on all tracks, by which `reward` is
+                scaled, in flight position and attitude; 1 where a track has none.
             action_scale: What a 1 of the learner is of an action.
             threads: How many threads carry them.
         """
@@ -174,10 +174,9 @@ class TrainingVec(VecEnv):
         for k, track in enumerate(config.tracks):
             places = np.arange(k, robots, len(config.tracks))
             if places.size:
-                scales = {
-                    name: errors.get(track, 1.0) * getattr(reward, name)
-                    for name in ("position", "attitude", "velocity", "rate")
-                }
+                position, attitude, *_ = errors.get(track, (1.0, 1.0))
+                units = {"position": position, "velocity": position, "attitude": attitude, "rate": attitude}
+                scales = {name: unit * getattr(reward, name) for name, unit in units.items()}
                 self._groups.append(_Group(config, replace(reward, **scales), track, places, threads))
         self.vectors = [group.vector for group in self._groups]
         """The robots of each track in the engine."""

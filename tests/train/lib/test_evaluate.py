@@ -47,7 +47,10 @@ def test_errors_are_measured_by_the_base_s_own_kind_by_kind():
     evaluator = object.__new__(PairedEvaluator)
     evaluator._tracks = ("flight-fast3", "flight-fast5")
     evaluator.means = {"flight-fast3": {"p": 1.0, "a": 0.02}, "flight-fast5": {"p": 3.0, "a": 0.02}}
-    assert evaluator.relative_errors() == pytest.approx({"flight-fast3": 0.75, "flight-fast5": 1.25})
-    reward = TrainingVec(TINY.env, TINY.reward, 1, relative_errors={"flight-fast3": 0.75})._groups[0].reward
+    assert evaluator.relative_errors() == {"flight-fast3": (0.75, 0.75), "flight-fast5": (1.25, 1.25)}
+    assert evaluator.relative_errors(apart=True) == {"flight-fast3": (0.5, 1.0), "flight-fast5": (1.5, 1.0)}
+    reward = TrainingVec(TINY.env, TINY.reward, 1, relative_errors={"flight-fast3": (0.75, 0.5)})._groups[0].reward
     assert reward.position == pytest.approx(0.75 * TINY.reward.position)
-    assert reward.rate == pytest.approx(0.75 * TINY.reward.rate)
+    assert reward.velocity == pytest.approx(0.75 * TINY.reward.velocity)
+    assert reward.attitude == pytest.approx(0.5 * TINY.reward.attitude)
+    assert reward.rate == pytest.approx(0.5 * TINY.reward.rate)
