@@ -26,7 +26,8 @@ from train.residual import PRESETS, Course, artifact, learn, make_agent, make_ro
 pytestmark = pytest.mark.train
 ARGS = override(
     PRESETS["hover-direct"], tracks=("flight-wind", "flight-forms"), first_tracks=("flight-paper",), trace_times=(0.2,),
-    hidden=16, critic_hidden=16, envs=3, n_steps=8, batch_size=8,
+    hidden=16, critic_hidden=16, envs=3, n_steps=8, batch_size=8, still=(), symmetric=False, action_scale=1.0,
+    activation="relu",
 )  # fmt: skip
 
 
