@@ -4,7 +4,7 @@ python -m train.curves --runs out/train --out train/curves
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -97,7 +97,7 @@ def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, 
 
 def cost_lines(curves: Sequence[dict[str, Any]]) -> list[list[str]]:
     """What each row cost: its runs, ticks and wall time of each, and when the chosen agent had been found."""
-    lines = [["row", "runs", "ticks a run", "minutes a run", "chosen at", "score on validation"]]
+    lines = [["row", "runs", "ticks a run", "minutes a run", "ticks/s", "of which", "chosen at", "score on validation"]]
     for curve in curves:
         runs = curve["runs"]
         lines.append([
@@ -105,10 +105,20 @@ def cost_lines(curves: Sequence[dict[str, Any]]) -> list[list[str]]:
             str(len(runs)),
             _range([run["curve"][-1]["steps"] / 1e3 for run in runs], ".0f", " k"),
             _range([run["seconds"] / 60.0 for run in runs], ".1f", ""),
+            _range([run["curve"][-1]["steps"] / run["seconds"] for run in runs], ".0f", ""),
+            _shares([run.get("parts", {}) for run in runs]),
             _range([run["chosen"]["steps"] / 1e3 for run in runs], ".0f", " k"),
             _range([100.0 * run["chosen"]["score"] for run in runs], "+.1f", " %"),
         ])  # fmt: skip
     return lines
+
+
+def _shares(parts: Sequence[Mapping[str, float]]) -> str:
+    """Where the wall time of some runs went, the largest part first; those below a hundredth are left out."""
+    total = sum(sum(own.values()) for own in parts)
+    sums = {name: sum(own.get(name, 0.0) for own in parts) for name in dict.fromkeys(n for own in parts for n in own)}
+    shares = sorted(((seconds / total, name) for name, seconds in sums.items() if total), reverse=True)
+    return ", ".join(f"{name} {share:.0%}" for share, name in shares if share >= 0.01) or "not measured"
 
 
 def write_costs(curves: Sequence[dict[str, Any]], path: Path) -> None:

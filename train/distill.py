@@ -296,7 +296,7 @@ def learn(args: Args) -> Path:
     with (
         kept(lambda: f"the curve of {len(state.curve)} validations kept in {run.folder}; it begins anew"),
         Pool(args.workers) as pool,
-        Stages(f"{args.name} seed {args.seed}") as stages,
+        Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
         SummaryWriter(str(run.folder / "tensorboard")) as board,
     ):
         try:
@@ -311,7 +311,7 @@ def _learn(
     """Fly, learn and evaluate; the path of the artifact."""
     began, study = time.perf_counter(), args.study
     draw, disturb = (np.random.Generator(np.random.PCG64(training_seed(args.seed, k))) for k in (4, 5))
-    stages.begin("playing the opponent", len(args.tracks) * args.scenarios, "scenario")
+    stages.begin("playing the opponent", len(args.tracks) * args.scenarios, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base({"preset": OPPONENT}), args.scenarios, control=args.control, on_scenario=stages.count,
         each=pool.map,
@@ -319,7 +319,7 @@ def _learn(
     state.base = evaluator.means
 
     total = study.first_updates + args.rounds * study.updates
-    stages.begin("the teacher flies", total, "update")
+    stages.begin("the teacher flies", total, "update", "flights")
     first = flights.fly(None, args.first_ticks, disturb)
     shelf = Shelf(study.room, first)
     student = Student(study, _scaling(first), first.answers, total)
@@ -328,20 +328,23 @@ def _learn(
         board.add_scalar("train/loss", student.learn(shelf.draw(draw, study.batch)), student.done)
         stages.count()
 
-    stages.say("learning from the teacher's flights")
+    stages.say("learning from the teacher's flights", "learner")
     for _ in range(study.first_updates):
         learn_once()
     due = np.linspace(0, args.rounds, args.validations + 1)[1:].round().astype(int).tolist()
     artifact = student.artifact(args, state)
     with ThreadPoolExecutor(1) as beside:
         for k in range(1, args.rounds + 1):
-            stages.say(f"round {k} of {args.rounds}, {np.mean(flights.led):.0%} led by the teacher")
+            words = f"round {k} of {args.rounds}, {np.mean(flights.led):.0%} led by the teacher"
+            stages.say(words, "learner")
             flown = beside.submit(flights.fly, student.frozen(), args.ticks, disturb)
             for _ in range(study.updates):
                 learn_once()
+            stages.say(words, "flights")  # those that the learner waits for
             shelf.add(flown.result())
             if k in due:
                 steps = flights.ticks
+                stages.say(words, "validation")
                 verdict = evaluator.evaluate(student.artifact(args, state))
                 stages.evaluated(verdict)
                 state.seconds, state.segment, state.best_steps = time.perf_counter() - began, k, steps

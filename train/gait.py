@@ -236,7 +236,7 @@ def learn(args: Args) -> Path:
     state = run.load() or State()
     with (
         kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command goes on"),
-        Stages(f"{args.name} seed {args.seed}") as stages,
+        Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
     ):
         return _learn(args, run, state, stages)
 
@@ -244,7 +244,7 @@ def learn(args: Args) -> Path:
 def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
     """Learn from a state on; the path of the artifact."""
     steps, evaluation = args.search.steps, args.evaluation
-    stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario")
+    stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base(args.arguments), evaluation.scenarios, control=args.control, on_scenario=stages.count
     )
@@ -259,11 +259,11 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
     def choose(verdict: Verdict, numbers: np.ndarray) -> None:
         learner["best"], state.best_score, state.best_steps = numbers, verdict.score, learner["ticks"]
 
-    stages.begin("learning", steps, "tick", learner["ticks"])
+    stages.begin("learning", steps, "tick", "crawls", learner["ticks"])
     course = Course(args)
     while learner["ticks"] < steps:
         began = time.perf_counter()
-        stages.say("learning")
+        stages.say("learning", "crawls")
         learner["numbers"], learner["way"], ticks = update(
             args, course, learner["numbers"], learner["way"], learner["updates"], learner["ticks"] / steps, stages.count
         )
@@ -271,7 +271,7 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
         state.learner = dict(learner)
         verdict = None
         if learner["ticks"] >= steps * (state.segment + 1) / evaluation.validations:
-            stages.say("playing against the base")
+            stages.say("playing against the base", "validation")
             verdict = evaluator.evaluate(artifact(args, learner["numbers"], state))
             stages.evaluated(verdict)
             if verdict.admissible and verdict.score < state.best_score:
@@ -283,7 +283,7 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
         run.save(state)
     if not state.best_steps:
         # All of it made something worse at every validation; perhaps less of it does not.
-        stages.say("playing less of it against the base")
+        stages.say("playing less of it against the base", "validation")
         verdict, fraction = evaluator.largest_fraction(
             lambda fraction: artifact(args, fraction * learner["numbers"], state)
         )

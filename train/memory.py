@@ -340,7 +340,7 @@ def learn(args: Args) -> Path:
     with (
         kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
         Pool(args.workers) as pool,
-        Stages(f"{args.name} seed {args.seed}") as stages,
+        Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
         SummaryWriter(str(run.folder / "tensorboard")) as board,
     ):
         return _learn(args, run, state, pool, stages, board)
@@ -355,7 +355,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
         board.add_scalar("train/loss", loss, next(updates))
         stages.count()
 
-    stages.begin("playing the base", validations, "scenario")
+    stages.begin("playing the base", validations, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=stages.count,
         each=pool.map,
@@ -363,7 +363,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
     state.base = evaluator.means
     measure = partial(pulse_response, args.arguments, ticks=RESPONSE_TICKS, control=args.control)
     seeds = [training_seed(args.seed, 4, k) for k in range(args.forms)]
-    measured = stages.each("measuring the response to pulses", pool.map(measure, seeds), args.forms, "form")
+    measured = stages.each("measuring the response to pulses", pool.map(measure, seeds), args.forms, "form", "flights")
     response = np.mean(list(measured), axis=0)
     ticks += args.forms * (1 + POSE) * (SETTLE + RESPONSE_TICKS)
 
@@ -373,16 +373,16 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
     for k in range(args.rounds):
         agent = artifact(args, weights, scale, State())
         flown = pool.map(partial(fly, args, agent, k), args.tracks)
-        new = stages.each(f"round {k + 1} of {args.rounds}, flying", flown, len(args.tracks), "track")
+        new = stages.each(f"round {k + 1} of {args.rounds}, flying", flown, len(args.tracks), "track", "flights")
         for track, own in zip(args.tracks, list(new), strict=True):
             records[track] = records[track].plus(own) if k else own
             ticks += own.actions.shape[0] * own.actions.shape[1]
         if k == 0:
             scale = input_scale(records)  # what the base's flights show scales all rounds
-        stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update")
+        stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update", "learner")
         weights = fit(args.fit, records, response, scale, training_seed(args.seed, 3, k), on_update)
 
-        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario")
+        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario", "validation")
         verdict, fraction = evaluator.largest_fraction(partial(weakened, args, weights, scale, state), stages.count)
         stages.evaluated(verdict)
         weights = weights.weakened(fraction)

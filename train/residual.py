@@ -212,11 +212,13 @@ PRESETS: dict[str, Args] = {
             activation="relu",
             skip=True,
             symmetric=True,
-            action_scale=0.01,
-            log_std=0.0,
-            log_std_end=0.0,
-            lr=1e-4,
-            lr_end=1e-5,
+            last_layer=True,
+            # 0.1 N, ten times what a 1 of the learner is.
+            action_scale=0.001,
+            log_std=2.3,
+            log_std_end=2.3,
+            lr=3e-4,
+            lr_end=3e-5,
             gamma=0.98,
             batch_size=3584,
             critic_first=143_360,
@@ -319,7 +321,7 @@ def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda
     state = run.load() or State()
     with (
         kept(lambda: f"{state.segment * args.schedule.segment} ticks kept in {run.folder}; the same command goes on"),
-        Stages(f"{args.name} seed {args.seed}") as stages,
+        Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
     ):
         return _learn(args, run, state, stages, on_segment)
 
@@ -353,7 +355,7 @@ def _first_scaling(args: Args, origin: Artifact | None, stages: Stages) -> Scali
     if origin is not None:
         return Scaling(origin.mean, origin.variance, origin.clip)
     ticks = len(args.env.tracks) * (args.schedule.scaling_ticks // args.env.hold)
-    stages.begin("scaling the observations", ticks, "tick")
+    stages.begin("scaling the observations", ticks, "tick", "rest")
     return make_scaling(args, stages.count)
 
 
@@ -366,7 +368,7 @@ def _learn(
     env, learner, schedule = args.env, args.learner, args.schedule
     segments = max(1, round(schedule.steps / schedule.segment))
 
-    stages.begin("playing the base", len(env.tracks) * args.evaluation.scenarios, "scenario")
+    stages.begin("playing the base", len(env.tracks) * args.evaluation.scenarios, "scenario", "validation")
     origin = find_origin(args.start, args.seed, env, learner)
     base = Base(env.arguments if env.adds else {"preset": env.base}) if origin is None else LearnedPolicy(origin)
     evaluator = PairedEvaluator(env.tracks, base, args.evaluation.scenarios, control=CONTROL, on_scenario=stages.count)
@@ -395,24 +397,28 @@ def _learn(
 
     def on_steps(decisions: int) -> None:
         stages.count(decisions * env.hold)
-        stages.say("learning" if model.num_timesteps >= learner.critic_first else "warming up the critic")
+        warm = model.num_timesteps >= learner.critic_first
+        stages.say("learning" if warm else "warming up the critic", "policy")
 
-    stages.begin("learning", segments * schedule.segment, "tick", state.segment * schedule.segment)
+    stages.begin("learning", segments * schedule.segment, "tick", "policy", state.segment * schedule.segment)
     actor = agent.ActorSchedule(learner, state.mean, on_steps)
     while state.segment < segments:
         began, done = time.perf_counter(), state.segment / segments
+        robots = course.robots(state.segment)
         agent.learn_segment(
-            model, course.robots(state.segment), actor,
+            model, robots, actor,
             steps=schedule.segment // env.hold,
             seed=training_seed(args.seed, 1, state.segment),
             lr=_between(learner.lr, learner.lr_end, done),
             first=state.segment == 0,
             log_std=_between(learner.log_std, learner.log_std_end, done),
         )  # fmt: skip
+        stages.say("learning", "policy")
+        stages.hand_over({**robots.spent(), "learner": actor.spent()})
         state.segment, state.mean, state.learner = state.segment + 1, actor.mean, agent.save_state(model)
         steps = state.segment * schedule.segment
 
-        stages.say("playing against the base")
+        stages.say("playing against the base", "validation")
         verdict = evaluator.evaluate(artifact(args, state.mean, scaling, state))
         stages.evaluated(verdict)
         if not args.evaluation.select or (verdict.admissible and verdict.score < state.best_score):

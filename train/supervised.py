@@ -249,7 +249,7 @@ def learn(args: Args) -> Path:
     with (
         kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
         Pool(args.workers) as pool,
-        Stages(f"{args.name} seed {args.seed}") as stages,
+        Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
         SummaryWriter(str(run.folder / "tensorboard")) as board,
     ):
         return _learn(args, run, state, pool, stages, board)
@@ -264,7 +264,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
         board.add_scalar("train/loss", loss, next(updates))
         stages.count()
 
-    stages.begin("playing the base", validations, "scenario")
+    stages.begin("playing the base", validations, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=stages.count,
         each=pool.map,
@@ -273,12 +273,12 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
 
     measure = partial(pulse_response, args.arguments, ticks=RESPONSE_TICKS, control=args.control)
     seeds = [training_seed(args.seed, 4, k) for k in range(args.forms)]
-    measured = stages.each("measuring the response to pulses", pool.map(measure, seeds), args.forms, "form")
+    measured = stages.each("measuring the response to pulses", pool.map(measure, seeds), args.forms, "form", "flights")
     response = np.mean(list(measured), axis=0)
 
     def fly_round(k: int, agent: Artifact | None) -> list[Flight]:
         flown = pool.map(partial(fly, args, agent, k), range(args.flights))
-        return list(stages.each(f"round {k + 1} of {args.rounds}, flying", flown, args.flights, "flight"))
+        return list(stages.each(f"round {k + 1} of {args.rounds}, flying", flown, args.flights, "flight", "flights"))
 
     flights = fly_round(0, None)
     bounds = np.concatenate([np.full(field.size, field.bound) for field in layout(POSE)])
@@ -289,10 +289,10 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
         if k > 0:
             flights += fly_round(k, artifact(args, state.mean, scaling, State()))
 
-        stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update")
+        stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update", "learner")
         layers = fit(args.fit, flights, units, response, scaling, on_update)
 
-        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario")
+        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario", "validation")
         verdict, fraction = evaluator.largest_fraction(
             lambda fraction, layers=layers: artifact(args, weakened(layers, fraction), scaling, state), stages.count
         )

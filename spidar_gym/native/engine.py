@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
+import time
 from collections.abc import Sequence
 
 import mujoco
@@ -80,6 +81,8 @@ class Engine:
         self.address = pointer(self.record)
         """Where it is for the library."""
         self._kept: dict[str, np.ndarray] = {}
+        self.seconds = 0.0
+        """Wall time of all jobs so far [s]."""
         self.share("world", self._world)
         self.share("threads", self._threads)
         self.share("first", self.robots)
@@ -141,7 +144,10 @@ class Engine:
             return [robot for part in parts for robot in self.run(job, part, argument, at_once=at_once)]
         arguments = [] if argument is None else [pointer(argument)]
         where = None if chosen is None else pointer(chosen)
-        if not getattr(self.library, job)(self.address, where, count, *arguments):
+        began = time.perf_counter()
+        failed = getattr(self.library, job)(self.address, where, count, *arguments)
+        self.seconds += time.perf_counter() - began
+        if not failed:
             return ()
         failed = self._pool.failed
         return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()

@@ -71,11 +71,18 @@ def test_the_guide_says_what_every_committed_row_cost(tmp_path):
 
 
 def test_costs_are_ranges_over_the_runs(tmp_path):
-    for seed, (steps, seconds) in enumerate(((200_000, 60.0), (200_400, 150.0))):
-        run(tmp_path / "runs", seed, line(steps, -0.5, 0.0), seconds=seconds, chosen={"steps": steps, "score": -0.25})
+    for seed, (steps, seconds) in enumerate(((200_000, 50.0), (200_400, 150.0))):
+        run(
+            tmp_path / "runs", seed, line(steps, -0.5, 0.0), seconds=seconds, chosen={"steps": steps, "score": -0.25},
+            parts={"learner": 0.2 * seconds, "engine": 0.8 * seconds, "rest": 0.001},
+        )  # fmt: skip
     (path,) = gather(tmp_path / "runs", tmp_path / "curves")
-    _, row = cost_lines([read_curve(path)])
-    assert row == ["ppo", "2", "200 k", "1.0 … 2.5", "200 k", "-25.0 %"]
+    curve = read_curve(path)
+    _, row = cost_lines([curve])
+    assert row == ["ppo", "2", "200 k", "0.8 … 2.5", "1336 … 4000", "engine 80%, learner 20%", "200 k", "-25.0 %"]
+    for each in curve["runs"]:
+        del each["parts"]  # of a version that did not measure them
+    assert cost_lines([curve])[1][5] == "not measured"
 
 
 def test_a_damaged_curve_is_refused_in_words(tmp_path):

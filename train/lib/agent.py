@@ -4,6 +4,7 @@ In reading order: the agent, a segment of learning with the schedule of its acto
 and Stable-Baselines3 at once, so it is imported where a run begins and not for help.
 """
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -113,6 +114,9 @@ def build(
         first.weight.register_hook(lambda gradient: gradient * seen)
         last.weight.register_hook(lambda gradient: gradient * free[:, None])
         last.bias.register_hook(lambda gradient: gradient * free)
+        for layer in _actor(model)[:-1] if config.last_layer else ():
+            for parameter in layer.parameters():
+                parameter.register_hook(torch.zeros_like)
     if turns is not None:
         assert isinstance(model, PPO)
         _make_symmetric(model, *turns)
@@ -174,6 +178,7 @@ class ActorSchedule(BaseCallback):
         self.mean = mean
         self._config, self._on_steps = config, on_steps
         self._reported = 0
+        self._learning, self._rolled_out = 0.0, 0.0
 
     def _on_training_start(self) -> None:
         self._reported = self.num_timesteps
@@ -181,6 +186,7 @@ class ActorSchedule(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         # What was learned from the rollout before is in the weights now.
+        self._learned()
         self.update_average()
         self._free_or_freeze()
 
@@ -188,6 +194,21 @@ class ActorSchedule(BaseCallback):
         self._on_steps(self.num_timesteps - self._reported)
         self._reported = self.num_timesteps
         return True
+
+    def _on_rollout_end(self) -> None:
+        self._rolled_out = time.perf_counter()
+
+    def _learned(self) -> None:
+        """Count the time since the last rollout."""
+        if self._rolled_out:
+            self._learning += time.perf_counter() - self._rolled_out
+        self._rolled_out = 0.0
+
+    def spent(self) -> float:
+        """Wall time of updates since this was asked before [s]."""
+        self._learned()
+        found, self._learning = self._learning, 0.0
+        return found
 
     def _free_or_freeze(self) -> None:
         """Let the actor learn once the critic has learned for long enough."""

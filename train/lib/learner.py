@@ -60,6 +60,9 @@ class LearnerConfig:
     """PPO: activation of the hidden layers, tanh or relu."""
     skip: bool = False
     """PPO: whether a matrix goes straight from what the actor sees to what it says, past the layers."""
+    last_layer: bool = False
+    """PPO: only the actor's last layer learns, with what goes past the others: a step of Adam in the others, however
+    small `action_scale`, would be many times as large as a small exploration."""
     symmetric: bool = False
     """PPO in the torso's axes: turned by 90° the robot is the same again, so the network is, too."""
     critic_hidden: int = 128

@@ -23,7 +23,7 @@ from train.lib.learner import Layers
 
 FRAMEWORKS = ("torch", "stable-baselines3")
 """Packages that learn."""
-FORMAT = 2
+FORMAT = 3
 """Version of the checkpoints' format."""
 TITLE = "checkpoint.json"
 """Part of a checkpoint that holds what is no array."""
@@ -36,7 +36,7 @@ LINE = {
 """A line of a learning curve."""
 FORM = {
     "segment": int, "learner": {str: int}, "clip": float, "best_score": float, "best_steps": int,
-    "base": {str: {str: float}}, "curve": [LINE], "seconds": float,
+    "base": {str: {str: float}}, "curve": [LINE], "seconds": float, "parts": {str: float},
 }  # fmt: skip
 """Parts of a state that are no arrays."""
 
@@ -69,6 +69,8 @@ class State:
     """A line for each validation."""
     seconds: float = 0.0
     """Wall time so far, validation included [s]."""
+    parts: dict[str, float] = field(default_factory=dict)
+    """Where it went: what was done → wall time [s]; with what came before the first segment."""
 
 
 def require_frameworks() -> None:
@@ -117,7 +119,9 @@ class Run:
 
     def save(self, state: State) -> None:
         """Write the checkpoint and the curve, each whole or not at all."""
-        words = {name: getattr(state, name) for name in ("segment", "best_score", "best_steps", "base", "curve")}
+        words = {
+            name: getattr(state, name) for name in ("segment", "best_score", "best_steps", "base", "curve", "parts")
+        }
         arrays = {name: value for name, value in state.learner.items() if isinstance(value, np.ndarray)}
         words |= {"seconds": state.seconds, "clip": state.scaling["clip"]}
         words["learner"] = {name: value for name, value in state.learner.items() if name not in arrays}
@@ -201,6 +205,7 @@ class Run:
             "settings": self._settings,
             "command": command_line(),
             "seconds": round(state.seconds, 1),
+            "parts": {name: round(seconds, 1) for name, seconds in state.parts.items()},
             "processor": processor(),
             "python": platform.python_version(),
             "versions": {name: self._identity["versions"][name] for name in FRAMEWORKS},

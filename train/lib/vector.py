@@ -193,6 +193,7 @@ class TrainingVec(VecEnv):
             space = _box(scaling.clip, len(scaling.mean))
         self._began, self._returns, self._lengths = time.perf_counter(), np.zeros(robots), np.zeros(robots, int)
         self._actions = np.zeros(0)
+        self._seconds, self._spent = 0.0, {"engine": 0.0, "environment": 0.0}
         super().__init__(robots, space, does)
 
     def reset(self) -> np.ndarray:
@@ -212,6 +213,7 @@ class TrainingVec(VecEnv):
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """As long as an action is held: observations, rewards, who is done, infos."""
+        began = time.perf_counter()
         rewards, done = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = []
@@ -238,7 +240,16 @@ class TrainingVec(VecEnv):
             begun = group.places[ids]
             seen[begun] = self._scaled(group.reset(ids))
             self._returns[begun], self._lengths[begun] = 0.0, 0
+        self._seconds += time.perf_counter() - began
         return seen, rewards.astype(np.float32), done, infos
+
+    def spent(self) -> dict[str, float]:
+        """Wall time of the engine, and of all else here, since this was asked before [s]."""
+        engine = sum(vector.fleet.engine.seconds for vector in self.vectors)
+        now = {"engine": engine, "environment": self._seconds - engine}
+        found = {part: seconds - self._spent[part] for part, seconds in now.items()}
+        self._spent = now
+        return found
 
     def _nothing(self) -> np.ndarray:
         """Room for what all robots see."""

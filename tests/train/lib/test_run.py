@@ -76,7 +76,7 @@ def test_a_checkpoint_without_its_normaliser_is_refused(spoilt):
         (lambda _, arrays: arrays.pop("best/1/bias"), "half of the layers of best"),
         (lambda content, _: content["state"].update(segment=-1), "lacks its learner or its counts"),
         (lambda content, _: content["state"].update(curve=[{"steps": 1}]), "lacks seconds"),
-        (lambda content, _: content.update(format=1), "has format 1; valid: format 2"),
+        (lambda content, _: content.update(format=1), "has format 1; valid: format 3"),
     ],
 )
 def test_a_checkpoint_of_other_parts_is_refused_though_its_checksum_is_right(spoilt, change, words):
