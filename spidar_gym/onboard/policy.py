@@ -71,14 +71,16 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     preset = "" if "controller" in artifact.arguments else str(_argument(artifact, env, "preset"))
     added = mode.channels if mode.residual else ()
     channels = " | ".join(f"SP_CHANNEL_{channel.name.upper()}" for channel in added) or "0"
-    words = _words(kind if mode.residual else "SP_POLICY_DIRECT", artifact.name, preset, sizes, channels)
-    words |= {"SEES": artifact.sees, "TRACES": traces, "SKIP": int(artifact.skip.size > 0)}
+    said = _said(artifact)
+    words = _words(kind if mode.residual else "SP_POLICY_DIRECT", artifact.name, preset, (*sizes[:-1], said), channels)
+    words |= {"ACTIONS": artifact.answers, "SEES": artifact.sees, "TRACES": traces, "SKIP": int(artifact.skip.size > 0)}
     words["RELU"] = int(artifact.activation == "relu")
     words["SQUASH"] = int(artifact.output == "tanh")
     words["CLIP"] = f"{hex_float(artifact.clip)} /* of a normalised observation */"
     words["STEP"] = f"{hex_float(rate / CONTROL_RATE)} /* largest change of an action in a tick: {rate:g} a second */"
     share = Washout(artifact.washout).share
-    layers = zip(artifact.weights, artifact.biases, strict=True)
+    *first, (weight, bias) = zip(artifact.weights, artifact.biases, strict=True)
+    layers = (*first, (weight[:said], bias[:said]))
     arrays = {
         "MEAN": artifact.mean.astype(float),
         "DEVIATION": np.sqrt(artifact.variance.astype(float)),
@@ -90,8 +92,8 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "WEIGHTS": np.concatenate([blocks(w, b) for w, b in layers]),
     }
     if artifact.skip.size:
-        none = np.zeros(len(artifact.skip), np.float32)
-        arrays["WEIGHTS"] = np.concatenate([arrays["WEIGHTS"], blocks(artifact.skip, none)])
+        none = np.zeros(said, np.float32)
+        arrays["WEIGHTS"] = np.concatenate([arrays["WEIGHTS"], blocks(artifact.skip[:said], none)])
     if traces:
         arrays["TRACED"] = np.tile(artifact.traced, len(artifact.trace_times)).astype(int)
         arrays["TRACE_SHARE"] = Traces(artifact.traced, artifact.trace_times).share
@@ -120,6 +122,13 @@ def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> Action
             f"washout of {artifact.name}", "given", "none without a controller, where what stays flies"
         )
     return mode
+
+
+def _said(artifact: Artifact) -> int:
+    """How many of its answers, from the first on, are ever anything but 0: what it never says costs no time."""
+    parts = [artifact.weights[-1], artifact.biases[-1][:, None], *([artifact.skip] if artifact.skip.size else [])]
+    loud = np.flatnonzero(np.any([np.any(part != 0.0, axis=1) for part in parts], axis=0))
+    return int(loud[-1]) + 1 if loud.size else 1
 
 
 def blocks(weights: np.ndarray, biases: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Pins the learned residual onboard: it sees and answers what the policy in the environment does, within bounds."""
 
 import hashlib
+import re
 import subprocess
 from dataclasses import replace
 
@@ -217,10 +218,20 @@ def test_the_core_sees_what_the_environment_shows_and_answers_what_the_network_d
         assert len({goal.tobytes() for goal in np.array(shown)[:, -size - 17 : -size - 1]}) > 1, "the plan went on"
 
 
+def test_what_a_network_never_says_has_no_part_in_the_core():
+    said, silent = (re.search(r"SIZES \{.*, (\d+)\}", policy_header(in_torso_axes(joints=j)))[1] for j in (True, False))
+    assert (said, silent) == ("40", "24")
+
+
 @pytest.mark.parametrize(
     ("net", "least"),
-    [(in_torso_axes(), 40), (made(mode="direct", loud=0.2), 10), (made(mode="direct", output="tanh"), 8)],
-    ids=["torso axes, traces, skip", "clipped", "squashed"],
+    [
+        (in_torso_axes(), 40),
+        (in_torso_axes(joints=False), 40),
+        (made(mode="direct", loud=0.2), 10),
+        (made(mode="direct", output="tanh"), 8),
+    ],
+    ids=["torso axes, traces, skip", "torso axes without joints", "clipped", "squashed"],
 )
 def test_a_policy_without_a_controller_flies_as_in_its_environment(core, net, least):
     core(net)

@@ -11,6 +11,7 @@ from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
 from spidar_gym.policies import external, torso
 from spidar_gym.policies.artifact import Artifact
+from spidar_gym.robot import N_ROTORS
 
 
 def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(24, 16), preset=None, **options):
@@ -46,17 +47,25 @@ def feeling(loud=1.0, times=(0.1, 1.0), hidden=(24, 16), lag=0.05):
     )  # fmt: skip
 
 
-def in_torso_axes(loud=0.1, traced=(0.0, 1.0, 2.0, 7.0), times=(0.1, 0.5), hidden=(40, 24)):
-    """A random network that flies in torso axes, not far from hovering; it has traces and a matrix past its layers."""
+def in_torso_axes(loud=0.1, traced=(0.0, 1.0, 2.0, 7.0), times=(0.1, 0.5), hidden=(40, 24), joints=True):
+    """A random network that flies in torso axes, not far from hovering; it has traces and a matrix past its layers.
+
+    Without `joints` it leads none off its form.
+    """
     rng = np.random.default_rng(8)
     size = torso.FEATURES + len(traced) * len(times)
     weights = [rng.normal(size=(n, m)) / np.sqrt(m) for m, n in pairwise((size, *hidden, torso.ACTION))]
+    biases = [rng.normal(scale=0.02, size=len(w)) for w in weights]
+    skip = loud * rng.normal(size=(torso.ACTION, size)) / np.sqrt(size)
     weights[-1] *= loud
+    if not joints:
+        for last in (weights[-1], biases[-1], skip):
+            last[3 * N_ROTORS :] = 0.0
     return Artifact(
         name="net", kind="learned", doc="Random.", env_id=HOVER, arguments={"action_mode": "direct"}, output="torso",
         weights=tuple(w.astype(np.float32) for w in weights),
-        biases=tuple(rng.normal(scale=0.02, size=len(w)).astype(np.float32) for w in weights),
+        biases=tuple(b.astype(np.float32) for b in biases),
         mean=0.1 * rng.normal(size=size), variance=rng.uniform(0.5, 1.5, size),
-        skip=(loud * rng.normal(size=(torso.ACTION, size)) / np.sqrt(size)).astype(np.float32),
+        skip=skip.astype(np.float32),
         traced=np.array(traced), trace_times=np.array(times),
     )  # fmt: skip

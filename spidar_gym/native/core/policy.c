@@ -29,7 +29,7 @@ static const float *multiply(const float *w, const float *x, int from, int to, f
     return w + SP_POLICY_BLOCK * blocks;
 }
 
-/* The last layer for what the network is shown, in single precision as it was learned. */
+/* The last layer for what the network is shown, in single precision as it was learned; what it never says is 0. */
 static void evaluate_network(const double *shown, float *answer)
 {
     static const int sizes[] = SP_POLICY_SIZES;
@@ -46,11 +46,13 @@ static void evaluate_network(const double *shown, float *answer)
         float *last = x;
         x = y, y = last;
     }
+    const int said = sizes[SP_POLICY_LAYERS];
     if (SP_POLICY_SKIP) {
-        multiply(w, input, sizes[0], SP_POLICY_ACTIONS, y);
-        for (int i = 0; i < SP_POLICY_ACTIONS; i++) x[i] += y[i];
+        multiply(w, input, sizes[0], said, y);
+        for (int i = 0; i < said; i++) x[i] += y[i];
     }
-    memcpy(answer, x, SP_POLICY_ACTIONS * sizeof *answer);
+    memset(answer, 0, SP_POLICY_ACTIONS * sizeof *answer);
+    memcpy(answer, x, said * sizeof *answer);
 }
 
 /* ---- torso axes ---- */
