@@ -5,13 +5,14 @@
 A run is a chain of segments. Each begins with fresh episodes and seeds of its own, so it depends on the state before
 it and on nothing else: an interrupted run goes on with the same command, and ends as it would have ended.
 
-Read `Args`, then `learn`; how the agent is made and what an update is stands in `train/lib/agent.py`.
+Read `Args` in `train/lib/settings.py`, then `learn`; how the agent is made and what an update is stands in
+`train/lib/agent.py`.
 """
 
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -19,21 +20,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from spidar_gym.benchmark.track import CRAWL, HOVER, TRACKS
 from spidar_gym.cli.console import kept, run_cli
-from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.processes import cpu_count
-from spidar_gym.robot import N_ROTORS
-from train.lib.config import CONTROL, EvaluationConfig, Recipe, ScheduleConfig, parse
-from train.lib.envs import NOMINAL, EnvConfig, Scaling, training_seed
+from train.lib.config import CONTROL, parse
+from train.lib.envs import Scaling, training_seed
 from train.lib.evaluate import Base, PairedEvaluator
-from train.lib.learner import Layers, LearnerConfig, PPOConfig
+from train.lib.learner import Layers
 from train.lib.origin import find_origin, first_layers
 from train.lib.report import report
-from train.lib.rewards import RewardConfig
 from train.lib.run import Run, State, curve_line, layer_arrays, make_artifact, require_frameworks
+from train.lib.settings import PRESETS, Args
 from train.lib.stages import Stages, scalars
 
 if TYPE_CHECKING:
@@ -41,204 +39,6 @@ if TYPE_CHECKING:
     from train.lib.vector import TrainingVec
 
 Last = TypeVar("Last", float, float | None)
-
-
-@dataclass(frozen=True)
-class Args(Recipe):
-    """Learn what to add to a controller."""
-
-    env: EnvConfig
-    reward: RewardConfig = field(default_factory=lambda: RewardConfig("pose"))
-    learner: LearnerConfig = field(default_factory=LearnerConfig)
-    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
-    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    start: str = ""
-    """Artifact whose network it begins as, and with which it is compared, {seed} standing for the run's; none: it
-    begins as what adds nothing."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.learner.symmetric and not self.env.torso:
-            raise InvalidValueError("symmetric", True, "False but in the torso's axes")
-
-
-MOMENTUM = ("leg_momentum", "leg_momentum_rate")
-"""What of the joints' motion turns the torso: six numbers, so that a gradient is not lost in the noise of two hundred
-others."""
-FLIGHT_REWARD = RewardConfig(
-    "pose",
-    # Velocities respond within two or three ticks, the pose after ten or twenty: with them a short horizon is enough.
-    velocity=0.03,
-    rate=0.06,
-    reward_shift=0.5,
-    reward_scale=0.5,
-)
-"""Reward of PPO in flight."""
-FLIGHT_LEARNER = LearnerConfig(
-    hidden=32,
-    gamma=0.88,
-    lr=1e-3,
-    lr_end=1e-4,
-    # Small batches: the critic needs many steps before its advantages mean anything.
-    batch_size=504,
-    critic_first=8064,
-    average=0.8,
-    ppo=PPOConfig(n_steps=336, target_kl=0.03),
-)
-"""PPO in flight, whatever it adds to."""
-FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=24)
-"""Schedule of PPO in flight."""
-FLIGHT_ENV = EnvConfig(
-    HOVER,
-    NOMINAL,
-    "paper",
-    "residual_wrench",
-    sees=MOMENTUM,
-    # At 40 Hz most of the noise is lost in the rotors and servos; at 20 Hz less.
-    hold=2,
-    washout=1.0,
-)
-"""Flights of PPO."""
-DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.flies)
-"""All flights: a network without a controller is one for every track."""
-JOINTS = tuple(range(3 * N_ROTORS, torso.ACTION))
-"""Entries with which a network would lead joints off their form: they go there by themselves; shaking tells nothing."""
-PRESETS: dict[str, Args] = {
-    "hover-paper-ppo": Args(
-        "ppo_paper",
-        "PPO: a wrench residual with washout on the paper's gains.",
-        FLIGHT_ENV,
-        replace(FLIGHT_REWARD, position=0.01, attitude=0.015),
-        FLIGHT_LEARNER,
-        FLIGHT_SCHEDULE,
-    ),
-    "hover-tuned-ppo": Args(
-        "ppo_tuned",
-        "PPO: a residual torque with washout on `tuned`.",
-        # Forces stay still: what is left of the position's error is too small to be found in the noise of three more.
-        replace(FLIGHT_ENV, base="tuned", still=(0, 1, 2)),
-        replace(FLIGHT_REWARD, position=0.003, attitude=0.004, velocity=0.0),
-        replace(FLIGHT_LEARNER, average=0.9),
-        FLIGHT_SCHEDULE,
-    ),
-    "hover-paper-sac": Args(
-        "sac_paper",
-        "SAC: a wrench residual with washout on the paper's gains.",
-        EnvConfig(HOVER, NOMINAL, "paper", "residual_wrench", washout=2.0),
-        RewardConfig("pose", position=0.01, attitude=0.015),
-        LearnerConfig("sac", lr=3e-4, lr_end=3e-4, batch_size=256),
-    ),
-    "crawl-ppo": Args(
-        "ppo_crawl",
-        "PPO: gait parameters and leg forces by phase on the crawler `robust_overlapped`.",
-        EnvConfig(
-            CRAWL,
-            ("ground-randomised",),
-            "robust_overlapped",
-            "residual_gait_force",
-            sees=("phase", "phase_time", "share", "steps_left", "goal_position", "goal_heading"),
-            still=(2,),  # the stride: what it adds to the path is missing at the goal
-            hold=10,
-        ),
-        RewardConfig("economy", reward_scale=10.0),
-        LearnerConfig(
-            log_std=-1.5,
-            lr=1e-3,
-            lr_end=1e-4,
-            gamma=0.9,
-            batch_size=128,
-            critic_first=2048,
-            average=0.7,
-            ppo=PPOConfig(gae_lambda=0.9, n_steps=64, target_kl=0.03),
-        ),
-        ScheduleConfig(segment=40_960),
-        EvaluationConfig(scenarios=12),
-    ),
-    "hover-direct": Args(
-        "direct",
-        "PPO from nothing: forces and joints in torso axes, no controller, no teacher.",
-        EnvConfig(
-            HOVER,
-            DIRECT_TRACKS,
-            "paper",
-            "direct",
-            ("flight-paper", "flight-forms", "flight-fast3"),
-            still=JOINTS,
-            torso=True,
-            trace_times=(0.2, 1.0, 5.0),
-        ),
-        reward=RewardConfig(
-            "pose",
-            position=0.05,
-            attitude=0.05,
-            velocity=0.2,
-            rate=0.5,
-            # Wide terms beside the narrow ones: from nothing, errors are far beyond those.
-            far_position=0.3,
-            far_attitude=0.3,
-            joint=0.1,
-            penalty=0.0,
-            # Nothing below 0: from nothing, whoever loses by flying on learns to fall.
-            reward_scale=0.1,
-        ),
-        learner=LearnerConfig(
-            hidden=128,
-            skip=True,
-            symmetric=True,
-            # 2 N at first, enough to learn from falls; 0.4 N in the end, for millimetres are lost in more.
-            action_scale=0.2,
-            log_std=0.0,
-            log_std_end=-1.6,
-            lr=1e-3,
-            lr_end=5e-5,
-            gamma=0.98,
-            batch_size=1792,
-            critic_first=0,
-            average=0.8,
-            ppo=PPOConfig(n_steps=64, epochs=5, target_kl=0.06),
-        ),
-        schedule=ScheduleConfig(steps=6_021_120, first_steps=1_500_000, segment=286_720, envs=112),
-        evaluation=EvaluationConfig(scenarios=4, select=False),
-    ),
-    "hover-distilled-ppo": Args(
-        "distilled_ppo",
-        "PPO: the network of `distilled`, improved on all flights.",
-        EnvConfig(HOVER, DIRECT_TRACKS, "tuned", "direct", still=JOINTS, torso=True, trace_times=(0.2, 1.0, 5.0, 30.0)),
-        # Each error in units of what is left of it, and an exploration that is not much larger.
-        RewardConfig(
-            "pose", position=0.003, attitude=0.003, velocity=0.01, rate=0.02, apart=True, penalty=0.0, reward_scale=0.2
-        ),
-        LearnerConfig(
-            activation="relu",
-            skip=True,
-            symmetric=True,
-            last_layer=True,
-            # 0.1 N, ten times what a 1 of the learner is.
-            action_scale=0.001,
-            log_std=2.3,
-            log_std_end=2.3,
-            lr=3e-4,
-            lr_end=3e-5,
-            gamma=0.98,
-            batch_size=3584,
-            critic_first=143_360,
-            average=0.8,
-            ppo=PPOConfig(n_steps=128, epochs=4, target_kl=0.05),
-        ),
-        ScheduleConfig(steps=2_007_040, segment=200_704, envs=112),
-        EvaluationConfig(scenarios=12),
-        start="baselines/learned/distilled/seed{seed}.npz",
-    ),
-    "hover-direct-ppo": Args(
-        "ppo_direct",
-        "PPO from nothing: thrust, vectoring angles and joint targets, no controller.",
-        EnvConfig(HOVER, ("flight-paper",), "paper", "direct"),
-        RewardConfig("environment"),
-        LearnerConfig(gamma=0.99, batch_size=512, critic_first=0, ppo=PPOConfig(target_kl=0.03)),
-        evaluation=EvaluationConfig(select=False),
-    ),
-}
-"""Settings by name."""
 
 
 def make_robots(

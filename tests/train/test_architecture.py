@@ -10,7 +10,7 @@ TRAIN = Path(__file__).resolve().parents[2] / "train"
 FILES = {".".join(path.relative_to(TRAIN.parent).with_suffix("").parts): path for path in sorted(TRAIN.rglob("*.py"))}
 
 
-LEARNING = {"train.lib.agent", "train.lib.taught", "train.lib.vector"}
+LEARNING = {"train.lib.agent", "train.lib.symmetry", "train.lib.taught", "train.lib.vector"}
 """The files that load torch and Stable-Baselines3 as they are imported."""
 FRAMEWORKS = {"torch", "stable_baselines3", "tensorboard", "ray"}
 
