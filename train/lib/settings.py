@@ -138,8 +138,8 @@ PRESETS: dict[str, Args] = {
         ),
         reward=RewardConfig(
             "pose",
-            position=0.05,
-            attitude=0.05,
+            position=0.1,
+            attitude=0.1,
             velocity=0.2,
             rate=0.5,
             # Wide terms beside the narrow ones: from nothing, errors are far beyond those.
@@ -182,10 +182,10 @@ PRESETS: dict[str, Args] = {
             skip=True,
             symmetric=True,
             last_layer=True,
-            # 0.1 N, ten times what a 1 of the learner is.
-            action_scale=0.001,
-            log_std=2.3,
-            log_std_end=2.3,
+            # 0.1 N: more is larger than what is left of the errors.
+            action_scale=0.01,
+            log_std=0.0,
+            log_std_end=0.0,
             lr=3e-4,
             lr_end=3e-5,
             gamma=0.98,
