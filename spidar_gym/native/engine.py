@@ -145,9 +145,9 @@ class Engine:
         arguments = [] if argument is None else [pointer(argument)]
         where = None if chosen is None else pointer(chosen)
         began = time.perf_counter()
-        failed = getattr(self.library, job)(self.address, where, count, *arguments)
+        gave_up = getattr(self.library, job)(self.address, where, count, *arguments)
         self.seconds += time.perf_counter() - began
-        if not failed:
+        if not gave_up:
             return ()
         failed = self._pool.failed
         return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()

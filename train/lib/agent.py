@@ -114,6 +114,8 @@ def build(
         first.weight.register_hook(lambda gradient: gradient * seen)
         last.weight.register_hook(lambda gradient: gradient * free[:, None])
         last.bias.register_hook(lambda gradient: gradient * free)
+        if isinstance(model, PPO) and config.log_std_end is not None:
+            model.policy.log_std.register_hook(torch.zeros_like)
         for layer in _actor(model)[:-1] if config.last_layer else ():
             for parameter in layer.parameters():
                 parameter.register_hook(torch.zeros_like)

@@ -19,7 +19,7 @@ from train.lib.config import override
 from train.lib.envs import Scaling, training_seed
 from train.lib.origin import find_origin, first_layers
 from train.lib.rewards import RewardConfig
-from train.lib.run import State
+from train.lib.run import Run, State
 from train.lib.vector import FARTHEST, TrainingVec
 from train.residual import PRESETS, Course, artifact, learn, make_agent, make_robots
 
@@ -211,3 +211,17 @@ def test_symmetry_is_of_torso_axes_and_of_whole_legs():
         override(PRESETS["hover-direct-ppo"], symmetric=True)
     with pytest.raises(InvalidValueError, match="hidden = 18 is not valid; expected a multiple of 4"):
         override(ARGS, symmetric=True, hidden=18)
+
+
+def test_only_the_last_layer_learns_and_exploration_fades_evenly_where_that_is_wanted(brief, tmp_path):
+    args = override(
+        ARGS, last_layer=True, log_std=-1.0, log_std_end=-3.0, lr=0.01, segment=48, steps=96, first_steps=0,
+        scenarios=1, row=False, out=tmp_path,
+    )  # fmt: skip
+    found = read_artifact(learn(args))
+    fresh = actor_layers(make_agent(args, make_robots(args, scaling_for(args))))
+    for k, (weight, bias) in enumerate(fresh):
+        assert np.allclose(found.biases[k], bias, atol=1e-6) == (k < 2)  # but for what averaging rounds
+        assert np.allclose(found.weights[k], weight[:, : found.weights[k].shape[1]], atol=1e-6) == (k < 2)
+    run = Run.of(args, args.env.env_id, args.env.arguments)
+    np.testing.assert_allclose(run.load().learner["policy/log_std"], -2.0, atol=1e-6)  # half-way: of two segments
