@@ -53,6 +53,11 @@ def entries(*names: str) -> np.ndarray:
     return np.concatenate([np.arange(OBSERVATION)[_PLACES[name]] for name in names])
 
 
+def kept_entries(*names: str) -> np.ndarray:
+    """Which of the numbers that the network sees some pieces of `KEPT` are."""
+    return np.flatnonzero(np.isin(KEPT_ENTRIES, entries(*names)))
+
+
 def links(joint_position: np.ndarray) -> np.ndarray:
     """Attitudes R_bl of the rotors' links (…, 8, 3, 3) at joint positions (…, 16) [rad]."""
     q = joint_position.reshape(*joint_position.shape[:-1], N_LEGS, 4)
@@ -100,9 +105,14 @@ class Turn:
         return cls(np.concatenate(places), np.concatenate([turn.signs for turn in turns]))
 
     @classmethod
-    def passed_on(cls, size: int, parts: int = N_LEGS) -> "Turn":
-        """That of numbers whose `parts` equal parts take the next one's place; one part stays where it is."""
-        return cls(np.roll(np.arange(size), size // parts % size), np.ones(size))
+    def passed_on(cls, size: int) -> "Turn":
+        """That of numbers of the legs, as many of each: they take the next leg's place."""
+        return cls(np.roll(np.arange(size), size // N_LEGS), np.ones(size))
+
+    @classmethod
+    def none(cls, size: int) -> "Turn":
+        """That of numbers in which a turn changes nothing."""
+        return cls(np.arange(size), np.ones(size))
 
     def __call__(self, numbers: np.ndarray) -> np.ndarray:
         """Numbers (…, size), turned."""
@@ -123,7 +133,7 @@ SAID_TURN = Turn.joined([_BY_ROTOR, _BY_LEG])
 
 def shown_turn(traces: int) -> Turn:
     """That of what the network sees: features, and behind them so many traces of vectors."""
-    kinds = {3: _VECTOR, N_JOINTS: _BY_LEG, 1: Turn.passed_on(1, 1)}
+    kinds = {3: _VECTOR, N_JOINTS: _BY_LEG, 1: Turn.none(1)}
     kept = [kinds[field.size] for name in KEPT for field in _FIELDS if field.name == name]
     return Turn.joined([*kept, *[_BY_ROTOR] * 3, _BY_LEG, *[_VECTOR] * (traces // 3)])
 

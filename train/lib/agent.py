@@ -129,7 +129,7 @@ def _make_symmetric(model: PPO, shown: Turn, said: Turn) -> None:
     """Let actor and critic do with what is turned what they do, turned."""
     critic = [m for part in (model.policy.mlp_extractor.value_net, model.policy.value_net) for m in _linear(part)]
     tie_layers(_actor(model), shown, said)
-    tie_layers(critic, shown, Turn.passed_on(1, 1))
+    tie_layers(critic, shown, Turn.none(1))
     tie(model.policy.log_std, Turn(said.places, np.ones(len(said.places))))
 
 

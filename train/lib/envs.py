@@ -2,7 +2,7 @@
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium
@@ -109,6 +109,11 @@ class EnvConfig:
         """What becomes of the numbers shown in the torso's axes when the robot is turned by 90°."""
         return torso.shown_turn(len(self.traced) * len(self.trace_times))
 
+    def error_entries(self) -> np.ndarray:
+        """Which of the numbers shown in the torso's axes are errors of the flight, their integrals and traces."""
+        traces = torso.FEATURES + np.arange(len(self.traced) * len(self.trace_times))
+        return np.concatenate([torso.kept_entries(*ERRORS, "position_integral", "attitude_integral"), traces])
+
     def still_entries(self) -> np.ndarray:
         """Mask of the action's entries that stay 0 (`InvalidValueError` for an entry that there is not)."""
         size = self.mode.size
@@ -155,6 +160,12 @@ class Scaling:
         """(o − mean) / √variance, clipped, float32."""
         x = (observation - self.mean) / np.sqrt(self.variance)
         return np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
+
+    def enlarged(self, entries: np.ndarray, factor: float) -> "Scaling":
+        """That of which some entries come out larger."""
+        variance = self.variance.copy()
+        variance[entries] /= factor**2
+        return replace(self, variance=variance)
 
     def alike(self, turn: Turn) -> "Scaling":
         """That which scales what is turned alike: means over all four ways in which the robot can stand."""

@@ -65,6 +65,9 @@ class LearnerConfig:
     small `action_scale`, would be many times as large as a small exploration."""
     symmetric: bool = False
     """PPO in the torso's axes: turned by 90° the robot is the same again, so the network is, too."""
+    enlarged: float = 1.0
+    """In the torso's axes: errors enter the networks so many times as large as what scales them, which from nothing
+    are falls: beside those a centimetre would be lost."""
     critic_hidden: int = 128
     """Width of the critic's two hidden layers."""
     action_scale: float = 1.0

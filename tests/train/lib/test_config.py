@@ -60,8 +60,9 @@ def test_every_command_of_a_committed_curve_gives_the_settings_that_the_curve_ha
         }
         # What came after the curve is where it changes nothing.
         later = {k: v for k, v in found.items() if k not in {*settings, *left_out}}
-        assert {k for k, v in later.items() if v} <= {"activation", "action_scale"}
-        assert (later.get("activation", "tanh"), later.get("action_scale", 1.0)) == ("tanh", 1.0)
+        assert {k for k, v in later.items() if v} <= {"activation", "action_scale", "enlarged"}
+        assert later.get("activation", "tanh") == "tanh"
+        assert (later.get("action_scale", 1.0), later.get("enlarged", 1.0)) == (1.0, 1.0)
         assert not args.output.row
 
 

@@ -16,12 +16,12 @@ from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import LearnedPolicy, read_artifact, write_artifact
 from train.lib.agent import actor_layers, set_actor
 from train.lib.config import override
-from train.lib.envs import Scaling, training_seed
+from train.lib.envs import ERRORS, Scaling, training_seed
 from train.lib.origin import find_origin, first_layers
 from train.lib.rewards import RewardConfig
 from train.lib.run import Run, State
 from train.lib.vector import FARTHEST, TrainingVec
-from train.residual import PRESETS, Course, artifact, learn, make_agent, make_robots
+from train.residual import PRESETS, Course, artifact, learn, make_agent, make_robots, make_scaling
 
 pytestmark = pytest.mark.train
 ARGS = override(
@@ -41,6 +41,23 @@ def brief(monkeypatch):
 def scaling_for(args):
     size, rng = len(args.env.hidden_entries()), np.random.default_rng(2)
     return Scaling(0.1 * rng.normal(size=size), rng.uniform(0.5, 1.5, size))
+
+
+def test_errors_their_integrals_and_traces_and_nothing_else_enter_larger(brief):
+    args = override(ARGS, scaling_ticks=30)
+    plain, large = (make_scaling(override(args, enlarged=factor)) for factor in (1.0, 4.0))
+    np.testing.assert_array_equal(plain.mean, large.mean)
+    entries = args.env.error_entries()
+    larger = np.sqrt(plain.variance / large.variance)
+    np.testing.assert_allclose(larger[entries], 4.0)
+    np.testing.assert_array_equal(np.delete(larger, entries), 1.0)
+    # Without traces: what of the features follows those pieces of an observation.
+    observation, own = np.zeros(torso.SHOWN), torso.entries(*ERRORS, "position_integral", "attitude_integral")
+    before = torso.features(observation)
+    observation[own] = 1.0
+    changed = np.flatnonzero(torso.features(observation) != before)
+    np.testing.assert_array_equal(changed, entries[entries < torso.FEATURES])
+    assert len(entries) == len(own) + len(torso.entries(*ERRORS))
 
 
 def loud(model):
