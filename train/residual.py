@@ -85,7 +85,7 @@ def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Sc
     spread = 0.0 if args.env.adds else args.learner.action_scale * math.exp(args.learner.log_std)
     found = baseline_scaling(args.env, args.seed, args.schedule.scaling_ticks // args.env.hold, spread, on_tick)
     if args.env.torso:
-        found = found.enlarged(args.env.error_entries(), args.learner.enlarged)
+        found = args.env.enlarge_errors(found, args.learner.enlarged)
     return found.alike(args.env.shown_turn()) if args.learner.symmetric else found
 
 

@@ -109,10 +109,21 @@ class EnvConfig:
         """What becomes of the numbers shown in the torso's axes when the robot is turned by 90°."""
         return torso.shown_turn(len(self.traced) * len(self.trace_times))
 
-    def error_entries(self) -> np.ndarray:
-        """Which of the numbers shown in the torso's axes are errors of the flight, their integrals and traces."""
-        traces = torso.FEATURES + np.arange(len(self.traced) * len(self.trace_times))
-        return np.concatenate([torso.kept_entries(*ERRORS, "position_integral", "attitude_integral"), traces])
+    def enlarge_errors(self, scaling: "Scaling", factor: float) -> "Scaling":
+        """A scaling of what is shown in the torso's axes of which errors come out larger, and as 0 where they are 0.
+
+        Args:
+            scaling: Whose errors are those of falls.
+            factor: How many times as large errors and their integrals are. So are traces, which are scaled as the errors
+                that they are of: in units of their own a lasting error would soon be out of range.
+        """
+        errors, integrals = torso.kept_entries(*ERRORS), torso.kept_entries("position_integral", "attitude_integral")
+        entries = np.concatenate([errors, integrals])
+        mean, variance = scaling.mean.copy(), scaling.variance.copy()
+        mean[entries], mean[torso.FEATURES :] = 0.0, 0.0
+        variance[entries] /= factor**2
+        variance[torso.FEATURES :] = np.tile(variance[errors], len(self.trace_times))
+        return replace(scaling, mean=mean, variance=variance)
 
     def still_entries(self) -> np.ndarray:
         """Mask of the action's entries that stay 0 (`InvalidValueError` for an entry that there is not)."""
@@ -160,12 +171,6 @@ class Scaling:
         """(o − mean) / √variance, clipped, float32."""
         x = (observation - self.mean) / np.sqrt(self.variance)
         return np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
-
-    def enlarged(self, entries: np.ndarray, factor: float) -> "Scaling":
-        """That of which some entries come out larger."""
-        variance = self.variance.copy()
-        variance[entries] /= factor**2
-        return replace(self, variance=variance)
 
     def alike(self, turn: Turn) -> "Scaling":
         """That which scales what is turned alike: means over all four ways in which the robot can stand."""

@@ -21,7 +21,7 @@ from train.lib.origin import find_origin, first_layers
 from train.lib.rewards import RewardConfig
 from train.lib.run import Run, State
 from train.lib.vector import FARTHEST, TrainingVec
-from train.residual import PRESETS, Course, artifact, learn, make_agent, make_robots, make_scaling
+from train.residual import PRESETS, Course, artifact, learn, make_agent, make_robots
 
 pytestmark = pytest.mark.train
 ARGS = override(
@@ -43,21 +43,24 @@ def scaling_for(args):
     return Scaling(0.1 * rng.normal(size=size), rng.uniform(0.5, 1.5, size))
 
 
-def test_errors_their_integrals_and_traces_and_nothing_else_enter_larger(brief):
-    args = override(ARGS, scaling_ticks=30)
-    plain, large = (make_scaling(override(args, enlarged=factor)) for factor in (1.0, 4.0))
-    np.testing.assert_array_equal(plain.mean, large.mean)
-    entries = args.env.error_entries()
-    larger = np.sqrt(plain.variance / large.variance)
-    np.testing.assert_allclose(larger[entries], 4.0)
-    np.testing.assert_array_equal(np.delete(larger, entries), 1.0)
-    # Without traces: what of the features follows those pieces of an observation.
-    observation, own = np.zeros(torso.SHOWN), torso.entries(*ERRORS, "position_integral", "attitude_integral")
-    before = torso.features(observation)
-    observation[own] = 1.0
+def test_errors_enter_larger_and_traces_as_the_errors_that_they_are_of():
+    env = override(ARGS, trace_times=(0.2, 5.0)).env
+    size, rng = len(env.hidden_entries()), np.random.default_rng(4)
+    plain = Scaling(rng.normal(size=size), rng.uniform(0.5, 1.5, size))
+    large = env.enlarge_errors(plain, 4.0)
+    # What of the features follows those pieces of an observation.
+    observation, before = np.zeros(torso.SHOWN), torso.features(np.zeros(torso.SHOWN))
+    pieces = torso.entries(*ERRORS, "position_integral", "attitude_integral")
+    observation[pieces] = 1.0
     changed = np.flatnonzero(torso.features(observation) != before)
-    np.testing.assert_array_equal(changed, entries[entries < torso.FEATURES])
-    assert len(entries) == len(own) + len(torso.entries(*ERRORS))
+    assert len(changed) == len(pieces)
+    traces = np.arange(torso.FEATURES, size)
+    np.testing.assert_array_equal(large.mean[[*changed, *traces]], 0.0)
+    np.testing.assert_allclose(large.variance[changed], plain.variance[changed] / 16.0)
+    np.testing.assert_array_equal(large.variance[traces], np.tile(large.variance[changed[:12]], 2))
+    others = np.setdiff1d(np.arange(size), [*changed, *traces])
+    np.testing.assert_array_equal(large.mean[others], plain.mean[others])
+    np.testing.assert_array_equal(large.variance[others], plain.variance[others])
 
 
 def loud(model):
