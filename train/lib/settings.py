@@ -155,10 +155,10 @@ PRESETS: dict[str, Args] = {
             skip=True,
             symmetric=True,
             enlarged=12.0,
-            # 2 N at first, enough to learn from falls; 0.4 N in the end, for millimetres are lost in more.
+            # 2 N at first, enough to learn from falls; 0.3 N in the end, for millimetres are lost in more.
             action_scale=0.2,
             log_std=0.0,
-            log_std_end=-1.6,
+            log_std_end=-2.0,
             lr=1e-3,
             lr_end=5e-5,
             gamma=0.98,
@@ -167,7 +167,7 @@ PRESETS: dict[str, Args] = {
             average=0.8,
             ppo=PPOConfig(n_steps=64, epochs=5, target_kl=0.06),
         ),
-        schedule=ScheduleConfig(steps=6_021_120, first_steps=860_160, segment=286_720, envs=112),
+        schedule=ScheduleConfig(steps=9_175_040, first_steps=860_160, segment=286_720, envs=112),
         evaluation=EvaluationConfig(scenarios=4, select=False),
     ),
     "hover-distilled-ppo": Args(

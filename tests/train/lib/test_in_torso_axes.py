@@ -48,6 +48,7 @@ def test_errors_enter_larger_and_traces_as_the_errors_that_they_are_of():
     size, rng = len(env.hidden_entries()), np.random.default_rng(4)
     plain = Scaling(rng.normal(size=size), rng.uniform(0.5, 1.5, size))
     large = env.enlarge_errors(plain, 4.0)
+    assert large.clip == 3.0 * plain.clip
     # What of the features follows those pieces of an observation.
     observation, before = np.zeros(torso.SHOWN), torso.features(np.zeros(torso.SHOWN))
     pieces = torso.entries(*ERRORS, "position_integral", "attitude_integral")
