@@ -114,9 +114,9 @@ class EnvConfig:
 
         Args:
             scaling: Whose errors are those of falls.
-            factor: How many times as large errors and their integrals are. So are traces, which are scaled as the errors
-                that they are of: in units of their own a lasting error would soon be out of range. Three times as much
-                of everything is let through.
+            factor: How many times as large errors and their integrals are. So are traces, which are scaled as the
+                errors that they are of: in units of their own a lasting error would soon be out of range. Three times
+                as much of everything is let through.
         """
         errors, integrals = torso.kept_entries(*ERRORS), torso.kept_entries("position_integral", "attitude_integral")
         entries = np.concatenate([errors, integrals])

@@ -189,7 +189,7 @@ PRESETS: dict[str, Args] = {
             log_std_end=0.0,
             lr=1.5e-4,
             lr_end=1.5e-5,
-            # A torque is seen within ten ticks; beyond those, what is gained is lost in the noise of what else is tried.
+            # A torque is seen within ten ticks; later, what it gained is lost in the noise of what else is tried.
             gamma=0.92,
             batch_size=7168,
             critic_first=143_360,
