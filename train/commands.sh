@@ -22,7 +22,7 @@ supervised_paper() { row supervised_paper "0 1 2 3 4" "$FLIGHTS" supervised hove
 supervised_tuned() { row supervised_tuned "0 1 2 3 4" "$FLIGHTS" supervised hover-tuned; }
 ppo_paper() { row ppo_paper "0 1 2 3 4" "$FLIGHTS" residual hover-paper-ppo; }
 ppo_tuned() { row ppo_tuned "0 1 2 3 4" "$FLIGHTS" residual hover-tuned-ppo; }
-learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl; }
+learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl-pairs; }
 distilled() { row distilled "0 1 2 3 4" "$ALL_FLIGHTS" distill hover; }
 memory() { row memory "0 1 2 3 4" "$ALL_FLIGHTS" memory hover; }
 ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }

@@ -1,39 +1,43 @@
-"""Learn the gait's parameters by phase: random search in pairs, judged against the crawler that they are added to.
+"""Learn the gait's parameters by phase: a search in the engine, judged against the crawler that they are added to.
 
     python -m train.gait crawl --seed 0
 
-What is learned are 16 numbers: vertical force at the feet in every phase that moves, raise angle and lift height, once
-for the last cycle, which decides where the robot ends, and once for those before it. (Phase rate and stride are
-best as they are.) An episode's cost is known at its end alone; so the numbers are changed together, up and down one
-direction on the very same robot, floor and goal, and moved along the directions by the differences of the costs
-(augmented random search, Mania 2018).
+What is learned are 30 numbers: phase rate and vertical force at the feet in every phase that moves, raise angle,
+stride and lift height, once for the last cycle, which decides where the robot ends, and once for those before it. An
+episode's cost is known at its end alone: so the numbers are tried together, all trials of a generation on the very
+same robots, floors and goals, and `train/lib/search.py` says what follows from their costs.
 """
 
 import time
-from collections.abc import Callable
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.track import CRAWL, find_track
+from spidar_gym.benchmark.evaluate import play
+from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
+from spidar_gym.benchmark.track import CRAWL, TRACKS, find_track
 from spidar_gym.cli.console import kept, run_cli
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.actions import CRAWL_MODES, GAIT, find_action_mode
 from spidar_gym.envs.crawl.task import SUCCESS_POSITION
-from spidar_gym.errors import InvalidValueError, require_least
+from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
-from spidar_gym.policies.rollout import rollout
-from spidar_gym.processes import cpu_count
+from spidar_gym.processes import Pool, cpu_count
+from spidar_gym.robot import GRAVITY, ROBOT
 from train.lib.config import TrackRecipe, parse
-from train.lib.envs import Scaling, make_track_env, training_seed
+from train.lib.envs import Scaling, training_seed
 from train.lib.evaluate import Base, PairedEvaluator, Verdict
 from train.lib.learner import Layers
 from train.lib.report import report
 from train.lib.run import Run, State, curve_line, make_artifact, require_frameworks
+from train.lib.search import SearchConfig, make_search
 from train.lib.stages import Stages
 
 ACTION_MODE = "residual_gait_force"
@@ -41,30 +45,17 @@ ACTION_MODE = "residual_gait_force"
 MODE = find_action_mode(ACTION_MODE, CRAWL_MODES)
 """Its channels."""
 MOVING = tuple(PHASES.index(name) for name in ("raise", "swing", "lower", "up", "forward", "down"))
-"""Phases that have a force of their own; the others are over at once."""
+"""Phases that have numbers of their own; the others are over at once."""
 CYCLES = 2
 """Kinds of cycles with numbers of their own: the last one, and those before it."""
-SIZE = CYCLES * (len(MOVING) + 2)
-"""How many numbers: forces, raise angle and lift height of the last cycle, then of the others."""
-
-
-@dataclass(frozen=True)
-class SearchConfig:
-    """How the numbers are searched for."""
-
-    steps: int = 500_000
-    """Control ticks to learn from."""
-    directions: int = 4
-    """Directions between two updates, each with two crawls."""
-    spread: float = 0.3
-    """Standard deviation of a number's change along a direction."""
-    rate: float = 0.04
-    """Root mean square of an update's changes of the numbers at the beginning; it falls to 0 evenly."""
-    momentum: float = 0.7
-    """Fraction of the last update's direction that the next one keeps."""
-
-    def __post_init__(self) -> None:
-        require_least(1, steps=self.steps, directions=self.directions)
+BY_PHASE = ("rate", "force")
+"""What has a number for each phase that moves."""
+BY_CYCLE = ("raise", "stride", "lift")
+"""What has one for each kind of cycles."""
+COLUMNS = {"rate": 0, "raise": 1, "stride": 2, "lift": 3, "force": GAIT.size}
+"""Name → column of a table of phases: the entries of the gait, then the force."""
+GROUND = tuple(name for name, track in TRACKS.items() if not track.flies)
+"""All crawls: a gait is one for every track."""
 
 
 @dataclass(frozen=True)
@@ -73,21 +64,35 @@ class CostConfig:
 
     energy: float = 0.025
     """Cost of 1 Wh/m; the benchmark's error has the same."""
-    hurry: float = 0.5
-    """Cost of a crawl that takes the nominal time."""
+    hurry: float = 0.015
+    """Cost of 1 s/m: in 0.6 m as much as the energy, roughly."""
     goal: float = 0.5
     """Largest cost of an error at the goal; 10 mm cost half of it, a radian counts 0.5 m."""
     failure: float = 0.6
     """Cost of what is no success, for whatever reason."""
+    fall: float = 2.0
+    """Cost of a crawl that ends early or does not arrive, all in all."""
+
+    def __call__(self, metrics: Mapping[str, Any]) -> float:
+        """Cost of a crawl with the benchmark's metrics."""
+        if metrics["failed"]:
+            return self.fall
+        energy = metrics["cost_of_transport"] * ROBOT.total_mass * GRAVITY / 3600.0  # Wh/m
+        way = metrics["energy_wh"] / energy
+        # Bounded: the few large errors at the goal would decide everything.
+        miss = (metrics["drift"] * way / SUCCESS_POSITION) ** 2
+        failure = self.failure * (not metrics["success"])
+        goal = self.goal * miss / (1.0 + miss)
+        return self.energy * energy + self.hurry * metrics["duration_s"] / way + goal + failure
 
 
 @dataclass(frozen=True)
 class EvaluationConfig:
     """How often, and on what, the numbers are compared with the gait as it is."""
 
-    scenarios: int = 16
+    scenarios: int = 12
     """Validation scenarios of each track."""
-    validations: int = 8
+    validations: int = 6
     """How often it is evaluated."""
 
     def __post_init__(self) -> None:
@@ -100,12 +105,21 @@ class Args(TrackRecipe):
 
     action_mode = ACTION_MODE
 
+    learned: tuple[str, ...] = (*BY_PHASE, *BY_CYCLE)
+    """What is learned, of rate, force, raise, stride and lift; the rest stays as the crawler has it."""
+    crawls: int = 1
+    """Crawls of a trial on each track."""
+    workers: int = cpu_count()
+    """Processes that crawl."""
     search: SearchConfig = field(default_factory=SearchConfig)
     cost: CostConfig = field(default_factory=CostConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_least(1, crawls=self.crawls, workers=self.workers)
+        for name in self.learned:
+            require_name("learned", name, COLUMNS)
         for track in self.tracks:
             if find_track(track).flies:
                 raise InvalidValueError("tracks", track, "crawls: a flight has no gait")
@@ -113,10 +127,18 @@ class Args(TrackRecipe):
 
 PRESETS: dict[str, Args] = {
     "crawl": Args(
-        "learned_gait",
-        "Random search: gait parameters and foot forces by phase on the crawler `robust_overlapped`.",
-        ("ground-randomised",),
+        "gait",
+        "CMA-ES: phase rates, stride, lifts and foot forces by phase on the crawler `robust_overlapped`.",
+        GROUND,
         "robust_overlapped",
+    ),
+    "crawl-pairs": Args(
+        "learned_gait",
+        "Random search: gait parameters and foot forces by phase on the crawler `robust_overlapped_v1`.",
+        ("ground-randomised",),
+        "robust_overlapped_v1",
+        learned=("force", "raise", "lift"),
+        search=SearchConfig("pairs", generations=90, population=8, spread=0.3),
     ),
 }
 """Settings by name."""
@@ -130,103 +152,67 @@ def scaling() -> Scaling:
     return Scaling(mean, variance, 1.0)
 
 
-def phase_table(numbers: np.ndarray) -> np.ndarray:
-    """Raise, lift and force in every phase of the last cycle, then of the others, shape (2 phases, 3)."""
-    table = np.zeros((CYCLES, len(PHASES), 3))
-    for rows, own in zip(table, numbers.reshape(CYCLES, -1), strict=True):
-        rows[MOVING, 2] = own[: len(MOVING)]
-        # What counts is the tick in which a leg begins to rise, or the torso.
-        rows[:, :2] = own[len(MOVING) :]
-    return table.reshape(-1, 3)
+def places(learned: Sequence[str]) -> list[tuple[int, tuple[int, ...], int]]:
+    """Kind of cycles, phases and column of every number, in their order."""
+    found = []
+    for kind in range(CYCLES):
+        for name in learned:
+            # What belongs to a cycle counts in the tick in which a leg begins to rise, or the torso.
+            phases = [(k,) for k in MOVING] if name in BY_PHASE else [tuple(range(len(PHASES)))]
+            found += [(kind, own, COLUMNS[name]) for own in phases]
+    return found
 
 
-def layers(numbers: np.ndarray) -> Layers:
-    """The numbers, shape (`SIZE`,), within ± 1, as a network: two hidden units for each phase."""
-    places, place = {}, 0
+def phase_table(learned: Sequence[str], numbers: np.ndarray) -> np.ndarray:
+    """The gait's entries and the force in every phase of the last cycle, then of the others, shape (2 phases, 5)."""
+    table = np.zeros((CYCLES, len(PHASES), len(COLUMNS)))
+    for (kind, phases, column), number in zip(places(learned), numbers, strict=True):
+        table[kind, phases, column] = number
+    return table.reshape(-1, len(COLUMNS))
+
+
+def layers(table: np.ndarray) -> Layers:
+    """A table of phases as a network: two hidden units for each phase."""
+    starts, start = {}, 0
     for piece in crawl_layout(MODE.size):
-        places[piece.name], place = place, place + piece.size
+        starts[piece.name], start = start, start + piece.size
     n = len(PHASES)
-    hidden = np.zeros((CYCLES * n, place), np.float32)
+    hidden = np.zeros((CYCLES * n, start), np.float32)
     for k in range(n):
-        hidden[[k, n + k], places["phase"] + k] = 1.0
-    hidden[:n, places["steps_left"]], hidden[n:, places["steps_left"]] = -0.5, 0.5
-    columns = phase_table(numbers).T
+        hidden[[k, n + k], starts["phase"] + k] = 1.0
+    hidden[:n, starts["steps_left"]], hidden[n:, starts["steps_left"]] = -0.5, 0.5
     last = np.zeros((MODE.size, CYCLES * n), np.float32)
-    last[[1, 3]] = columns[:2]
-    last[GAIT.size + 2 :: 3] = columns[2]
+    last[: GAIT.size] = table.T[: GAIT.size]
+    last[GAIT.size + 2 :: 3] = table.T[GAIT.size]
     return (hidden, np.full(CYCLES * n, -0.5, np.float32)), (last, np.zeros(MODE.size, np.float32))
 
 
 def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
     """The numbers as the benchmark's artifact."""
     return make_artifact(
-        layers(numbers), scaling(), state, name=args.name, kind="residual", doc=args.doc, env_id=CRAWL,
-        arguments=args.arguments, activation="relu",
+        layers(phase_table(args.learned, numbers)), scaling(), state, name=args.name, kind="residual", doc=args.doc,
+        env_id=CRAWL, arguments=args.arguments, activation="relu",
         training={"seed": args.seed, "steps": state.learner.get("ticks", 0), "chosen_at": state.best_steps},
     )  # fmt: skip
 
 
-class Course:
-    """Crawls of the tracks' kinds: what a gait costs on one of them."""
-
-    def __init__(self, args: Args) -> None:
-        """Make the environments."""
-        self._args = args
-        self._envs = [make_track_env(track, args.arguments, args.control) for track in args.tracks]
-
-    def cost(self, numbers: np.ndarray, index: int, seed: int) -> tuple[float, int]:
-        """Cost of a crawl, and its ticks; the tracks take turns."""
-        config, env = self._args.cost, self._envs[index % len(self._envs)]
-        inner: Any = env.unwrapped
-        info, ticks = {}, 0
-        for step in rollout(env, LearnedPolicy(artifact(self._args, numbers, State())), seed=seed):
-            info, ticks = step.info, ticks + 1
-        progress = inner.progress
-        # Bounded: the few large errors at the goal would decide everything.
-        miss = (progress.distance / SUCCESS_POSITION) ** 2
-        energy = config.energy * info["energy_wh"] / progress.initial_distance
-        duration = config.hurry * ticks / CONTROL_RATE / progress.nominal_time
-        failure = config.failure * (not info["is_success"])
-        return energy + duration + config.goal * miss / (1.0 + miss) + failure, ticks
-
-    def close(self) -> None:
-        """Close the environments."""
-        for env in self._envs:
-            env.close()
+def draw_scenarios(args: Args, generation: int) -> list[tuple[str, list[Scenario]]]:
+    """The crawls of a generation, the same for all its trials: scenarios of each track, of no split."""
+    found = []
+    for name in args.tracks:
+        seeds = [training_seed(args.seed, 6, generation, zlib.crc32(name.encode()), k) for k in range(args.crawls)]
+        rngs = [np.random.Generator(np.random.PCG64(seed)) for seed in seeds]
+        found.append((name, [draw_scenario_from(TRACKS[name], rng, k) for k, rng in enumerate(rngs)]))
+    return found
 
 
-def update(
-    args: Args, course: Course, numbers: np.ndarray, direction: np.ndarray, index: int, progress: float,
-    on_ticks: Callable[[int], object],
-) -> tuple[np.ndarray, np.ndarray, int]:  # fmt: skip
-    """The numbers after one update, its direction, and the ticks it took.
-
-    Args:
-        args: Settings.
-        course: Environments that it crawls in.
-        numbers: Numbers before the update.
-        direction: Direction of the last update.
-        index: Index of the update; everything drawn in it depends on it and on the run's seed.
-        progress: Fraction of the run that is done.
-        on_ticks: Called with the ticks of each crawl.
-    """
-    search, total = args.search, 0
-    rng = np.random.Generator(np.random.PCG64(training_seed(args.seed, 5, index)))
-    direction = search.momentum * direction
-    for k, tried in enumerate(rng.standard_normal((search.directions, SIZE))):
-        seed, costs = training_seed(args.seed, 6, index, k), []
-        for sign in (1.0, -1.0):
-            cost, ticks = course.cost(
-                np.clip(numbers + sign * search.spread * tried, -1.0, 1.0), index * search.directions + k, seed
-            )
-            costs.append(cost)
-            total += ticks
-            on_ticks(ticks)
-        direction = direction - (costs[0] - costs[1]) * tried
-    size = float(np.sqrt(np.mean(direction**2)))
-    if size > 0.0:
-        numbers = numbers + search.rate * (1.0 - progress) * direction / size
-    return np.clip(numbers, -1.0, 1.0), direction, total
+def crawl(args: Args, piece: tuple[np.ndarray, str, list[Scenario]]) -> tuple[float, int]:
+    """Cost of numbers on a track's scenarios, mean, and the ticks that it took."""
+    numbers, track, scenarios = piece
+    played = play(LearnedPolicy(artifact(args, numbers, State())), track, scenarios, control=args.control)
+    metrics = [each["metrics"] for each in played]
+    seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None where it diverged
+    return float(np.mean([args.cost(each) for each in metrics])), round(seconds * CONTROL_RATE)
 
 
 def learn(args: Args) -> Path:
@@ -236,47 +222,54 @@ def learn(args: Args) -> Path:
     state = run.load() or State()
     with (
         kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command goes on"),
+        Pool(args.workers) as pool,
         Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
     ):
-        return _learn(args, run, state, stages)
+        return _learn(args, run, state, pool, stages)
 
 
-def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
+def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages) -> Path:
     """Learn from a state on; the path of the artifact."""
-    steps, evaluation = args.search.steps, args.evaluation
+    config, evaluation, size = args.search, args.evaluation, len(places(args.learned))
     stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario", "validation")
     evaluator = PairedEvaluator(
-        args.tracks, Base(args.arguments), evaluation.scenarios, control=args.control, on_scenario=stages.count
-    )
+        args.tracks, Base(args.arguments), evaluation.scenarios, control=args.control, on_scenario=stages.count,
+        each=pool.map,
+    )  # fmt: skip
     state.base, state.scaling = evaluator.means, vars(scaling())
-    # In the file, `way` is the direction of the last update.
-    fresh = {**{name: np.zeros(SIZE) for name in ("numbers", "way", "best")}, "ticks": 0, "updates": 0}
+    fresh = {"costs": np.zeros((0, config.population)), "best": np.zeros(size), "ticks": 0}
     learner = dict(state.learner) or fresh
     run.require_alike(learner, fresh)
     if not state.learner:
-        evaluator.require_same_as_base(artifact(args, learner["numbers"], state))
+        evaluator.require_same_as_base(artifact(args, np.zeros(size), state))
+    search = make_search(config, size, args.seed)
+    for costs in learner["costs"]:
+        search.ask()
+        search.tell(costs)
 
     def choose(verdict: Verdict, numbers: np.ndarray) -> None:
         learner["best"], state.best_score, state.best_steps = numbers, verdict.score, learner["ticks"]
 
-    stages.begin("learning", steps, "tick", "crawls", learner["ticks"])
-    course = Course(args)
-    while learner["ticks"] < steps:
+    stages.begin("learning", config.generations, "generation", "crawls", len(learner["costs"]))
+    while (generation := len(learner["costs"])) < config.generations:
         began = time.perf_counter()
         stages.say("learning", "crawls")
-        learner["numbers"], learner["way"], ticks = update(
-            args, course, learner["numbers"], learner["way"], learner["updates"], learner["ticks"] / steps, stages.count
-        )
-        learner["ticks"], learner["updates"] = learner["ticks"] + ticks, learner["updates"] + 1
-        state.learner = dict(learner)
+        trials, drawn = search.ask(), draw_scenarios(args, generation)
+        found = list(pool.map(partial(crawl, args), [(numbers, *own) for numbers in trials for own in drawn]))
+        costs = np.array([cost for cost, _ in found]).reshape(len(trials), len(drawn)).mean(axis=1)
+        search.tell(costs)
+        learner["costs"] = np.concatenate([learner["costs"], costs[None]])
+        learner["ticks"] += sum(ticks for _, ticks in found)
+        stages.count()
         verdict = None
-        if learner["ticks"] >= steps * (state.segment + 1) / evaluation.validations:
+        if (generation + 1) * evaluation.validations >= config.generations * (state.segment + 1):
             stages.say("playing against the base", "validation")
-            verdict = evaluator.evaluate(artifact(args, learner["numbers"], state))
+            verdict = evaluator.evaluate(artifact(args, search.mean, state))
             stages.evaluated(verdict)
             if verdict.admissible and verdict.score < state.best_score:
-                choose(verdict, learner["numbers"])
-            state.learner, state.segment = dict(learner), state.segment + 1
+                choose(verdict, search.mean)
+            state.segment += 1
+        state.learner = dict(learner)
         state.seconds += time.perf_counter() - began
         if verdict is not None:
             state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
@@ -284,12 +277,9 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
     if not state.best_steps:
         # All of it made something worse at every validation; perhaps less of it does not.
         stages.say("playing less of it against the base", "validation")
-        verdict, fraction = evaluator.largest_fraction(
-            lambda fraction: artifact(args, fraction * learner["numbers"], state)
-        )
+        verdict, fraction = evaluator.largest_fraction(lambda fraction: artifact(args, fraction * search.mean, state))
         if verdict.admissible and verdict.score < 0.0:
-            choose(verdict, fraction * learner["numbers"])
-    course.close()
+            choose(verdict, fraction * search.mean)
     run.write_curve(state)
     return run.publish(artifact(args, learner["best"], state))
 
@@ -297,7 +287,7 @@ def _learn(args: Args, run: Run, state: State, stages: Stages) -> Path:
 def main() -> None:
     """Entry point."""
     args = parse(PRESETS, "python -m train.gait", __doc__)
-    report(learn(args), args, CRAWL, args.tracks, args.base, workers=cpu_count())
+    report(learn(args), args, CRAWL, args.tracks, args.base, workers=args.workers)
 
 
 if __name__ == "__main__":

@@ -10,24 +10,24 @@ pytest.importorskip("stable_baselines3", reason="the extra `train` is not instal
 
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.border import pack, unpack
-from train.gait import SIZE, layers, scaling
+from train.gait import BY_CYCLE, BY_PHASE, layers, phase_table, places, scaling
 from train.lib.evaluate import Verdict
 from train.lib.run import TITLE, CheckpointError, Run, State, curve_line
 
 pytestmark = pytest.mark.train
 VALUES = (None, True, -1, 10**9, 1.5, "", "a\nb", "\x1b", [], {}, [[None]], "x" * 10_000)
-FRESH = {"numbers": np.zeros(SIZE), "way": np.zeros(SIZE), "best": np.zeros(SIZE), "ticks": 0, "updates": 0}
+LEARNED = (*BY_PHASE, *BY_CYCLE)
+SIZE = len(places(LEARNED))
+FRESH = {"costs": np.zeros((0, 12)), "best": np.zeros(SIZE), "ticks": 0}
 
 
 @pytest.fixture
 def run(tmp_path):
     """A run with a checkpoint, as `train.gait` writes it."""
     run = Run(tmp_path, {"seed": 0, "rate": 0.04}, CRAWL, {"preset": "robust", "action_mode": "residual_gait_force"})
-    rng = np.random.default_rng(0)
-    state = State(
-        segment=2, scaling=vars(scaling()), mean=layers(np.zeros(SIZE)), best=layers(np.zeros(SIZE)), best_score=-0.1
-    )
-    state.learner = {**FRESH, "numbers": rng.uniform(-1.0, 1.0, SIZE), "ticks": 3200, "updates": 4}
+    rng, none = np.random.default_rng(0), layers(phase_table(LEARNED, np.zeros(SIZE)))
+    state = State(segment=2, scaling=vars(scaling()), mean=none, best=none, best_score=-0.1)
+    state.learner = {"costs": rng.uniform(0.5, 1.0, (4, 12)), "best": rng.uniform(-1.0, 1.0, SIZE), "ticks": 3200}
     state.base = {"ground-paper": {"error": 0.5}}
     state.curve = [curve_line(k, 1.0, Verdict({"ground-paper": {"error": -0.1}}, 0.0, failed=False)) for k in (1, 2)]
     run.save(state)

@@ -1,4 +1,4 @@
-"""Pins the search for gait parameters: the table is the network, paired crawls lead downhill, runs resume."""
+"""Pins the search for gait parameters: the table is the network, trials share their crawls, runs resume."""
 
 import json
 from dataclasses import replace
@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
 
+from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.border import unpack
 from spidar_gym.control.crawl.observation import crawl_layout
@@ -15,14 +16,14 @@ from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.policies.artifact import read_artifact
 from train import gait
-from train.gait import PRESETS, SIZE, Course, artifact, learn, phase_table, update
-from train.lib.config import CONTROL, override
-from train.lib.envs import training_seed
+from train.gait import PRESETS, artifact, crawl, draw_scenarios, learn, phase_table, places
+from train.lib.config import override
+from train.lib.evaluate import Base
 from train.lib.run import TITLE, CheckpointError, State
 
 pytestmark = pytest.mark.train
-TINY = override(PRESETS["crawl"], directions=1, scenarios=1, control=CONTROL)
-TRACK = "ground-randomised"
+TINY = override(PRESETS["crawl"], tracks=("ground-randomised",), scenarios=1, workers=1)
+SIZE = len(places(TINY.learned))
 
 
 def observe(phase, steps_left, rng):
@@ -36,109 +37,105 @@ def observe(phase, steps_left, rng):
     return np.concatenate(pieces).astype(np.float32)
 
 
-def test_a_network_says_what_its_table_says_in_every_phase_of_the_last_cycle_and_of_the_others():
-    rng = np.random.default_rng(0)
-    numbers = rng.uniform(-0.9, 0.9, SIZE)
-    agent, rows = artifact(TINY, numbers, State()), phase_table(numbers)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_network_says_what_its_table_says_in_every_phase_of_the_last_cycle_and_of_the_others(preset):
+    rng, args = np.random.default_rng(0), PRESETS[preset]
+    numbers = rng.uniform(-0.9, 0.9, len(places(args.learned)))
+    agent, rows = artifact(args, numbers, State()), phase_table(args.learned, numbers)
     assert len(set(np.abs(rows[rows != 0.0]))) == len(numbers)
     for k, phase in enumerate(PHASES):
         for steps_left in (0, 1, 2, 3, 17):
-            raised, lift, force = rows[k if steps_left <= 1 else len(PHASES) + k]
+            *gaits, force = rows[k if steps_left <= 1 else len(PHASES) + k]
             action = agent.act(observe(phase, steps_left, rng))
-            np.testing.assert_allclose(action[:4], [0.0, raised, 0.0, lift], atol=1e-6)
+            np.testing.assert_allclose(action[:4], gaits, atol=1e-6)
             np.testing.assert_allclose(action[4:].reshape(4, 3), [[0.0, 0.0, force]] * 4, atol=1e-6)
 
 
-class Bowl:
-    """Instead of crawls: a cost with its least at a table, and what an episode draws on top, the same for its seed."""
-
-    def __init__(self, least):
-        self.least, self.seeds = least, []
-
-    def cost(self, numbers, number, seed):
-        self.seeds.append(seed)
-        luck = 100.0 * np.random.default_rng(seed).normal()
-        return float(np.mean((numbers - self.least) ** 2)) + luck, 800
-
-    def close(self):
-        pass
+def test_what_is_not_learned_stays_as_it_is():
+    numbers = np.full(len(places(("force",))), 0.5)
+    table = phase_table(("force",), numbers)
+    assert not table[:, :4].any()
+    assert table[:, 4].any()
+    with pytest.raises(UnknownNameError, match=r"unknown learned 'speed'; valid: .*stride"):
+        override(TINY, learned=("speed",))
 
 
-def test_the_search_goes_downhill_whatever_the_episodes_draw():
-    """The luck of an episode is some thousand times what a table changes; it is the same on both sides."""
-    least = np.random.default_rng(1).uniform(-0.6, 0.6, SIZE)
-    bowl, numbers, direction = Bowl(least), np.zeros(SIZE), np.zeros(SIZE)
-    args = override(TINY, directions=4)
-    for number in range(60):
-        numbers, direction, ticks = update(args, bowl, numbers, direction, number, number / 60, lambda _: None)
-        assert ticks == 2 * 4 * 800
-    first, last = np.mean(least**2), np.mean((numbers - least) ** 2)
-    assert last < 0.1 * first
-    assert np.abs(numbers).max() <= 1.0
-    assert all(a == b for a, b in zip(bowl.seeds[::2], bowl.seeds[1::2], strict=True))  # pairs
-    assert len(set(bowl.seeds)) == 60 * 4
-    assert min(bowl.seeds) >= 2**31
+def test_trials_of_a_generation_share_their_crawls_and_no_generation_those_of_another():
+    args = override(PRESETS["crawl"], crawls=2)
+    first, again, second, other = (
+        {
+            name: [(one.seed, dict(one.options)) for one in own]
+            for name, own in draw_scenarios(override(args, seed=s), g)
+        }
+        for s, g in ((0, 0), (0, 0), (0, 1), (1, 0))
+    )
+    assert first == again
+    seeds = {seed for drawn in (first, second, other) for own in drawn.values() for seed, _ in own}
+    assert len(seeds) == 3 * 5 * 2
+    assert {tuple(options) for _, options in first["ground-friction"]} == {("friction", "slope", "slope_direction")}
 
 
-def test_where_nothing_makes_a_difference_nothing_changes():
-    flat = type("Flat", (), {"cost": lambda *_: (1.0, 10)})()
-    numbers = np.full_like(np.zeros(SIZE), 0.25)
-    np.testing.assert_array_equal(update(TINY, flat, numbers, np.zeros(SIZE), 0, 0.0, lambda _: None)[0], numbers)
+def test_a_crawl_costs_its_energy_its_time_and_what_is_missing_at_its_end():
+    ((track, scenarios),) = draw_scenarios(TINY, 0)
+    cost, ticks = crawl(TINY, (np.zeros(SIZE), track, scenarios))
+    (played,) = play(Base(TINY.arguments), track, scenarios, control=TINY.control)
+    found, options = played["metrics"], scenarios[0].options
+    way = options["distance"]
+    way += 0.5 * abs(options["turn"])
+    assert ticks == round(40.0 * found["duration_s"])
+    missing = found["final_error_m"] + 0.5 * found["final_yaw_rad"]
+    share = (missing / 0.01) ** 2
+    goal = 0.5 * share / (1.0 + share)
+    known = 0.025 * found["energy_wh"] / way + 0.015 * found["duration_s"] / way
+    assert cost == pytest.approx(
+        known + goal + 0.6 * (not found["success"]), rel=5e-3
+    )  # of where it lies after it has settled
+    assert TINY.cost({"failed": True}) == 2.0
+    assert TINY.cost({**found, "success": False}) == pytest.approx(TINY.cost({**found, "success": True}) + 0.6)
 
 
 @pytest.fixture
 def short(monkeypatch):
-    """Crawls of two seconds: nobody arrives, but runs are runs."""
-    monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=2.0))
-
-
-def test_a_crawl_costs_its_time_its_energy_and_what_is_missing_at_its_end(short):
-    course = Course(TINY)
-    cost, ticks = course.cost(np.zeros(SIZE), 0, training_seed(0, 6, 0))
-    assert ticks == 80
-    # Not arrived: nearly all that an error at the goal can cost, the failure, its energy, its time.
-    inner = course._envs[0].unwrapped
-    progress, energy, config = inner.progress, inner.plant.energy_wh, TINY.cost
-    known = (
-        config.failure + config.hurry * 2.0 / progress.nominal_time + config.energy * energy / progress.initial_distance
-    )
-    assert cost - known == pytest.approx(config.goal, rel=0.01)
-    assert course.cost(np.zeros(SIZE), 0, training_seed(0, 6, 0)) == (cost, ticks)
-    course.close()
+    """Validation crawls of two seconds: nobody arrives, but runs are runs."""
+    track = TINY.tracks[0]
+    monkeypatch.setitem(TRACKS, track, replace(TRACKS[track], seconds=2.0))
 
 
 def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path, monkeypatch):
-    monkeypatch.setattr(gait, "Course", lambda _: Bowl(np.full_like(np.zeros(SIZE), 0.5)))
-    args = override(TINY, steps=6400, validations=2)
-    whole = learn(override(args, out=tmp_path / "whole")).read_bytes()
-
     calls = []
 
-    def stop(*args, **kwargs):
+    def bowl(args, piece):
+        """Instead of crawls: a cost with its least at numbers of ½."""
         calls.append(1)
-        if len(calls) == 3:
+        if len(calls) == stop:
             raise KeyboardInterrupt
-        return update(*args, **kwargs)
+        return float(np.mean((piece[0] - 0.5) ** 2)), 100
 
-    monkeypatch.setattr(gait, "update", stop)
+    monkeypatch.setattr(gait, "crawl", bowl)
+    args, stop = override(TINY, generations=4, validations=2, population=6), 0
+    whole = learn(override(args, out=tmp_path / "whole")).read_bytes()
+    assert len(calls) == 24
+
+    calls, stop = [], 15
     with pytest.raises(KeyboardInterrupt):
         learn(override(args, out=tmp_path / "cut"))
+    stop = 0
     path = learn(override(args, out=tmp_path / "cut"))
     assert path.read_bytes() == whole
-    assert len(calls) == 5  # four updates, one of them begun twice
+    assert len(calls) == 15 + 12  # two whole generations, a third begun twice
     curve = json.loads((path.parent / "curve.json").read_text())
-    assert [line["steps"] for line in curve["curve"]] == [3200, 6400]
+    assert [line["steps"] for line in curve["curve"]] == [1200, 2400]
     agent = read_artifact(path)
     assert (agent.kind, dict(agent.arguments)) == ("residual", args.arguments)
-    folders = [tmp_path / name / "learned_gait" / "seed0" for name in ("whole", "cut")]
+    folders = [tmp_path / name / "gait" / "seed0" for name in ("whole", "cut")]
     found = [
-        unpack(TITLE, (folder / "checkpoint.npz").read_bytes(), sealed=True)[1]["learner/numbers"] for folder in folders
+        unpack(TITLE, (folder / "checkpoint.npz").read_bytes(), sealed=True)[1]["learner/costs"] for folder in folders
     ]
     np.testing.assert_array_equal(*found)
-    assert np.abs(found[0]).max() > 0.0
+    assert found[0].shape == (4, 6)
 
-    with pytest.raises(CheckpointError, match=r"spread = 0.3 instead of 0.2"):
-        learn(override(args, out=tmp_path / "cut", spread=0.2))
+    with pytest.raises(CheckpointError, match=r"spread = 0.2 instead of 0.3"):
+        learn(override(args, out=tmp_path / "cut", spread=0.3))
 
 
 def test_bad_settings_are_refused_before_anything_is_written(tmp_path):
@@ -147,4 +144,4 @@ def test_bad_settings_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(UnknownNameError):
         override(TINY, tracks=("moon",))
     with pytest.raises(InvalidValueError):
-        override(TINY, directions=0)
+        override(TINY, crawls=0)
