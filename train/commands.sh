@@ -24,9 +24,10 @@ ppo_paper() { row ppo_paper "0 1 2 3 4" "$FLIGHTS" residual hover-paper-ppo; }
 ppo_tuned() { row ppo_tuned "0 1 2 3 4" "$FLIGHTS" residual hover-tuned-ppo; }
 learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl-pairs; }
 distilled() { row distilled "0 1 2 3 4" "$ALL_FLIGHTS" distill hover; }
+direct() { row direct "0 1 2 3 4" "$ALL_FLIGHTS" residual hover-direct; }
 memory() { row memory "0 1 2 3 4" "$ALL_FLIGHTS" memory hover; }
 ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }
 
-for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled memory learned_gait ppo_direct}; do "$name"; done
+for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled direct memory learned_gait ppo_direct}; do "$name"; done
 python -m train.curves
 spidar leaderboard build
