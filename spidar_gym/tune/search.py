@@ -66,6 +66,8 @@ class Search:
     """Parameters → controller; `InvalidValueError` for what is none."""
     shortfall: Callable[[Any], float]
     """How far a controller's margins fall short."""
+    unsuccessful: float = 0.0
+    """What an episode that is no success adds to its error."""
 
     @property
     def tracks(self) -> tuple[str, ...]:
@@ -78,7 +80,14 @@ SEARCHES: dict[str, Search] = {
         "flight", "tuned", "flight", flight.REFERENCE, flight.PARAMETERS, flight.configuration, flight.shortfall
     ),
     "crawl": Search(
-        "crawl", "robust_overlapped", "ground", crawl.REFERENCE, crawl.PARAMETERS, crawl.configuration, crawl.shortfall
+        "crawl",
+        "robust_overlapped",
+        "ground",
+        crawl.REFERENCE,
+        crawl.PARAMETERS,
+        crawl.configuration,
+        crawl.shortfall,
+        crawl.UNSUCCESSFUL,
     ),
 }
 """Every search by name."""
@@ -111,7 +120,7 @@ class _Played(PresetPolicy):
 
 
 def play_candidate(candidate: Candidate) -> dict[str, Any]:
-    """Play it: the benchmark's `errors` of its scenarios and the `ticks` that were simulated."""
+    """Play it: the `errors` of its scenarios, the benchmark's and what failing adds, and the `ticks` simulated."""
     search = SEARCHES[candidate.search]
     if candidate.values is None:
         arguments: dict[str, Any] = {"preset": search.reference}
@@ -122,7 +131,8 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
             return {"errors": [CAP] * len(candidate.scenarios), "ticks": 0}
     played = play_scenarios(_Played(arguments), candidate.track, candidate.scenarios)
     seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where it diverged
-    return {"errors": [one["metrics"]["error"] for one in played], "ticks": round(seconds * CONTROL_RATE)}
+    errors = [one["metrics"]["error"] + search.unsuccessful * (not one["metrics"]["success"]) for one in played]
+    return {"errors": errors, "ticks": round(seconds * CONTROL_RATE)}
 
 
 def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[str, tuple[Scenario, ...]]:
