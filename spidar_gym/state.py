@@ -14,7 +14,7 @@ POSE_FRAMES, IMU_SAMPLES = 4, 8
 """Most frames of the motion capture and samples of the inertial unit in a measurement."""
 LEAST_QUATERNION = 0.25
 """A quaternion whose squared norm is not above this is no attitude."""
-_NONE_LOST = constant(False, 8)
+_NONE_LOST, _STEADY = constant(False, 8), constant(0.0, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +110,10 @@ class Reference:
     """Modules declared lost, whose thrust is gone: the allocation does without them."""
     lost_vectoring: RotorMask = field(default_factory=lambda: _NONE_LOST)
     """Modules whose φ and θ no longer move: the allocation uses their thrust where it points."""
+    acceleration_w: Vector3 = field(default_factory=lambda: _STEADY)
+    """Desired acceleration of the CoG in the world [m/s²]."""
+    alpha_b: Vector3 = field(default_factory=lambda: _STEADY)
+    """Desired angular acceleration, in the desired torso axes [rad/s²]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +176,7 @@ def valid_reference(reference: Reference) -> bool:
     numbers = np.concatenate(
         (
             reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,
+            reference.acceleration_w, reference.alpha_b,
         )
     )  # fmt: skip
     return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > LEAST_QUATERNION

@@ -25,6 +25,7 @@ TUNED = ControllerConfig(
         observer_time=0.1989,
         observer_lag=0.2988,
         joint_ramp=0.4,
+        reference_gain=1.0,
     ),
 )
 """The best controller in the air."""
@@ -43,6 +44,7 @@ TUNED_V1 = ControllerConfig(
         observer_time=0.3603,
         observer_lag=0.1621,
         joint_ramp=0.4,
+        reference_gain=1.0,
     ),
 )
 """The first version of `tuned`, on which policies of format 1 and 2 were learned."""

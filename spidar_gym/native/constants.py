@@ -15,7 +15,7 @@ from spidar_gym.control.crawl import footsteps, gait, pose2
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.phases import CYCLE, LIFT, PHASES, STAND
 from spidar_gym.control.estimator import HISTORY
-from spidar_gym.control.flight import centroidal, compensation, observation
+from spidar_gym.control.flight import centroidal, compensation, observation, path
 from spidar_gym.control.flight import controller as flight_controller
 from spidar_gym.model import rotor
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
@@ -61,6 +61,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", crawl_controller, ("EFFORT_SHARE",)),
     ("", footsteps, ("MOST_STRIDE", "BISECTIONS")),
     ("", pose2, ("STRAIGHT",)),
+    ("PATH_", path, ("EASE", "REST", "TURN_RATE", "KNOT_TIME", "SUBSTEPS")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
                      "LEAST_LIFT", "TRIAL")),
 )  # fmt: skip

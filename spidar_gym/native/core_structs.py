@@ -145,6 +145,10 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("joint_velocity", "f8", (N_JOINTS,), "commanded [rad/s]"),
         ("allocation", "allocation", (), ""),
     )),
+    CStruct("knot", "What a path of the CoG and its heading passes.", (
+        ("time", "f8", (), "[s]"),
+        ("pose_w rate_w acceleration_w", "f8", (4,), "x, y, z and heading; their first and second derivatives"),
+    )),
     CStruct("step", "One run through some phases.", (
         ("phases", "i4", (), "sp_phases"),
         ("has_target", "i4", (), ""),

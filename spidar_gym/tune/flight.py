@@ -1,7 +1,8 @@
 """The search for `tuned`: gains and compensations of the flight controller, margins held."""
 
+from dataclasses import replace
+
 from spidar_gym.control.flight.centroidal import CentroidalConfig
-from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.margins import AXES, margins
 from spidar_gym.control.presets import TUNED_V1
@@ -27,7 +28,8 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "observer_time": (0.05, 2.0),
     "observer_lag": (0.01, 0.3),
 }
-"""Fields of `CompensationConfig`; the ramp of the joints is fixed: the deadlines bound it, not the errors."""
+"""Fields of `CompensationConfig`. The ramp of the joints is fixed, for the deadlines bound it and not the errors; so is
+the gain of the reference's acceleration, which none of the tracks has."""
 
 PARAMETERS: tuple[Parameter, ...] = (
     *(
@@ -49,9 +51,7 @@ def configuration(values: dict[str, float]) -> ControllerConfig:
     xy, z, tilt, yaw = (pid(axis) for axis in _ROWS)
     return ControllerConfig(
         centroidal=CentroidalConfig(position_gains=(xy, xy, z), attitude_gains=(tilt, tilt, yaw)),
-        compensation=CompensationConfig(
-            joint_ramp=TUNED_V1.compensation.joint_ramp, **{name: values[name] for name in _BOUNDS}
-        ),
+        compensation=replace(TUNED_V1.compensation, **{name: values[name] for name in _BOUNDS}),
     )
 
 

@@ -1,4 +1,4 @@
-"""What moving legs, slow servos and the air do to the torso, taken into account: four options, each off by default.
+"""What moving legs, slow servos, the air and the way itself ask of the torso: five options, each off by default.
 
 The paper's controller is quasi-static: it treats the legs' motion and everything unmodelled as disturbances for its
 integrals. Here are the classical answers. All are pure functions of a small memory.
@@ -13,7 +13,8 @@ from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Wrench
 from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.so3 import exp
+from spidar_gym.so3 import exp, quat_to_matrix
+from spidar_gym.state import Reference
 
 MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE = 0.5 * ROBOT.weight, 10.0
 """An observed external wrench is clipped to ± this [N], [Nm]: a wrong belief must not take over."""
@@ -39,6 +40,8 @@ class CompensationConfig:
     """Time constant of the model of the rotors that the observer believes in [s]."""
     joint_ramp: float = 0.0
     """Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off."""
+    reference_gain: float = 0.0
+    """Share of the reference's acceleration that is asked for before there is an error; 0 is off [Lee2010]."""
 
     def __post_init__(self) -> None:
         """Refuse what is not a filter."""
@@ -107,6 +110,19 @@ def momentum_torque(
     wanted = rate + np.array([y * hz - z * hy, z * hx - x * hz, x * hy - y * hx])
     smoothing = 1.0 - math.exp(-dt / config.momentum_filter) if config.momentum_filter > 0.0 else 1.0
     return replace(memory, torque=memory.torque + smoothing * (wanted - memory.torque), momentum=h)
+
+
+def reference_wrench(snapshot: Snapshot, R_wb: Matrix3, reference: Reference) -> Wrench:
+    """Wrench in {CoG} that moves the robot as its reference moves: m r̈ᵈ and I ω̇ᵈ [N, Nm].
+
+    Args:
+        snapshot: Mass and centroidal inertia.
+        R_wb: Attitude of the torso.
+        reference: Where its accelerations are from.
+    """
+    alpha_w = quat_to_matrix(reference.quat_wb) @ reference.alpha_b
+    force_b = snapshot.mass * (reference.acceleration_w @ R_wb)
+    return np.concatenate((force_b, snapshot.inertia_c @ (alpha_w @ R_wb)))
 
 
 def lead_forces(

@@ -24,6 +24,7 @@ from spidar_gym.control.flight.compensation import (
     momentum_torque,
     observe_wrench,
     ramp_joints,
+    reference_wrench,
     servo_response,
 )
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
@@ -218,17 +219,20 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         """What the compensations add to the desired wrench, and what they remember; `joints` is the new q^d."""
         memory, options, dt = self.memory.compensation, self.config.compensation, self.dt
         more = np.zeros(6)
+        R_wb, snapshot, omega = control_state.R_wb, control_state.snapshot, state.omega_b
+        # A reference that stands still changes no bit.
+        if options.reference_gain and (reference.acceleration_w.any() or reference.alpha_b.any()):
+            more += options.reference_gain * reference_wrench(snapshot, R_wb, reference)
         if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
             return memory, more
-        R_wb, snapshot, omega = control_state.R_wb, control_state.snapshot, state.omega_b
         if options.observer_gain and self.last_step is not None:
             memory = observe_wrench(
                 snapshot, memory, R_wb, omega, reference.velocity_w - control_state.error.velocity_w,
                 self.last_step.allocation.wrench, config=options, dt=dt,
             )  # fmt: skip
         if options.observer_gain:
-            more[:3] = -options.observer_gain * (memory.external_w[:3] @ R_wb)
-            more[3:] = -options.observer_gain * (memory.external_w[3:] @ R_wb)
+            more[:3] -= options.observer_gain * (memory.external_w[:3] @ R_wb)
+            more[3:] -= options.observer_gain * (memory.external_w[3:] @ R_wb)
         position, velocity = servo_response(
             memory.servo_position, memory.servo_velocity, joints, bandwidth=options.servo_bandwidth, dt=dt
         )

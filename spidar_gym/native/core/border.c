@@ -2,7 +2,6 @@
 #include "spidar_core.h"
 #include "spidar_interface.h" /* generated: what this is compiled from */
 #include "spidar_math.h"
-#include "spidar_interface.h" /* generated */
 
 const sp_residual SP_NO_RESIDUAL = {
     .joint_speed_scale = 1.0, .raise_scale = 1.0, .stride_scale = 1.0, .lift_scale = 1.0,
@@ -36,7 +35,8 @@ int sp_valid_reference(const sp_reference *r)
 {
     double sum = 0.0;
     return squares(r->position_w, 3, &sum) && squares(r->quat_wb, 4, &sum) && squares(r->velocity_w, 3, &sum) &&
-           squares(r->omega_b, 3, &sum) && squares(r->joint_target, SP_JOINTS, &sum) && is_attitude(r->quat_wb);
+           squares(r->omega_b, 3, &sum) && squares(r->joint_target, SP_JOINTS, &sum) &&
+           squares(r->acceleration_w, 3, &sum) && squares(r->alpha_b, 3, &sum) && is_attitude(r->quat_wb);
 }
 
 /* The residual, or none where there is none (NULL) or it is not finite. */

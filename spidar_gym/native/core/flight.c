@@ -134,6 +134,23 @@ static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compe
     m->has_observed = 1;
 }
 
+/* Wrench in {CoG} that moves the robot as its reference moves: m r̈ᵈ and I ω̇ᵈ, times a gain. */
+static void follow_reference(const sp_control_state *control, const sp_reference *reference, double gain, double *wrench)
+{
+    double R_d[9], alpha_w[3], alpha[3], force[3], torque[3], any = 0.0;
+    for (int i = 0; i < 3; i++) any = sp_max(any, sp_max(fabs(reference->acceleration_w[i]), fabs(reference->alpha_b[i])));
+    if (any == 0.0) return; /* a reference that stands still changes no bit */
+    sp_from_quat(reference->quat_wb, R_d);
+    sp_apply(R_d, reference->alpha_b, alpha_w);
+    sp_apply_t(control->R_wb, alpha_w, alpha);
+    sp_apply_t(control->R_wb, reference->acceleration_w, force);
+    sp_apply(control->snapshot.inertia_c, alpha, torque);
+    for (int i = 0; i < 3; i++) {
+        wrench[i] += gain * (control->snapshot.mass * force[i]);
+        wrench[3 + i] += gain * torque[i];
+    }
+}
+
 /* What the compensations add to the desired wrench; `joints` is the new q^d. */
 static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *joints,
                        double *wrench)
@@ -141,6 +158,7 @@ static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state
     const sp_compensation_config *c = &f->config.compensation;
     sp_compensation_memory *m = &f->memory.compensation;
     const sp_control_state *control = &f->control;
+    if (c->reference_gain != 0.0) follow_reference(control, reference, c->reference_gain, wrench);
     if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0)) return;
     if (c->observer_gain != 0.0 && f->ticked) {
         double velocity_w[3];

@@ -75,6 +75,15 @@ void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const 
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
 
+/* path.c: knots are in the order of time; before the first and behind the last the robot rests there */
+void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *rate, double *acceleration);
+void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *reference);
+int sp_path_legs(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots,
+                 int room);
+int sp_path_lemniscate(double half_width, double speed, double seconds, const double *position_w, double direction,
+                       int along, double begin, sp_knot *knots, int room);
+int sp_path_spline(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots);
+
 /* legs.c */
 int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q);
 void sp_feet_at(const sp_robot *robot, const double *q, double *feet_b);

@@ -60,6 +60,11 @@
 #define SP_MOST_STRIDE 0x1.4000000000000p+4 /* 20.0, spidar_gym.control.crawl.footsteps.MOST_STRIDE */
 #define SP_BISECTIONS 24 /* spidar_gym.control.crawl.footsteps.BISECTIONS */
 #define SP_STRAIGHT 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.crawl.pose2.STRAIGHT */
+#define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
+#define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
+#define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */
+#define SP_PATH_KNOT_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.KNOT_TIME */
+#define SP_PATH_SUBSTEPS 8 /* spidar_gym.control.flight.path.SUBSTEPS */
 #define SP_GAIT_FILTER_TIME 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.crawl.gait.FILTER_TIME */
 #define SP_GAIT_SLOW_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.crawl.gait.SLOW_TIME */
 #define SP_GAIT_AGREE 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.control.crawl.gait.AGREE */

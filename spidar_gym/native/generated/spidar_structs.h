@@ -47,6 +47,8 @@ typedef struct {
     int32_t mode; /* Name of the allocation mode, see `spidar_gym.control.allocation.modes`. */
     int32_t lost_thrust[8]; /* Modules declared lost, whose thrust is gone: the allocation does without them. */
     int32_t lost_vectoring[8]; /* Modules whose φ and θ no longer move: the allocation uses their thrust where it points. */
+    double acceleration_w[3]; /* Desired acceleration of the CoG in the world [m/s²]. */
+    double alpha_b[3]; /* Desired angular acceleration, in the desired torso axes [rad/s²]. */
 } sp_reference;
 
 /* What a learned policy adds to the controller: the only door it gets. All zero changes nothing, bit for bit. */
@@ -141,6 +143,7 @@ typedef struct {
     double observer_time; /* Time constant of the observer [s]. */
     double observer_lag; /* Time constant of the model of the rotors that the observer believes in [s]. */
     double joint_ramp; /* Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off. */
+    double reference_gain; /* Share of the reference's acceleration that is asked for before there is an error; 0 is off [Lee2010]. */
 } sp_compensation_config;
 
 /* Settings of the solver. */
@@ -393,6 +396,12 @@ typedef struct {
     double joint_velocity[16]; /* commanded [rad/s] */
     sp_allocation allocation;
 } sp_flight;
+
+/* What a path of the CoG and its heading passes. */
+typedef struct {
+    double time; /* [s] */
+    double pose_w[4], rate_w[4], acceleration_w[4]; /* x, y, z and heading; their first and second derivatives */
+} sp_knot;
 
 /* One run through some phases. */
 typedef struct {

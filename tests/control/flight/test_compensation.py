@@ -1,21 +1,25 @@
 """Pins the compensations' options and the lead of the vectoring: zeros do nothing, every option changes a flight."""
 
 import math
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
 from support.compensations import LEVEL, STILL, close
-from support.states import model
+from support.states import model, resting, staying
 
 import spidar_gym  # noqa: F401 - registers the environments
+from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.flight.compensation import (
     CompensationConfig,
     lead_forces,
+    reference_wrench,
 )
-from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.controller import ControllerConfig, FlightController
+from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.so3 import exp
+from spidar_gym.so3 import exp, matrix_to_quat
 
 FIELDS = tuple(CompensationConfig.__dataclass_fields__)
 
@@ -134,3 +138,44 @@ def test_every_option_changes_a_flight(option):
     # The first form is held for a second, so that joints move from the fortieth tick on.
     difference = np.abs(flown(config, 120) - flown(ControllerConfig(), 120)).max()
     assert 1e-6 < difference < 3.0
+
+
+# ---- a reference that accelerates ----
+
+
+def wrench_of(gain, **changes):
+    """Desired wrench of a first tick with a reference, and the control state: a robot that is turned, on it."""
+    rng = np.random.default_rng(4)
+    R_wb = exp(np.array([0.1, -0.2, 0.7]))
+    state = resting(rng.uniform(-0.4, 0.4, 16), R_wb)
+    controller = FlightController(ControllerConfig(compensation=CompensationConfig(reference_gain=gain)), model())
+    controller.reset(state)
+    controller.step(state, staying(state, quat_wb=state.quat_wb, **changes))
+    return controller.last_step.wrench_desired, controller.last_step.control_state
+
+
+def test_an_accelerating_reference_asks_for_what_moves_the_robot_so():
+    """m r̈ and I ω̇, whatever the axes that they are given in."""
+    a, alpha, turned = np.array([0.7, -0.4, 0.2]), np.array([0.3, 0.1, -0.8]), exp(np.array([0.0, 0.0, 1.1]))
+    still, control = wrench_of(1.0)
+    moved, _ = wrench_of(1.0, acceleration_w=a, alpha_b=alpha)
+    s, R_wb = control.snapshot, control.R_wb
+    close(R_wb @ (moved - still)[:3], s.mass * a)
+    close(np.linalg.solve(s.inertia_c, (moved - still)[3:]), alpha)  # the reference's attitude is the robot's
+    close(wrench_of(0.4, acceleration_w=a, alpha_b=alpha)[0] - still, 0.4 * (moved - still))
+    close(wrench_of(0.0, acceleration_w=a, alpha_b=alpha)[0], still)
+    # A reference with another attitude has its angular acceleration in its own axes.
+    quat = matrix_to_quat(turned)
+    other = reference_wrench(s, R_wb, replace(staying(resting(np.zeros(16))), quat_wb=quat, alpha_b=alpha))
+    close(R_wb @ np.linalg.solve(s.inertia_c, other[3:]), turned @ alpha)
+
+
+@pytest.mark.parametrize("kind", ["acceleration_w", "alpha_b"])
+def test_a_reference_that_is_not_finite_is_answered_with_the_last_command(kind):
+    state = resting(np.zeros(16))
+    controller = FlightController(controller_config("tuned"), model())
+    controller.reset(state)
+    before = controller.step(state, staying(state))
+    held = controller.step(state, staying(state, **{kind: np.array([0.0, np.nan, 0.0])}))
+    close(held.thrust, before.thrust)
+    assert controller.last_step.allocation.status == AllocationStatus.HELD

@@ -1,0 +1,277 @@
+"""Paths of the CoG and its heading: quintics between knots, and the builders of straight legs, lemniscates, splines."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Vector3
+from spidar_gym.errors import InvalidValueError, require_above
+from spidar_gym.state import Reference
+
+EASE = 0.75
+"""Mean acceleration with which a path leaves its rest and comes to it [m/s²]; the largest is 1.9 times as much."""
+REST = 0.5
+"""Shortest rest between two straight legs [s]."""
+TURN_RATE = 0.6
+"""Fastest turn of the heading at rest [rad/s]."""
+KNOT_TIME = 0.25
+"""Time between two knots of a lemniscate [s]: the quintics then miss it by less than 10 µm at 1.5 m/s."""
+SUBSTEPS = 8
+"""Steps of the fourth-order integration along a lemniscate from one knot to the next."""
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Path:
+    """Knots in the order of time. Before the first and behind the last the robot rests there.
+
+    Between two knots every coordinate is the quintic that has their values and first and second derivatives, so the
+    acceleration of the whole is continuous.
+    """
+
+    times: np.ndarray
+    """When each knot is passed, shape (K,) [s]."""
+    pose_w: np.ndarray
+    """Position of the CoG and heading there, shape (K, 4) [m], [rad]."""
+    rate_w: np.ndarray
+    """Their rates, shape (K, 4) [m/s], [rad/s]."""
+    acceleration_w: np.ndarray
+    """The rates' rates, shape (K, 4) [m/s²], [rad/s²]."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no path."""
+        knots, times = len(self.times), self.times
+        if times.ndim != 1 or not knots or not np.isfinite(times).all() or not (np.diff(times) > 0.0).all():
+            raise InvalidValueError("times", times.tolist(), "finite times, each after the one before it")
+        for name in ("pose_w", "rate_w", "acceleration_w"):
+            values = getattr(self, name)
+            if values.shape != (knots, 4) or not np.isfinite(values).all():
+                raise InvalidValueError(name, values.shape, f"finite numbers of shape ({knots}, 4)")
+
+    @property
+    def seconds(self) -> float:
+        """When it ends [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pose, rate and acceleration (4,) at a time: x, y, z [m] and heading [rad]."""
+        first = int(np.searchsorted(self.times, time, side="right")) - 1
+        if first < 0 or first + 1 >= len(self.times):
+            return self.pose_w[max(first, 0)].copy(), np.zeros(4), np.zeros(4)
+        last, T = first + 1, float(self.times[first + 1] - self.times[first])
+        u = (time - float(self.times[first])) / T
+        c0, c1, c2 = self.pose_w[first], T * self.rate_w[first], 0.5 * T * T * self.acceleration_w[first]
+        d = self.pose_w[last] - (c0 + c1 + c2)
+        e = T * self.rate_w[last] - (c1 + 2.0 * c2)
+        f = T * T * self.acceleration_w[last] - 2.0 * c2
+        c3, c4, c5 = 10.0 * d - 4.0 * e + 0.5 * f, -15.0 * d + 7.0 * e - f, 6.0 * d - 3.0 * e + 0.5 * f
+        pose = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+        rate = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / T
+        acceleration = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (T * T)
+        return pose, rate, acceleration
+
+    def reference(self, time: float, joint_target: JointVector, mode: str = "flight") -> Reference:
+        """What the controller is asked at a time: the level robot on the path, its legs on their way to a form."""
+        pose, rate, acceleration = self.at(time)
+        half = 0.5 * float(pose[3])
+        return Reference(
+            pose[:3], np.array([math.cos(half), 0.0, 0.0, math.sin(half)]), rate[:3],
+            np.array([0.0, 0.0, rate[3]]), joint_target, mode,
+            acceleration_w=acceleration[:3], alpha_b=np.array([0.0, 0.0, acceleration[3]]),
+        )  # fmt: skip
+
+
+class _Knots:
+    """A path that is being built: knots one after the other."""
+
+    def __init__(self) -> None:
+        self._rows: list[list[float]] = []
+
+    def add(self, time: float, pose: list[float], rate: list[float], acceleration: list[float]) -> None:
+        """One more."""
+        self._rows.append([time, *pose, *rate, *acceleration])
+
+    def path(self) -> Path:
+        """The path."""
+        rows = np.array(self._rows)
+        return Path(rows[:, 0], rows[:, 1:5], rows[:, 5:9], rows[:, 9:])
+
+
+_STILL = [0.0, 0.0, 0.0, 0.0]
+
+
+def wrap(angle: float) -> float:
+    """The angle plus as many turns as bring it into −π … π [rad]."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+def legs(points: list[Point], speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0) -> Path:
+    """Straight lines from point to point with a rest at each.
+
+    Args:
+        points: Where it begins, and every point that it goes to [m].
+        speed: Speed between them, less on legs too short to reach it [m/s].
+        along: Whether the robot turns at rest so that it flies ahead, or keeps its heading.
+        yaw: Heading at the beginning [rad].
+        begin: When it leaves the first point [s].
+    """
+    _require(points, speed)
+    knots, time, heading = _Knots(), begin, yaw
+    knots.add(time, [*points[0], heading], _STILL, _STILL)
+    for (x, y, z), (nx, ny, nz) in pairwise(points):
+        way = (nx - x, ny - y, nz - z)
+        length = math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+        flat = math.hypot(way[0], way[1])
+        if along and flat > 0.0:
+            turn = wrap(math.atan2(way[1], way[0]) - heading)
+            # A turn from rest to rest is fastest in its middle, 15/8 of its mean rate.
+            heading += turn
+            if turn != 0.0:
+                time += max(REST, 1.875 * abs(turn) / TURN_RATE)
+                knots.add(time, [x, y, z, heading], _STILL, _STILL)
+        most = math.sqrt(length * EASE)
+        fast = min(speed, most)
+        ease, share = fast / EASE, 0.5 * (fast / most) * (fast / most)
+        rate = [fast * way[0] / length, fast * way[1] / length, fast * way[2] / length, 0.0]
+        time += ease
+        knots.add(time, [x + share * way[0], y + share * way[1], z + share * way[2], heading], rate, _STILL)
+        if share < 0.5 - 1e-9:
+            time += (1.0 - 2.0 * share) * length / fast
+            knots.add(time, [nx - share * way[0], ny - share * way[1], nz - share * way[2], heading], rate, _STILL)
+        time += ease
+        knots.add(time, [nx, ny, nz, heading], _STILL, _STILL)
+        time += REST
+        knots.add(time, [nx, ny, nz, heading], _STILL, _STILL)
+    return knots.path()
+
+
+def lemniscate(
+    half_width: float, speed: float, seconds: float,
+    *, position_w: Vector3, direction: float = 0.0, along: bool = False, begin: float = 0.0,
+) -> Path:  # fmt: skip
+    """Bernoulli's lemniscate from its crossing on, at constant speed but at both ends.
+
+    Args:
+        half_width: From the crossing to either end [m].
+        speed: Along the curve [m/s].
+        seconds: How long it takes, beginning at `begin` [s]; at its end the robot comes to rest.
+        position_w: The crossing [m].
+        direction: In which it leaves the crossing [rad].
+        along: Whether the heading is that of the curve, or 0.
+        begin: When it leaves [s].
+    """
+    require_above("m", half_width=half_width)
+    require_above("m/s", speed=speed)
+    require_above("s", seconds=seconds)
+    a, ease, knots = half_width, speed / EASE, _Knots()
+    if seconds < 2.0 * ease:
+        raise InvalidValueError("seconds", seconds, f"{2.0 * ease:.3g} s or more, from rest to {speed:g} m/s and back")
+    # x = a cos s / (1 + sin² s), y = x sin s; |dγ/ds| = a / √(1 + sin² s); its tangent turns by 3 atan(sin s) + π/2.
+    # At the crossing, s = −π/2, the tangent is −π/4: the curve is turned so that `direction` is where it begins.
+    turn = direction + 0.25 * math.pi
+    c, n = math.cos(turn), math.sin(turn)
+    s, x0, y0, z0 = -0.5 * math.pi, *position_w.tolist()
+
+    def pace(t: float) -> tuple[float, float]:
+        """Speed and its rate, t after the beginning."""
+        u = max(0.0, min(1.0, t / ease, (seconds - t) / ease))
+        sign = 1.0 if t < 0.5 * seconds else -1.0
+        rate = sign * speed * 30.0 * u * u * (1.0 - u) * (1.0 - u) / ease
+        return speed * u * u * u * (10.0 - u * (15.0 - 6.0 * u)), rate
+
+    def slope(s: float, t: float) -> float:
+        sine = math.sin(s)
+        return pace(t)[0] * math.sqrt(1.0 + sine * sine) / a
+
+    for k in range(math.ceil(seconds / KNOT_TIME - 1e-9) + 1):
+        time = k * KNOT_TIME
+        if k > 0:
+            h = KNOT_TIME / SUBSTEPS
+            for i in range(SUBSTEPS):
+                t = time - KNOT_TIME + i * h
+                k1 = slope(s, t)
+                k2 = slope(s + 0.5 * h * k1, t + 0.5 * h)
+                k3 = slope(s + 0.5 * h * k2, t + 0.5 * h)
+                k4 = slope(s + h * k3, t + h)
+                s += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        (v, dv), sine, cosine = pace(time), math.sin(s), math.cos(s)
+        D = 1.0 + sine * sine
+        root = math.sqrt(D)
+        x, y = a * cosine / D, a * sine * cosine / D
+        heading = turn + 3.0 * math.atan(sine) + 0.5 * math.pi
+        bend = 3.0 * cosine / (a * root)  # curvature [1/m]
+        bend_rate = -3.0 * sine * (D + cosine * cosine) / (a * root * D) * (v * root / a)
+        tx, ty, swing = math.cos(heading), math.sin(heading), bend_rate * v + bend * dv
+        knots.add(
+            begin + time,
+            [x0 + c * x - n * y, y0 + n * x + c * y, z0, heading if along else 0.0],
+            [v * tx, v * ty, 0.0, v * bend if along else 0.0],
+            [dv * tx - v * v * bend * ty, dv * ty + v * v * bend * tx, 0.0, swing if along else 0.0],
+        )
+    return knots.path()
+
+
+def spline(points: list[Point], speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0) -> Path:
+    """A smooth way through points, from rest to rest.
+
+    Velocity and acceleration at a point are those of the parabola through it and its neighbours.
+
+    Args:
+        points: Where it begins, and every point that it goes through [m].
+        speed: Mean speed from one to the next, half of it on the first way and the last [m/s].
+        along: Whether the robot's heading is that of the way at every point, near it between them, or stays.
+        yaw: Heading where it stays [rad].
+        begin: When it leaves the first point [s].
+    """
+    _require(points, speed)
+    ends, times = len(points) - 1, [begin]
+    for k in range(ends):
+        chord = math.dist(points[k], points[k + 1])
+        times.append(times[-1] + chord / speed * (2.0 if k in (0, ends - 1) else 1.0))
+    places = [list(point) for point in points]
+    rates, bends = _parabolas(times, places)
+    headings = [yaw] * len(points)
+    if along:
+        # Where it leaves its rest, and comes to it, the third derivative points ahead.
+        ways, inside = rates[:], len(points) - 2
+        for end, knot, sign in ((0, 1, 1.0), (-1, inside, -1.0)):
+            T = abs(times[end] - times[knot])
+            ways[end] = [
+                10.0 * sign * (places[knot][i] - places[end][i])
+                - 4.0 * T * rates[knot][i]
+                + 0.5 * sign * T * T * bends[knot][i]
+                for i in range(2)
+            ]
+        headings[0] = math.atan2(ways[0][1], ways[0][0])
+        for k in range(1, len(points)):
+            headings[k] = headings[k - 1] + wrap(math.atan2(ways[k][1], ways[k][0]) - headings[k - 1])
+    turns, swings = _parabolas(times, [[heading] for heading in headings])
+    knots = _Knots()
+    for k, time in enumerate(times):
+        knots.add(time, [*places[k], headings[k]], [*rates[k], *turns[k]], [*bends[k], *swings[k]])
+    return knots.path()
+
+
+def _parabolas(times: list[float], values: list[list[float]]) -> tuple[list[list[float]], list[list[float]]]:
+    """First and second derivatives of the parabola through each value and its neighbours; 0 at both ends."""
+    size = len(values[0])
+    rates, bends = ([[0.0] * size for _ in values] for _ in range(2))
+    for k in range(1, len(values) - 1):
+        before, after = times[k] - times[k - 1], times[k + 1] - times[k]
+        for i in range(size):
+            left, right = (values[k][i] - values[k - 1][i]) / before, (values[k + 1][i] - values[k][i]) / after
+            rates[k][i] = (after * left + before * right) / (before + after)
+            bends[k][i] = 2.0 * (right - left) / (before + after)
+    return rates, bends
+
+
+def _require(points: list[Point], speed: float) -> None:
+    """Refuse points that are none, and those that lie on one another."""
+    require_above("m/s", speed=speed)
+    numbers = np.array(points, float)
+    is_way = numbers.ndim == 2 and numbers.shape[1] == 3 and len(numbers) > 1 and np.isfinite(numbers).all()
+    if not is_way or not np.diff(numbers, axis=0).any(axis=1).all():
+        raise InvalidValueError("points", numbers.tolist(), "two points (x, y, z) [m] or more, no two in a row alike")

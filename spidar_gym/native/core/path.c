@@ -1,0 +1,208 @@
+/* Paths of the CoG and its heading: quintics between knots, and what builds them. `control/flight/path.py` is the same
+ * in Python, where it is said what the arguments mean. */
+#include "spidar_core.h"
+#include "spidar_math.h"
+
+/* Pose, rate and acceleration at a time. */
+void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *rate, double *acceleration)
+{
+    int first = n - 1;
+    while (first >= 0 && knots[first].time > time) first--;
+    sp_zero(rate, 4);
+    sp_zero(acceleration, 4);
+    if (first < 0 || first + 1 >= n) {
+        sp_copy(pose, knots[first < 0 ? 0 : first].pose_w, 4);
+        return;
+    }
+    const sp_knot *a = knots + first, *b = a + 1;
+    double T = b->time - a->time, u = (time - a->time) / T;
+    for (int i = 0; i < 4; i++) {
+        double c0 = a->pose_w[i], c1 = T * a->rate_w[i], c2 = 0.5 * T * T * a->acceleration_w[i];
+        double d = b->pose_w[i] - (c0 + c1 + c2), e = T * b->rate_w[i] - (c1 + 2.0 * c2);
+        double f = T * T * b->acceleration_w[i] - 2.0 * c2;
+        double c3 = 10.0 * d - 4.0 * e + 0.5 * f, c4 = -15.0 * d + 7.0 * e - f, c5 = 6.0 * d - 3.0 * e + 0.5 * f;
+        pose[i] = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))));
+        rate[i] = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / T;
+        acceleration[i] = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (T * T);
+    }
+}
+
+/* What the controller is asked of the torso at a time: level, on the path. */
+void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *reference)
+{
+    double pose[4], rate[4], acceleration[4];
+    sp_path_at(knots, n, time, pose, rate, acceleration);
+    sp_copy(reference->position_w, pose, 3);
+    sp_copy(reference->velocity_w, rate, 3);
+    sp_copy(reference->acceleration_w, acceleration, 3);
+    sp_zero(reference->quat_wb, 4);
+    sp_zero(reference->omega_b, 3);
+    sp_zero(reference->alpha_b, 3);
+    reference->quat_wb[0] = cos(0.5 * pose[3]);
+    reference->quat_wb[3] = sin(0.5 * pose[3]);
+    reference->omega_b[2] = rate[3];
+    reference->alpha_b[2] = acceleration[3];
+}
+
+/* The angle plus as many turns as bring it into −π … π. */
+static double wrap(double angle) { return angle - SP_TWO_PI * floor((angle + SP_PI) / SP_TWO_PI); }
+
+/* Knots are written where there is room; all are counted. */
+typedef struct {
+    sp_knot *knots;
+    int room, count;
+} writer;
+
+static sp_knot *add(writer *w, double time, const double *position, double heading)
+{
+    if (w->count++ >= w->room) return NULL;
+    sp_knot *knot = w->knots + w->count - 1;
+    memset(knot, 0, sizeof *knot);
+    knot->time = time;
+    sp_copy(knot->pose_w, position, 3);
+    knot->pose_w[3] = heading;
+    return knot;
+}
+
+static void at_rate(sp_knot *knot, const double *way, double share)
+{
+    if (knot == NULL) return;
+    for (int i = 0; i < 3; i++) knot->rate_w[i] = share * way[i];
+}
+
+/* Straight lines from point to point with a rest at each; how many knots it has, of which `room` are written. */
+int sp_path_legs(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots,
+                 int room)
+{
+    writer w = {knots, room, 0};
+    double time = begin, heading = yaw, place[3];
+    add(&w, time, points[0], heading);
+    for (int k = 0; k + 1 < n; k++) {
+        const double *from = points[k], *to = points[k + 1];
+        double way[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
+        double length = sp_norm(way), flat = sqrt(way[0] * way[0] + way[1] * way[1]);
+        if (along && flat > 0.0) {
+            double turn = wrap(atan2(way[1], way[0]) - heading);
+            heading += turn;
+            if (turn != 0.0) {
+                time += sp_max(SP_PATH_REST, 1.875 * fabs(turn) / SP_PATH_TURN_RATE);
+                add(&w, time, from, heading);
+            }
+        }
+        double most = sqrt(length * SP_PATH_EASE), fast = sp_min(speed, most);
+        double ease = fast / SP_PATH_EASE, share = 0.5 * (fast / most) * (fast / most);
+        time += ease;
+        for (int i = 0; i < 3; i++) place[i] = from[i] + share * way[i];
+        at_rate(add(&w, time, place, heading), way, fast / length);
+        if (share < 0.5 - 1e-9) {
+            time += (1.0 - 2.0 * share) * length / fast;
+            for (int i = 0; i < 3; i++) place[i] = to[i] - share * way[i];
+            at_rate(add(&w, time, place, heading), way, fast / length);
+        }
+        time += ease;
+        add(&w, time, to, heading);
+        time += SP_PATH_REST;
+        add(&w, time, to, heading);
+    }
+    return w.count;
+}
+
+/* Speed along a lemniscate and its rate, t after the beginning. */
+static double pace(double speed, double seconds, double t, double *change)
+{
+    double ease = speed / SP_PATH_EASE, u = sp_max(0.0, sp_min(sp_min(1.0, t / ease), (seconds - t) / ease));
+    double sign = t < 0.5 * seconds ? 1.0 : -1.0;
+    *change = sign * speed * 30.0 * u * u * (1.0 - u) * (1.0 - u) / ease;
+    return speed * u * u * u * (10.0 - u * (15.0 - 6.0 * u));
+}
+
+static double slope(double half_width, double speed, double seconds, double s, double t)
+{
+    double sine = sin(s), change;
+    return pace(speed, seconds, t, &change) * sqrt(1.0 + sine * sine) / half_width;
+}
+
+/* Bernoulli's lemniscate from its crossing on; how many knots it has, of which `room` are written. */
+int sp_path_lemniscate(double half_width, double speed, double seconds, const double *position_w, double direction,
+                       int along, double begin, sp_knot *knots, int room)
+{
+    writer w = {knots, room, 0};
+    double a = half_width, turn = direction + 0.25 * SP_PI, c = cos(turn), n = sin(turn), s = -0.5 * SP_PI;
+    int last = (int)ceil(seconds / SP_PATH_KNOT_TIME - 1e-9);
+    for (int k = 0; k <= last; k++) {
+        double time = k * SP_PATH_KNOT_TIME, dv;
+        for (int i = 0; k > 0 && i < SP_PATH_SUBSTEPS; i++) {
+            double h = SP_PATH_KNOT_TIME / SP_PATH_SUBSTEPS, t = time - SP_PATH_KNOT_TIME + i * h;
+            double k1 = slope(a, speed, seconds, s, t);
+            double k2 = slope(a, speed, seconds, s + 0.5 * h * k1, t + 0.5 * h);
+            double k3 = slope(a, speed, seconds, s + 0.5 * h * k2, t + 0.5 * h);
+            double k4 = slope(a, speed, seconds, s + h * k3, t + h);
+            s += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+        }
+        double v = pace(speed, seconds, time, &dv), sine = sin(s), cosine = cos(s), D = 1.0 + sine * sine;
+        double root = sqrt(D), x = a * cosine / D, y = a * sine * cosine / D;
+        double heading = turn + 3.0 * atan(sine) + 0.5 * SP_PI, bend = 3.0 * cosine / (a * root);
+        double bend_rate = -3.0 * sine * (D + cosine * cosine) / (a * root * D) * (v * root / a);
+        double tx = cos(heading), ty = sin(heading);
+        double place[3] = {position_w[0] + c * x - n * y, position_w[1] + n * x + c * y, position_w[2]};
+        sp_knot *knot = add(&w, begin + time, place, along ? heading : 0.0);
+        if (knot == NULL) continue;
+        knot->rate_w[0] = v * tx;
+        knot->rate_w[1] = v * ty;
+        knot->acceleration_w[0] = dv * tx - v * v * bend * ty;
+        knot->acceleration_w[1] = dv * ty + v * v * bend * tx;
+        if (!along) continue;
+        knot->rate_w[3] = v * bend;
+        knot->acceleration_w[3] = bend_rate * v + bend * dv;
+    }
+    return w.count;
+}
+
+/* Derivatives of the parabolas through neighbours of coordinates `from` … `to`; 0 at both ends. */
+static void bend_through(sp_knot *knots, int n, int from, int to)
+{
+    for (int k = 1; k + 1 < n; k++) {
+        double before = knots[k].time - knots[k - 1].time, after = knots[k + 1].time - knots[k].time;
+        for (int i = from; i < to; i++) {
+            double left = (knots[k].pose_w[i] - knots[k - 1].pose_w[i]) / before;
+            double right = (knots[k + 1].pose_w[i] - knots[k].pose_w[i]) / after;
+            knots[k].rate_w[i] = (after * left + before * right) / (before + after);
+            knots[k].acceleration_w[i] = 2.0 * (right - left) / (before + after);
+        }
+    }
+}
+
+/* Direction in which a spline leaves its rest at an end, or comes to it. */
+static double end_heading(const sp_knot *end, const sp_knot *next, double sign)
+{
+    double T = fabs(end->time - next->time), way[2];
+    for (int i = 0; i < 2; i++)
+        way[i] = 10.0 * sign * (next->pose_w[i] - end->pose_w[i]) - 4.0 * T * next->rate_w[i] +
+                 0.5 * sign * T * T * next->acceleration_w[i];
+    return atan2(way[1], way[0]);
+}
+
+/* A smooth way through n points, from rest to rest; how many knots it has: n, all of which are written. */
+int sp_path_spline(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots)
+{
+    writer w = {knots, n, 0};
+    double time = begin, heading = yaw;
+    for (int k = 0; k < n; k++) {
+        if (k > 0) {
+            double way[3];
+            for (int i = 0; i < 3; i++) way[i] = points[k][i] - points[k - 1][i];
+            time += sp_norm(way) / speed * (k == 1 || k == n - 1 ? 2.0 : 1.0);
+        }
+        add(&w, time, points[k], yaw);
+    }
+    bend_through(knots, n, 0, 3);
+    for (int k = 0; along && k < n; k++) {
+        double ahead = k == 0       ? end_heading(knots, knots + 1, 1.0)
+                       : k == n - 1 ? end_heading(knots + k, knots + k - 1, -1.0)
+                                    : atan2(knots[k].rate_w[1], knots[k].rate_w[0]);
+        heading = k == 0 ? ahead : heading + wrap(ahead - heading);
+        knots[k].pose_w[3] = heading;
+    }
+    bend_through(knots, n, 3, 4);
+    return n;
+}
