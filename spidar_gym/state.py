@@ -114,6 +114,9 @@ class Reference:
     """Desired acceleration of the CoG in the world [m/s²]."""
     alpha_b: Vector3 = field(default_factory=lambda: _STEADY)
     """Desired angular acceleration, in the desired torso axes [rad/s²]."""
+    support: float = 0.0
+    """Share of the robot that the floor carries, 0 … 1: the rotors give as much less, and neither integrals nor the
+    observer learn from what happens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +179,7 @@ def valid_reference(reference: Reference) -> bool:
     numbers = np.concatenate(
         (
             reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,
-            reference.acceleration_w, reference.alpha_b,
+            reference.acceleration_w, reference.alpha_b, (reference.support,),
         )
     )  # fmt: skip
     return math.isfinite(float(numbers @ numbers)) and float(reference.quat_wb @ reference.quat_wb) > LEAST_QUATERNION

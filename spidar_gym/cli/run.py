@@ -26,6 +26,7 @@ from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import Entry, environment
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import output_folder
+from spidar_gym.native.engine_structs import HEADINGS, PATHS
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name, require_spaces
@@ -38,6 +39,8 @@ from spidar_gym.sim.stage import FIXED, VIEWS
 
 ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES})]
 FormsArg = Annotated[str | None, choice(SEQUENCES)]
+PathArg = Annotated[str | None, choice(PATHS[1:])]
+HeadingArg = Annotated[str | None, choice(HEADINGS)]
 ScheduleArg = Annotated[str | None, choice(SCHEDULES)]
 UNDISTURBED = Disturbances()
 
@@ -53,7 +56,13 @@ class TaskOptions:
     joint_speed: float | None = None
     """Joint speed [rad/s]."""
     forms: FormsArg = None
-    """Form sequence (hover)."""
+    """Form sequence (hover and path)."""
+    path: PathArg = None
+    """Kind of path (path)."""
+    speed: float | None = None
+    """Speed along it [m/s]; drawn if not given (path)."""
+    heading: HeadingArg = None
+    """Where the robot looks on it (path)."""
     distance: float | None = None
     """How far the goal is [m] (crawl); drawn if not given, like the next two."""
     direction: float | None = None

@@ -64,6 +64,9 @@ class Robots(ABC):
     def begin(self, task: Any, ids: np.ndarray) -> None:  # noqa: ANN401 - the task of these robots
         """Let a task take over robots whose episode the engine has begun."""
 
+    def look(self, task: Any) -> None:  # noqa: ANN401, B027 - as above; there may be nothing to look at
+        """Look at the robots once more, where what they are to do has moved on with the tick."""
+
     @abstractmethod
     def aim(self, task: Any) -> None:  # noqa: ANN401 - as above
         """Let a task say what the robots are to do in the next tick."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.control.flight.observation import Field, layout
+from spidar_gym.control.flight.observation import Field, layout, path_layout
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode
 from spidar_gym.envs.crawl import task as crawl_task
@@ -16,6 +16,8 @@ from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover import task as hover_task
 from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.path import task as path_task
+from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
 from spidar_gym.robot import field_docs
 from spidar_gym.robot.description import CAMERAS
@@ -89,6 +91,24 @@ CHAPTERS: dict[str, Chapter] = {
         "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a\n"
         "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`). The option `start` of `reset` gives\n"
         "offset, forms with their deadlines and the integrals' preload instead, as the benchmark's scenarios do.",
+        f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
+        f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
+        f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
+        list(PRESETS), "ControllerConfig", "{'forms': name, 'start': {...}, 'disturbances': {...}}",
+        "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+    ),
+    "spidar_gym/Path-v0": Chapter(
+        PathEnv, path_task.PathTask, ACTION_MODES, path_task.RANGES, path_layout, hover_task.FAILURES,
+        {
+            "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
+            "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
+            "wrench_desired": ("(6,)", "N, Nm", "force and torque in {CoG}"),
+            "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
+        },
+        "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the beginning of the\n"
+        "path, turned as that begins, plus a uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`).\n"
+        "The path leaves after a second. The option `start` of `reset` gives offset, forms with their deadlines, the\n"
+        "integrals' preload and the path's knots instead, as the benchmark's scenarios do.",
         f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
         f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
         f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",

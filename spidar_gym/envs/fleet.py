@@ -27,7 +27,7 @@ class Fleet:
 
     def __init__(
         self, kind: str, rules: np.ndarray, plant: PlantConfig, robots: int, threads: int, *,
-        alike: bool, goals: int = 0,
+        alike: bool, goals: int = 0, knots: int = 0,
     ) -> None:  # fmt: skip
         """Make them.
 
@@ -40,6 +40,7 @@ class Fleet:
             threads: How many threads, the caller's included.
             alike: Whether none of them is drawn, nor its floor.
             goals: Forms that an episode has at most.
+            knots: Knots that a path of an episode has at most.
         """
         layouts, common = engine_layouts(), rules["rules"]
         self.kind, self.rules, self.has_own_copies = kind, rules, not alike
@@ -52,9 +53,9 @@ class Fleet:
         self.rewards = np.zeros(robots)
         self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
         self.infos, self.final_infos = np.zeros(robots, info), np.zeros(robots, info)
-        self.goals = np.zeros((robots, goals), layouts["goal"])
+        self.goals, self.knots = np.zeros((robots, goals), layouts["goal"]), np.zeros((robots, knots), layouts["knot"])
         names = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated",
-                 "begun", "infos", "final_infos", "goals")  # fmt: skip
+                 "begun", "infos", "final_infos", "goals", "knots")  # fmt: skip
         self.extras: list[np.ndarray] = []
         """Other arrays with an entry for every robot that belong to what a robot is."""
         self.task = "the built-in one"
@@ -64,7 +65,7 @@ class Fleet:
         if rules.ndim:
             engine.record["rules_bytes"] = rules.itemsize
             engine.configure(np.ascontiguousarray(common["plant"]))
-        engine.record["goal_room"] = goals
+        engine.record["goal_room"], engine.record["knot_room"] = goals, knots
         self._settles = plant.ground.uneven
 
     def seed(self, robot: int, rng: np.random.Generator) -> None:
@@ -84,7 +85,12 @@ class Fleet:
         record["offset"], record["rotation"] = start.position, start.rotation
         record["has_trim"], record["trim"] = start.trim is not None, 0.0 if start.trim is None else start.trim
         record["goals"] = count = len(start.goals)
-        self.make_room(count)
+        record["knots"] = knots = 0 if start.path is None else len(start.path.times)
+        self.make_room(count, knots)
+        if start.path is not None:
+            row = self.knots[robot, :knots]
+            row["time"], row["pose_w"] = start.path.times, start.path.pose_w
+            row["rate_w"], row["acceleration_w"] = start.path.rate_w, start.path.acceleration_w
         goals = self.goals[robot, :count]
         for name in ("start", "deadline", "joint_target"):
             goals[name] = [getattr(goal, name) for goal in start.goals]
@@ -102,15 +108,17 @@ class Fleet:
             raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
         self.rules["rules"]["is_advised"] = 1
 
-    def make_room(self, goals: int) -> None:
-        """Let an episode have at least so many forms."""
-        robots, room = self.goals.shape
-        if goals > room:
-            wider = np.zeros((robots, goals), self.goals.dtype)
-            wider[:, :room] = self.goals
-            self.goals = wider
-            self.engine.share("goals", wider)
-            self.engine.record["goal_room"] = goals
+    def make_room(self, goals: int, knots: int = 0) -> None:
+        """Let an episode have at least so many forms, and its path so many knots."""
+        for name, wanted in (("goals", goals), ("knots", knots)):
+            held = getattr(self, name)
+            robots, room = held.shape
+            if wanted > room:
+                wider = np.zeros((robots, wanted), held.dtype)
+                wider[:, :room] = held
+                setattr(self, name, wider)
+                self.engine.share(name, wider)
+                self.engine.record[f"{name[:-1]}_room"] = wanted
 
     def reset(self, ids: np.ndarray | None = None) -> None:
         """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""

@@ -80,6 +80,7 @@ class Judge:
         fleet.begun[:] = False
         fleet.step()
         begun = np.flatnonzero(fleet.begun)
+        robots.look(task)
         task.advance(robots)
         diverged = records["plant"]["diverged"] != 0
         failure = np.full(len(records), -1)

@@ -29,7 +29,7 @@ class OnlyOfOne(tuple[WrapperSpec, ...]):
         return 0
 
 
-HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
+HOVER, PATH, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Path-v0", "spidar_gym/Crawl-v0"
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,10 @@ ENVIRONMENTS: dict[str, Entry] = {
     HOVER: Entry(
         "spidar_gym.envs.hover.env:HoverEnv", "spidar_gym.envs.vector:hover_vector", 800,
         "hold the CoG while the joints go through a sequence of forms",
+    ),
+    PATH: Entry(
+        "spidar_gym.envs.path.env:PathEnv", "spidar_gym.envs.vector:path_vector", 800,
+        "follow a path with the CoG while the joints go through a sequence of forms",
     ),
     CRAWL: Entry(
         "spidar_gym.envs.crawl.env:CrawlEnv", "spidar_gym.envs.vector:crawl_vector", 3000,

@@ -8,12 +8,23 @@ from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import lying_pose
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.path import Path
 from spidar_gym.envs.actions import AUTHORITIES, ActionMode
 from spidar_gym.envs.crawl import task as crawl
 from spidar_gym.envs.hover import task as hover
+from spidar_gym.envs.path import task as path
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.constants import CHANNELS
-from spidar_gym.native.engine_structs import AUTORESETS, DRAWN, MAX_OBSTACLES, MAX_WINDOWS, SEQUENCES, engine_layouts
+from spidar_gym.native.engine_structs import (
+    AUTORESETS,
+    DRAWN,
+    HEADINGS,
+    MAX_OBSTACLES,
+    MAX_WINDOWS,
+    PATHS,
+    SEQUENCES,
+    engine_layouts,
+)
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.config import PlantConfig
@@ -90,7 +101,25 @@ def hover_rules(task: hover.HoverTask, controller: ControllerConfig, *, describe
         "max_tilt", "max_distance", "success_position", "success_attitude", "arrival_grace", "arrival_tolerance",
     ):  # fmt: skip
         record[name] = getattr(hover, name.upper())
+    path_rules(task, record)
     return record
+
+
+def path_rules(task: hover.HoverTask, record: np.ndarray) -> None:
+    """Fill what `sp_hover_rules` says of a path."""
+    if not isinstance(task, path.PathTask):
+        return
+    record["path"], record["heading"] = PATHS.index(task.path), HEADINGS.index(task.heading)
+    record["speed"] = path.SPEEDS if task.speed is None else task.speed
+    for name in ("path_begin", "half_width", "corner_radius", "corner_turn", "bend_radius", "bend_turn", "climb"):
+        record[name] = getattr(path, name.upper())
+
+
+def read_knots(knots: np.ndarray) -> Path | None:
+    """The path of `sp_knot`s; None where there are none."""
+    if not len(knots):
+        return None
+    return Path(*(knots[name].copy() for name in ("time", "pose_w", "rate_w", "acceleration_w")))
 
 
 def sequence(task: hover.HoverTask) -> int:

@@ -14,6 +14,8 @@ from spidar_gym.native.library import expected_digest
 
 MAGIC = b"spidar robots\n"
 """What saved robots begin with; a line of JSON that says what they are follows, their numbers, and a checksum."""
+ROOMS = ("goals", "knots")
+"""Arrays of a fleet of which a robot has more or fewer entries."""
 CHECKSUM = hashlib.sha256().digest_size
 
 
@@ -24,7 +26,8 @@ def save(fleet: Fleet, ids: Sequence[int]) -> bytes:
         fleet: Where they are.
         ids: Which ones.
     """
-    head = json.dumps(_description(fleet) | {"robots": len(ids), "goals": fleet.goals.shape[1]}).encode() + b"\n"
+    rooms = {name: getattr(fleet, name).shape[1] for name in ROOMS}
+    head = json.dumps(_description(fleet) | {"robots": len(ids), **rooms}).encode() + b"\n"
     body = b"".join(part[k].tobytes() for part in _parts(fleet) for k in ids)
     content = MAGIC + head + body
     return content + hashlib.sha256(content).digest()
@@ -56,14 +59,15 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
             raise SpidarError(f"the saved robots are of another {name}: {told.get(name)}; valid here: {here}")
     if told["robots"] != len(ids):
         raise InvalidValueError("ids", list(ids), f"{told['robots']} robots, as many as were saved")
-    fleet.make_room(told["goals"])
+    fleet.make_room(*(told[name] for name in ROOMS))
     parts, at = _parts(fleet), 0
     for part in parts:
-        room = told["goals"] if part is fleet.goals else part[0].size
+        name = next((name for name in ROOMS if part is getattr(fleet, name)), None)
+        room = part[0].size if name is None else told[name]
         size = room * part.dtype.itemsize
         for k in ids:
             row = np.frombuffer(body, part.dtype, room, at)
-            if part is fleet.goals:
+            if name is not None:
                 part[k, :room] = row
             else:
                 part[k] = row.reshape(part[k].shape)
@@ -73,7 +77,7 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
 
 def _parts(fleet: Fleet) -> list[np.ndarray]:
     """Arrays with an entry for every robot that are all that there is of them."""
-    parts = [fleet.robots, fleet.goals, fleet.observations, fleet.infos, *fleet.extras]
+    parts = [fleet.robots, fleet.goals, fleet.knots, fleet.observations, fleet.infos, *fleet.extras]
     # Where all robots are alike there is a single copy of what they are, and every fleet of these options has the same.
     return parts + [fleet.engine.copies] * fleet.has_own_copies
 

@@ -18,7 +18,8 @@ from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.judge import Judge
-from spidar_gym.envs.registry import CRAWL, HOVER, RegisteredSteps, environment
+from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.registry import CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
 from spidar_gym.native.engine_structs import N_DOFS, SEQUENCES
@@ -27,6 +28,8 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
 
 ValueT = TypeVar("ValueT")
+KINDS: dict[str, type[HoverEnv] | type[CrawlEnv]] = {HOVER: HoverEnv, PATH: PathEnv, CRAWL: CrawlEnv}
+"""Class of a single robot's environment by id."""
 
 
 class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -51,7 +54,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """Build the robots.
 
         Args:
-            name: `spidar_gym/Hover-v0` or `spidar_gym/Crawl-v0`.
+            name: `spidar_gym/Hover-v0`, `spidar_gym/Path-v0` or `spidar_gym/Crawl-v0`.
             num_envs: How many robots.
             num_threads: How many threads, the caller's included.
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
@@ -72,7 +75,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
                 raise InvalidValueError(refused, options[refused], "no such argument: the core flies")
         if options.get("render_mode") == "human":
             raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
-        single = HoverEnv(control="core", **options) if name == HOVER else CrawlEnv(control="core", **options)
+        single = KINDS[name](control="core", **options)
         self._single = single
         self.render_mode = single.render_mode
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
@@ -339,6 +342,11 @@ def hover_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN
     return NativeVectorEnv(HOVER, num_envs, **options)
 
 
+def path_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
+    """What `gymnasium.make_vec("spidar_gym/Path-v0", …)` makes."""
+    return NativeVectorEnv(PATH, num_envs, **options)
+
+
 def crawl_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
     """What `gymnasium.make_vec("spidar_gym/Crawl-v0", …)` makes."""
     return NativeVectorEnv(CRAWL, num_envs, **options)
@@ -360,4 +368,4 @@ def _start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
     return None if value is None else FlightStart.parse(value)
 
 
-__all__ = ["CRAWL", "HOVER", "NativeVectorEnv", "crawl_vector", "hover_vector"]
+__all__ = ["CRAWL", "HOVER", "PATH", "NativeVectorEnv", "crawl_vector", "hover_vector", "path_vector"]

@@ -17,6 +17,8 @@ from spidar_gym.control.crawl.phases import CYCLE, LIFT, PHASES, STAND
 from spidar_gym.control.estimator import HISTORY
 from spidar_gym.control.flight import centroidal, compensation, observation, path
 from spidar_gym.control.flight import controller as flight_controller
+from spidar_gym.control.locomotion import commands as locomotion
+from spidar_gym.control.locomotion import manager, orders
 from spidar_gym.model import rotor
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
@@ -29,6 +31,8 @@ MAX_SIDES = 2 * MAX_M + N_ROTORS
 """Sides of rows and thrust spheres of the largest program."""
 MAX_STEPS = 256
 """Steps that the gait has room for."""
+MAX_WAYPOINTS, MANAGER_KNOTS = 64, 8
+"""Commands that the manager of both gaits has room for, and knots of the straight flight of one."""
 N_ANGLES = N_JOINTS + 2 * N_ROTORS
 """Angles that the encoders tell."""
 N_BODIES = 1 + N_ANGLES
@@ -41,7 +45,8 @@ SIZES = {
     "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
     "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
-    "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES, "MODE_COSTS": 4, "MODE_ROWS": 6,
+    "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
+    "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
 }  # fmt: skip
 """Whole numbers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -61,7 +66,8 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", crawl_controller, ("EFFORT_SHARE",)),
     ("", footsteps, ("MOST_STRIDE", "BISECTIONS")),
     ("", pose2, ("STRAIGHT",)),
-    ("PATH_", path, ("EASE", "REST", "TURN_RATE", "KNOT_TIME", "SUBSTEPS")),
+    ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "ARRIVED")),
+    ("PATH_", path, ("EASE", "REST", "TURN_RATE", "KNOT_TIME", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
                      "LEAST_LIFT", "TRIAL")),
 )  # fmt: skip
@@ -131,6 +137,8 @@ ENUMERATIONS = {
         Enumeration("status", "How a tick was answered, best first.", tuple(AllocationStatus)),
         Enumeration("phases", "What a step of the gait runs through.", tuple(STEPS)),
         Enumeration("phase", "Phases of the gait.", PHASES),
+        Enumeration("locomotion_kind", "What the manager of both gaits is told.", locomotion.KINDS, "LOCOMOTION_"),
+        Enumeration("manager_phase", "What it is doing.", orders.PHASES, "MANAGER_"),
         Enumeration("channel", "What the entries of a policy's action are, in this order.", CHANNELS, "CHANNEL_",
                     tuple(1 << k for k in range(len(CHANNELS)))),
         Enumeration("policy_target", "What a policy adds to; direct commands a flight.",

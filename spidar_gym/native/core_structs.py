@@ -6,8 +6,10 @@ from functools import cache
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS
+from spidar_gym.control.flight.path import AHEAD
 from spidar_gym.native.constants import (
     HISTORY,
+    MANAGER_KNOTS,
     MAX_ACTION,
     MAX_M,
     MAX_N,
@@ -15,6 +17,7 @@ from spidar_gym.native.constants import (
     MAX_SIDES,
     MAX_STEPS,
     MAX_TRACES,
+    MAX_WAYPOINTS,
     N_ANGLES,
     N_BODIES,
     PROGRAMS,
@@ -149,6 +152,11 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("time", "f8", (), "[s]"),
         ("pose_w rate_w acceleration_w", "f8", (4,), "x, y, z and heading; their first and second derivatives"),
     )),
+    CStruct("legs", "A path of straight legs that is being built.", (
+        ("point", "f8", (3,), "where it is so far [m]"),
+        ("speed heading seconds", "f8", (), "[m/s]; [rad], and [s] so far"),
+        ("along count", "i4", (), "whether it turns to where it goes; knots"),
+    )),
     CStruct("step", "One run through some phases.", (
         ("phases", "i4", (), "sp_phases"),
         ("has_target", "i4", (), ""),
@@ -204,6 +212,38 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("demand", "demand", (), ""),
         ("allocation", "allocation", (), ""),
     )),
+    CStruct("waypoint", "What the manager of both gaits is told to do.", (
+        ("kind", "i4", (), "sp_locomotion_kind; the others are not all read"),
+        ("pose", "pose2", (), "to crawl to, world"),
+        ("position_w", "f8", (3,), "of the centre of mass, to fly to [m]"),
+        ("has_form along", "i4", (), "whether the next counts; whether it turns to where it flies first"),
+        ("form", "f8", (N_JOINTS,), "on the way [rad]"),
+        ("speed height floor", "f8", (), "of the flight [m/s]; of the take-off [m]; where the floor is expected [m]"),
+    )),
+    CStruct("manager_memory", "All that the manager of both gaits remembers.", (
+        ("phase", "i4", (), "sp_manager_phase"),
+        ("time", "f8", (), "in it [s]"),
+        ("begin_w", "f8", (3,), "where the centre of mass was when it began, or is to be [m]"),
+        ("quat_wb", "f8", (4,), "attitude that is asked for when it begins"),
+        ("yaw", "f8", (), "heading in flight [rad]"),
+        ("form", "f8", (N_JOINTS,), "that is asked for [rad]"),
+        ("floor velocity", "f8", (), "height of the centre of mass on the floor [m]; rate of the descent [m/s]"),
+        ("believed thrust", "f8", (), "for how long something is like a floor [s]; Σλ of the last tick [N]"),
+        ("failures rises", "i4", (), "landings in a row that failed; whether it takes off at the next tick"),
+    )),
+    CStruct("manager", "The manager of both gaits.", (
+        ("config", "manager_config", (), ""),
+        ("memory", "manager_memory", (), ""),
+        ("flight", "flight", (), ""),
+        ("crawl", "crawl", (), ""),
+        ("reference", "reference", (), "of the last tick in flight"),
+        ("commands", "waypoint", (MAX_WAYPOINTS,), "the present one first"),
+        ("count knot_count", "i4", (), "of commands, of knots"),
+        ("knots", "knot", (MANAGER_KNOTS,), "of the present flight; its time begins with the phase"),
+        ("lying", "f8", (N_JOINTS,), "joint angles on the floor [rad]"),
+        ("lying_height", "f8", (), "of the centre of mass over a floor on which it lies [m]"),
+        ("snapshot", "snapshot", (), ""),
+    )),
     CStruct("estimator", "The state estimator.", (
         ("config", "estimator_config", (), ""),
         ("time", "f8", (), "of the estimate [s]"),
@@ -218,6 +258,9 @@ CORE_STRUCTS: Sequence[CStruct] = (
     CStruct("preview", "What a policy in flight is told of the plan.", (
         ("joint_target next_form", "f8", (N_JOINTS,), "to reach now, and after it (the same if none) [rad]"),
         ("time_to_next", "f8", (), "until then; SP_NO_NEXT_FORM if there is none [s]"),
+        ("ahead_w", "f8", (3 * AHEAD,), "of the path: where it will be, seen from where it is, world axes [m]"),
+        ("turn", "f8", (AHEAD,), "how far its heading will turn until then [rad]"),
+        ("velocity_w acceleration_w", "f8", (3,), "of the path now [m/s], [m/s²]"),
     )),
     CStruct("policy", "What a learned policy remembers: its last action and what leads to the next.", (
         ("has_momentum has_joints", "i4", (), "whether there was a tick before"),

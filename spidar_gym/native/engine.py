@@ -23,9 +23,8 @@ AT_ONCE = 256
 """Robots that a thread has in a call of the library at most: Python answers Ctrl-C between two calls."""
 _POINTERS = (
     "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
-    "own_copies", "job", "argument", "rules", "goals", "actions", "observations", "final_observations", "rewards",
-    "terminated", "truncated", "begun", "infos", "final_infos", "goal_room",
-    "rules_bytes",
+    "own_copies", "job", "argument", "rules", "goals", "knots", "actions", "observations", "final_observations",
+    "rewards", "terminated", "truncated", "begun", "infos", "final_infos", "goal_room", "knot_room", "rules_bytes",
 )  # fmt: skip
 """Members of `sp_engine`, eight bytes each."""
 

@@ -75,6 +75,10 @@ SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "d
 """What keeps a crawl from being a success."""
 MAX_OBSTACLES = 64
 """Blocks on the floor that there is room for."""
+PATHS = ("none", "legs", "lemniscate", "spline", "mixed")
+"""Paths of the CoG."""
+HEADINGS = ("kept", "along", "mixed")
+"""Where the robot looks on its path."""
 FLIGHT_FAILURES = ("contact", "tilt", "position", "diverged")
 """Why a flight is over."""
 MAX_DRAWS, MAX_WINDOWS = 64, 16
@@ -86,6 +90,8 @@ AUTORESETS = ("next_step", "same_step", "disabled")
 ENGINE_ENUMERATIONS = (
     Enumeration("operation", "What a drawn number does to the nominal one.", ("set", "scale", "add"), "DRAW_"),
     Enumeration("sequence", "Sequences of forms.", SEQUENCES, "FORMS_"),
+    Enumeration("path_kind", "Paths of the CoG.", PATHS, "PATHS_"),
+    Enumeration("heading", "Where the robot looks on its path.", HEADINGS, "HEADING_"),
     Enumeration("flight_failure", "Why a flight is over.", FLIGHT_FAILURES, "FLIGHT_"),
     Enumeration("crawl_failure", "Why a crawl is over.", CRAWL_FAILURES, "CRAWL_"),
     Enumeration("shortfall", "What keeps a crawl from being a success.", SHORTFALLS, "SHORT_OF_",
@@ -239,6 +245,12 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("max_tilt max_distance", "f8", (), "beyond which a flight is over [rad], [m]"),
         ("success_position success_attitude", "f8", (), "largest RMS errors of a success [m], [rad]"),
         ("arrival_grace arrival_tolerance", "f8", (), "how late [s] and how far off [rad] a form may be reached"),
+        ("path heading", "i4", (), "sp_path_kind; sp_heading"),
+        ("speed", "f8", (2,), "of a path, drawn in between [m/s]"),
+        ("path_begin half_width", "f8", (), "when it begins [s]; of a lemniscate [m]"),
+        ("corner_radius corner_turn", "f8", (2,), "of corners from where it begins [m]; from one to the next [rad]"),
+        ("bend_radius bend_turn", "f8", (2,), "of points round a spline's middle [m]; from one to the next [rad]"),
+        ("climb", "f8", (), "that its points are higher at most [m]"),
     )),
     CStruct("episode", "What every environment's robot has besides the simulated one.", (
         ("generator", "generator", (), "of the environment: it draws what an episode is"),
@@ -269,6 +281,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("offset rotation", "f8", (3,), "of the start [m], [rad]"),
         ("trim", "f8", (6,), "what a hover takes beyond the description [N, Nm]"),
         ("goals current flown", "i4", (), "how many; which is the target; ticks"),
+        ("knots", "i4", (), "of the path; 0 where there is none"),
         ("position_sum attitude_sum", "f8", (), "of squared errors [m²], [rad²]"),
         ("is_led", "i4", (), "whether the controller's advice is done in place of the action"),
         ("advice", "command", (), "what the controller would have commanded at the last tick"),

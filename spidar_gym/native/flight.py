@@ -1,7 +1,5 @@
 """The flight controller of the onboard core, a `FlightControl`."""
 
-import ctypes
-
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Vectoring, Wrench
@@ -75,7 +73,7 @@ class CoreFlightController(Core[CoreMemory]):
         super().__init__(model, room)
         self.config = config or ControllerConfig()
         self._flight, self._reference, self._given = Struct("flight", record), Struct("reference"), None
-        self._settings = Struct("controller_config")
+        self._settings, self._preview = Struct("controller_config"), Struct("preview")
         fill(self._settings.record, self.config)
         if record is None:
             self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
@@ -150,13 +148,16 @@ class CoreFlightController(Core[CoreMemory]):
         seen = observables
         self.write_state(seen.state)
         view = next(view for view in self._views if view.control_state is seen.control_state)
-        arrays = (
-            seen.thrust_command, seen.joint_command_velocity, seen.leg_momentum, seen.leg_momentum_rate,
-            seen.joint_target, seen.next_form,
-        )  # fmt: skip
+        arrays = seen.thrust_command, seen.joint_command_velocity, seen.leg_momentum, seen.leg_momentum_rate
+        preview = self._preview
+        preview["joint_target"][:], preview["next_form"][:] = seen.joint_target, seen.next_form
+        preview["time_to_next"][...] = seen.time_to_next_form
+        if seen.path is not None:
+            for name in ("ahead_w", "turn", "velocity_w", "acceleration_w"):
+                preview[name][:] = getattr(seen.path, name).reshape(-1)
         size = self.library.sp_observe(
             self._flight.pointer, self._state.pointer, view.struct.pointer, *map(pointer, arrays),
-            ctypes.c_double(seen.time_to_next_form), pointer(seen.previous_action), len(seen.previous_action),
+            preview.pointer, int(seen.path is not None), pointer(seen.previous_action), len(seen.previous_action),
             pointer(bound), pointer(self._observation),
         )  # fmt: skip
         return self._observation[:size].copy()

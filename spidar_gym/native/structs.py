@@ -17,6 +17,7 @@ from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.flight.centroidal import CentroidalConfig, MotionError
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
@@ -54,7 +55,7 @@ def samples() -> list[Any]:
         Pose2(), Lock(mask, mask, eight), no_interference(), MotionError(zero, zero, zero, zero),
         Demand(np.zeros(6), *maps, q, mask, eight, mask, eight, eight),
         CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),
-        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(),
+        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(), ManagerConfig(),
     ]  # fmt: skip
 
 

@@ -8,7 +8,7 @@ as flown for the paper; [Dynamixel] the servo maker's manual; [estimate] ours. P
 import ast
 import inspect
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -294,8 +294,9 @@ def differences(spec: RobotSpec) -> str:
 
 def field_docs(cls: type) -> dict[str, str]:
     """The docstring under each field of a dataclass, on one line: what the generated tables say of it."""
+    inherited = {name: doc for base in cls.__bases__ if is_dataclass(base) for name, doc in field_docs(base).items()}
     body = next(node for node in ast.parse(inspect.getsource(cls)).body if isinstance(node, ast.ClassDef)).body
-    return {
+    return inherited | {
         node.target.id: " ".join(str(after.value.value).split())
         for node, after in pairwise(body)
         if isinstance(node, ast.AnnAssign)

@@ -14,10 +14,11 @@ START = replace(
     FIRST,
     gait=replace(
         FIRST.gait,
-        outer=1.3, max_distance=0.31, raise_angle=0.08, lift_height=0.02, start_time=0.12, leg_touch_time=0.08,
+        outer=1.3, max_distance=0.31, raise_angle=0.1, lift_height=0.025, start_time=0.12, leg_touch_time=0.08,
         torso_touch_time=0.06, lower_at=0.2, forward_at=0.1, trim_gain=6.0,
     ),
     torque_limit=5.0,
+    foot_friction=0.2,
     power=True,
 )  # fmt: skip
 """Where the search begins: what trials by hand made of the reference."""

@@ -51,7 +51,7 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 12, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}.get(
+    assert len(quantities) == {"run": 13, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}.get(
         " ".join(command), 0
     )
     # A strength has no unit, but a range; friction has neither. Degrees exist on the command line only, and it says so.
@@ -193,7 +193,7 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
         (["run", "--episodes", "0"], "at least 1"),
         *((["run", "--seconds", v], "at least one tick, 0.025 s") for v in ("0", "-1", "nan", "inf", "0.01")),
         (["run", "--seconds", "0.1", "--out", "film.gif"], ".mp4"),
-        (["run", "--speed", "1"], "spidar --help"),
+        (["run", "--velocity", "1"], "spidar --help"),
         (["run", "--seconds", "0.1", "--show"], "--out FILE.mp4"),
         (["view", "--form", "form4"], ", ".join(FORMS)),
         (["view"], "--out FILE.mp4"),

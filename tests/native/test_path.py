@@ -24,11 +24,27 @@ def library():
     return load_core()
 
 
-def built(function, *arguments, room=ROOM):
+def built(function, *arguments):
     """What the core builds, and how many knots it counts."""
     knots = np.zeros(ROOM, core_layouts()["knot"])
-    count = function(*arguments, pointer(knots), *(() if room is None else (room,)))
-    return knots, count
+    return knots, function(*arguments, pointer(knots), ROOM)
+
+
+def built_legs(library, points, speed, along, yaw, begin, room=ROOM):
+    knots, so_far = np.zeros(ROOM, core_layouts()["knot"]), Struct("legs")
+    numbers = DOUBLE(speed), int(along), DOUBLE(yaw), DOUBLE(begin)
+    library.sp_begin_legs(pointer(points), *numbers, pointer(knots), room, so_far.pointer)
+    for point in points[1:]:
+        library.sp_leg_to(pointer(point), pointer(knots), room, so_far.pointer)
+    return knots, int(so_far["count"])
+
+
+def built_spline(library, points, speed, along, yaw, begin):
+    knots = np.zeros(ROOM, core_layouts()["knot"])
+    knots["pose_w"][: len(points), :3] = points
+    knots["rate_w"] = 7.0  # it is written over
+    library.sp_path_spline(pointer(knots), len(points), DOUBLE(speed), int(along), DOUBLE(yaw), DOUBLE(begin))
+    return knots, len(points)
 
 
 def close(path: Path, knots: np.ndarray, count: int) -> None:
@@ -49,9 +65,8 @@ def test_the_core_builds_the_same_paths(library, seed, along):
     points, speed, yaw, begin = random_points(rng), rng.uniform(0.2, 2.0), rng.uniform(-3.0, 3.0), rng.uniform(0.0, 2.0)
     rows = [tuple(point) for point in points.tolist()]
     options = {"along": along, "yaw": yaw, "begin": begin}
-    given = pointer(points), len(points), DOUBLE(speed), int(along), DOUBLE(yaw), DOUBLE(begin)
-    close(legs(rows, speed, **options), *built(library.sp_path_legs, *given))
-    close(spline(rows, speed, **options), *built(library.sp_path_spline, *given, room=None))
+    close(legs(rows, speed, **options), *built_legs(library, points, speed, along, yaw, begin))
+    close(spline(rows, speed, **options), *built_spline(library, points, speed, along, yaw, begin))
     place, width, seconds = rng.normal(size=3), rng.uniform(0.5, 3.0), rng.uniform(6.0, 30.0)
     path = lemniscate(width, speed, seconds, position_w=place, direction=yaw, along=along, begin=begin)
     numbers = DOUBLE(width), DOUBLE(speed), DOUBLE(seconds), pointer(place), DOUBLE(yaw), int(along), DOUBLE(begin)
@@ -60,10 +75,9 @@ def test_the_core_builds_the_same_paths(library, seed, along):
 
 def test_knots_beyond_the_room_are_counted_and_not_written(library):
     points = random_points(np.random.default_rng(3))
-    given = pointer(points), len(points), DOUBLE(1.0), 1, DOUBLE(0.0), DOUBLE(0.0)
-    whole, count = built(library.sp_path_legs, *given)
+    whole, count = built_legs(library, points, 1.0, True, 0.0, 0.0)
     for room in range(count + 2):
-        some, counted = built(library.sp_path_legs, *given, room=room)
+        some, counted = built_legs(library, points, 1.0, True, 0.0, 0.0, room)
         assert counted == count
         np.testing.assert_array_equal(some[:room], whole[:room])
         assert not some[room:]["pose_w"].any() or room > count

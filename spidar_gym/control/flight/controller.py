@@ -128,6 +128,22 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             compensation = fresh_compensation(joints, external)
             self.memory = replace(self.memory, integrals=integrals, compensation=compensation)
 
+    def resume(self, state: RobotState, command: Command) -> None:
+        """Begin again where somebody else has controlled, with the integrals and the observer's belief of before.
+
+        Args:
+            state: Where the robot is.
+            command: What it was told last.
+        """
+        before = self.memory
+        self.reset(state, command.joint_position)
+        self.set_last_command(command)
+        vectoring = command.vectoring
+        self.memory = replace(
+            self.memory, integrals=before.integrals, lock=replace(self.memory.lock, phi=vectoring[:, 0].copy()),
+            compensation=fresh_compensation(command.joint_position, before.compensation.external_w),
+        )  # fmt: skip
+
     def rest_vectoring(self, q: JointVector) -> Vectoring:
         """(φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it [rad].
 
@@ -183,7 +199,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         R_wb, snapshot, error = control_state.R_wb, control_state.snapshot, control_state.error
         joints, speed = self._joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
         gains = self.config.centroidal
-        integrals = integrate(
+        integrals = memory.integrals if reference.support > 0.0 else integrate(
             memory.integrals, error, memory.unallocated_w, memory.unallocated_torque,
             dt=self.dt, max_speed=gains.max_integration_speed,
         )  # fmt: skip
@@ -195,6 +211,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():
             allocation = self.allocator.project(demand, allocation.forces_l + residual.forces_l, memory.forces_l)
+        if reference.support > 0.0:
+            share = max(0.0, 1.0 - reference.support)
+            allocation = replace(allocation, forces_l=share * allocation.forces_l, thrust=share * allocation.thrust)
         forces = allocation.forces_l
         if options.vectoring_lead > 0.0:
             forces = lead_forces(
@@ -225,7 +244,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             more += options.reference_gain * reference_wrench(snapshot, R_wb, reference)
         if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
             return memory, more
-        if options.observer_gain and self.last_step is not None:
+        if options.observer_gain and self.last_step is not None and reference.support > 0.0:
+            memory = replace(memory, observed_momentum=None)
+        elif options.observer_gain and self.last_step is not None:
             memory = observe_wrench(
                 snapshot, memory, R_wb, omega, reference.velocity_w - control_state.error.velocity_w,
                 self.last_step.allocation.wrench, config=options, dt=dt,

@@ -9,6 +9,7 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, RotorVector, Vector3
 from spidar_gym.control.flight.memory import ControlState, FlightMemory
+from spidar_gym.control.flight.path import AHEAD, AHEAD_STEP, PathPreview
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.state import RobotState
 
@@ -35,32 +36,48 @@ class Field:
 
 def layout(action_size: int) -> tuple[Field, ...]:
     """The observation's pieces in order; the previous action makes its length depend on the action mode."""
-    return (
-        Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes"),
-        Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes"),
-        Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes"),
-        Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes"),
-        Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
-        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
-        Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("vectoring_velocity", 2 * N_ROTORS, 20.0, "rad/s", "rates of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("joint_target_error", N_JOINTS, 4.0, "rad", "form to reach − commanded joint position"),
-        Field("joint_command_velocity", N_JOINTS, 5.0, "rad/s", "commanded joint velocity of the last tick"),
-        Field(
-            "leg_momentum", 3, 20.0, "Nms", "angular momentum of the legs by the commanded joint velocity, torso axes"
-        ),
-        Field("leg_momentum_rate", 3, 400.0, "Nm", "its change since the last tick"),
-        Field("position_integral", 3, 20.0, "m s", "∫ position error of the controller, world axes"),
-        Field("attitude_integral", 3, 20.0, "rad s", "∫ attitude error of the controller, torso axes"),
-        Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
-        Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
-        Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
-        Field("restricted_rotors", N_ROTORS, 1.0, "", "1 where interference restricts the rotor"),
-        Field("next_form", N_JOINTS, 2.0, "rad", "joint targets of the form after this one"),
-        Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM),
-        Field("previous_action", action_size, 1.0, "", "last action"),
-    )
+    return (*_FLIGHT, _previous(action_size))
+
+
+def path_layout(action_size: int) -> tuple[Field, ...]:
+    """The same along a path, of which the next second is told too."""
+    return (*_FLIGHT, *_PATH, _previous(action_size))
+
+
+def _previous(action_size: int) -> Field:
+    return Field("previous_action", action_size, 1.0, "", "last action")
+
+
+_FLIGHT = (
+    Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes"),
+    Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes"),
+    Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes"),
+    Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes"),
+    Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
+    Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
+    Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
+    Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
+    Field("vectoring_velocity", 2 * N_ROTORS, 20.0, "rad/s", "rates of φ₁, θ₁, φ₂, θ₂ …"),
+    Field("joint_target_error", N_JOINTS, 4.0, "rad", "form to reach − commanded joint position"),
+    Field("joint_command_velocity", N_JOINTS, 5.0, "rad/s", "commanded joint velocity of the last tick"),
+    Field("leg_momentum", 3, 20.0, "Nms", "angular momentum of the legs by the commanded joint velocity, torso axes"),
+    Field("leg_momentum_rate", 3, 400.0, "Nm", "its change since the last tick"),
+    Field("position_integral", 3, 20.0, "m s", "∫ position error of the controller, world axes"),
+    Field("attitude_integral", 3, 20.0, "rad s", "∫ attitude error of the controller, torso axes"),
+    Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+    Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
+    Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
+    Field("restricted_rotors", N_ROTORS, 1.0, "", "1 where interference restricts the rotor"),
+    Field("next_form", N_JOINTS, 2.0, "rad", "joint targets of the form after this one"),
+    Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM),
+)
+_LATER = ", ".join(f"{AHEAD_STEP * (k + 1):g}" for k in range(AHEAD))
+_PATH = (
+    Field("path_ahead", 3 * AHEAD, 5.0, "m", f"desired CoG in {_LATER} s − desired CoG now, torso axes"),
+    Field("path_turn", AHEAD, 4.0, "rad", "how far the desired heading turns until then"),
+    Field("path_velocity", 3, 5.0, "m/s", "desired velocity of the CoG, torso axes"),
+    Field("path_acceleration", 3, 20.0, "m/s²", "desired acceleration of the CoG, torso axes"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +104,8 @@ class FlightObservables:
     """Time until then [s]."""
     previous_action: np.ndarray
     """The last action."""
+    path: PathPreview | None = None
+    """What is told of the path, where there is one."""
 
 
 def observe(seen: FlightObservables, memory: FlightMemory, *, bound: np.ndarray) -> np.ndarray:
@@ -94,6 +113,16 @@ def observe(seen: FlightObservables, memory: FlightMemory, *, bound: np.ndarray)
     state, error, rotation = seen.state, seen.control_state.error, seen.control_state.R_wb
     angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
     sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS
+    path = (
+        ()
+        if seen.path is None
+        else (
+            (seen.path.ahead_w @ rotation).reshape(-1),
+            seen.path.turn,
+            seen.path.velocity_w @ rotation,
+            seen.path.acceleration_w @ rotation,
+        )
+    )
     values = np.concatenate(
         (
             error.position_w @ rotation,
@@ -117,6 +146,7 @@ def observe(seen: FlightObservables, memory: FlightMemory, *, bound: np.ndarray)
             memory.interference.restricted,
             seen.next_form,
             (seen.time_to_next_form,),
+            *path,
             seen.previous_action,
         )
     )

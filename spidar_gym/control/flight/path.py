@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,10 +17,27 @@ TURN_RATE = 0.6
 """Fastest turn of the heading at rest [rad/s]."""
 KNOT_TIME = 0.25
 """Time between two knots of a lemniscate [s]: the quintics then miss it by less than 10 µm at 1.5 m/s."""
+AHEAD, AHEAD_STEP = 4, 0.25
+"""At how many times ahead a policy is told of the path, and how far apart they are [s]."""
 SUBSTEPS = 8
 """Steps of the fourth-order integration along a lemniscate from one knot to the next."""
 
 Point = tuple[float, float, float]
+_LATER = tuple(AHEAD_STEP * (k + 1) for k in range(AHEAD))
+
+
+@dataclass(frozen=True, slots=True)
+class PathPreview:
+    """What a policy is told of a path at a time, world axes."""
+
+    ahead_w: np.ndarray
+    """Where it will be at the times ahead, seen from where it is, shape (4, 3) [m]."""
+    turn: np.ndarray
+    """How far its heading will have turned until then, shape (4,) [rad]."""
+    velocity_w: Vector3
+    """Its velocity now [m/s]."""
+    acceleration_w: Vector3
+    """Its acceleration now [m/s²]."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +89,12 @@ class Path:
         acceleration = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (T * T)
         return pose, rate, acceleration
 
+    def preview(self, time: float) -> PathPreview:
+        """What a policy is told of it at a time."""
+        pose, rate, acceleration = self.at(time)
+        ahead = np.array([self.at(time + later)[0] for later in _LATER]) - pose
+        return PathPreview(ahead[:, :3], ahead[:, 3], rate[:3], acceleration[:3])
+
     def reference(self, time: float, joint_target: JointVector, mode: str = "flight") -> Reference:
         """What the controller is asked at a time: the level robot on the path, its legs on their way to a form."""
         pose, rate, acceleration = self.at(time)
@@ -108,6 +130,51 @@ def wrap(angle: float) -> float:
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
+class Legs:
+    """A path of straight legs that is being built: a rest at every point."""
+
+    def __init__(
+        self, point: Point, speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0
+    ) -> None:
+        """Begin at a point; arguments as those of `legs`."""
+        self._point, self._speed, self._along, self._heading = point, speed, along, yaw
+        self.seconds = begin
+        """When it ends so far [s]."""
+        self._knots = _Knots()
+        self._knots.add(begin, [*point, yaw], _STILL, _STILL)
+
+    def to(self, point: Point) -> None:
+        """Go straight to another point, and rest there."""
+        (x, y, z), (nx, ny, nz), add = self._point, point, self._knots.add
+        way = (nx - x, ny - y, nz - z)
+        length = math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+        if self._along and (way[0] or way[1]):
+            turn = wrap(math.atan2(way[1], way[0]) - self._heading)
+            self._heading += turn
+            # A turn from rest to rest is fastest in its middle, 15/8 of its mean rate.
+            self.seconds += max(REST, 1.875 * abs(turn) / TURN_RATE) if turn else 0.0
+            if turn:
+                add(self.seconds, [x, y, z, self._heading], _STILL, _STILL)
+        most = math.sqrt(length * EASE)
+        fast = min(self._speed, most)
+        ease, share = fast / EASE, 0.5 * (fast / most) * (fast / most)
+        rate = [fast / length * way[0], fast / length * way[1], fast / length * way[2], 0.0]
+        self.seconds += ease
+        add(self.seconds, [x + share * way[0], y + share * way[1], z + share * way[2], self._heading], rate, _STILL)
+        if share < 0.5 - 1e-9:
+            self.seconds += (1.0 - 2.0 * share) * length / fast
+            braking = [nx - share * way[0], ny - share * way[1], nz - share * way[2], self._heading]
+            add(self.seconds, braking, rate, _STILL)
+        for rest in (ease, REST):
+            self.seconds += rest
+            add(self.seconds, [*point, self._heading], _STILL, _STILL)
+        self._point = point
+
+    def path(self) -> Path:
+        """The path so far."""
+        return self._knots.path()
+
+
 def legs(points: list[Point], speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0) -> Path:
     """Straight lines from point to point with a rest at each.
 
@@ -119,33 +186,10 @@ def legs(points: list[Point], speed: float, *, along: bool = False, yaw: float =
         begin: When it leaves the first point [s].
     """
     _require(points, speed)
-    knots, time, heading = _Knots(), begin, yaw
-    knots.add(time, [*points[0], heading], _STILL, _STILL)
-    for (x, y, z), (nx, ny, nz) in pairwise(points):
-        way = (nx - x, ny - y, nz - z)
-        length = math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
-        flat = math.hypot(way[0], way[1])
-        if along and flat > 0.0:
-            turn = wrap(math.atan2(way[1], way[0]) - heading)
-            # A turn from rest to rest is fastest in its middle, 15/8 of its mean rate.
-            heading += turn
-            if turn != 0.0:
-                time += max(REST, 1.875 * abs(turn) / TURN_RATE)
-                knots.add(time, [x, y, z, heading], _STILL, _STILL)
-        most = math.sqrt(length * EASE)
-        fast = min(speed, most)
-        ease, share = fast / EASE, 0.5 * (fast / most) * (fast / most)
-        rate = [fast * way[0] / length, fast * way[1] / length, fast * way[2] / length, 0.0]
-        time += ease
-        knots.add(time, [x + share * way[0], y + share * way[1], z + share * way[2], heading], rate, _STILL)
-        if share < 0.5 - 1e-9:
-            time += (1.0 - 2.0 * share) * length / fast
-            knots.add(time, [nx - share * way[0], ny - share * way[1], nz - share * way[2], heading], rate, _STILL)
-        time += ease
-        knots.add(time, [nx, ny, nz, heading], _STILL, _STILL)
-        time += REST
-        knots.add(time, [nx, ny, nz, heading], _STILL, _STILL)
-    return knots.path()
+    built = Legs(points[0], speed, along=along, yaw=yaw, begin=begin)
+    for point in points[1:]:
+        built.to(point)
+    return built.path()
 
 
 def lemniscate(

@@ -2,14 +2,15 @@
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.flight.memory import ControlState
-from spidar_gym.control.flight.observation import NO_NEXT_FORM, FlightObservables, layout
+from spidar_gym.control.flight.observation import NO_NEXT_FORM, Field, FlightObservables, layout
+from spidar_gym.control.flight.path import Path
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.actions import act_directly, find_action_mode
@@ -18,16 +19,19 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
 from spidar_gym.envs.options import solver_settings, split_options
-from spidar_gym.envs.rules import hover_rules, most_goals, sequence
+from spidar_gym.envs.path.task import PathTask
+from spidar_gym.envs.rules import hover_rules, most_goals, read_knots, sequence
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.engine_structs import FLIGHT_FAILURES
 from spidar_gym.native.flight import ControlStateView
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.so3 import exp, log, matrix_to_quat
+from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command, Reference
 
+BUILT_IN = HoverTask, PathTask
+"""Tasks that the engine has too."""
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _STILL = np.zeros(3)
 _NO_JOINTS = np.zeros(N_JOINTS)
@@ -39,6 +43,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
+    task_type: ClassVar[type[HoverTask]] = HoverTask
+    """Its task."""
 
     def __init__(
         self,
@@ -67,8 +73,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             UnknownNameError: For a mode, preset, camera or option that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range.
         """
-        own, shared = split_options(SpidarEnv, HoverEnv, HoverTask, options)
-        self.task = HoverTask(**own)
+        own, shared = split_options(SpidarEnv, HoverEnv, self.task_type, options)
+        self.task = self.task_type(**own)
         joint_speed = self.task.joint_speed
         mode = find_action_mode(action_mode)
         base = controller_config(preset) if controller is None else controller
@@ -81,7 +87,12 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._goals: list[FormGoal] | None = None
         self.trim: np.ndarray | None = None
         """Wrench with which the integrals began [N, Nm]; None for the described robot."""
-        super().__init__(mode, layout(mode.size), joint_speed=joint_speed, control=control, **shared)
+        super().__init__(mode, self.layout_of(mode.size), joint_speed=joint_speed, control=control, **shared)
+
+    @staticmethod
+    def layout_of(action_size: int) -> tuple[Field, ...]:
+        """What a policy sees, by the size of its action."""
+        return layout(action_size)
 
     def _make_controller(self) -> FlightControl:
         return make_flight_controller(self._config, self._control, self._allocator, self.fleet)
@@ -94,7 +105,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     # ---- all of it in the engine ----
 
     def _is_built_in(self) -> bool:
-        return type(self.task) is HoverTask and keeps_page(type(self), HoverEnv)
+        return type(self.task) in BUILT_IN and keeps_page(type(self), HoverEnv)
 
     def _rule(self, fleet: Fleet) -> None:
         if replace(self.task, forms=self._ruled.forms) != self._ruled:
@@ -121,6 +132,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         robot = self.fleet.robots[0]
         if name == "truth":
             return ControlStateView(self.fleet.robots["truth"][0:1].reshape(())).control_state
+        if name == "path":
+            return read_knots(self.fleet.knots[0, : int(robot["knots"])])
         if name != "episode":
             return super()._read(name)
         progress = Progress.read(robot, self.fleet.goals[0], self._goals)
@@ -134,7 +147,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         """Robots of this environment in the engine, at no episode yet."""
         goals, alike = most_goals(self.task.horizon_s), self._strength == 0.0 and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
-        fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals)
+        knots = self.task.most_knots
+        fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals, knots=knots)
         fleet.robots["forms"] = sequence(self.task)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)
@@ -147,14 +161,19 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
 
     def _begin(self, rng: np.random.Generator) -> None:
         self._reference = None
-        start = self._start or FlightStart(tuple(self.task.schedule(rng)), *self.task.offset(rng))
-        self._now["episode"] = Progress(list(start.goals))
+        start = self._start or FlightStart(
+            tuple(self.task.schedule(rng)), *self.task.offset(rng), path=self.task.draw_path(rng)
+        )
+        self._now["episode"], self._now["path"] = Progress(list(start.goals)), start.path
         self._draw_robot(rng)
         q = self.progress.goal.joint_target
-        R_wb = exp(start.rotation)
+        R_wb, place = exp(start.rotation), self.task.position_w
+        if start.path is not None:
+            place, yaw = start.path.pose_w[0, :3], float(start.path.pose_w[0, 3])
+            R_wb = R_wb if yaw == 0.0 else exp(np.array([0.0, 0.0, yaw])) @ R_wb  # it looks where its path begins to
         vectoring = self.controller.rest_vectoring(q)
         com_b = self.controller.model.snapshot(q, R_wb, vectoring).com_b
-        position_w = self.task.position_w + start.position - R_wb @ com_b
+        position_w = place + start.position - R_wb @ com_b
         self._place(rng, position_w, matrix_to_quat(R_wb), q, vectoring, np.full(N_ROTORS, ROBOT.hover_thrust))
         self._sense()
         # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
@@ -166,13 +185,20 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._joint_velocity = _NO_JOINTS
         self._update_errors()
 
+    @property
+    def path(self) -> Path | None:
+        """Where the CoG goes in this episode; None where it stays (`SpidarError` before the first reset)."""
+        return self._known("path")
+
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
         target, mode = self.progress.goal.joint_target, self.task.mode(self.progress.time)
-        given = self._reference
-        if given is None or given.joint_target is not target or given.mode != mode:
+        path, given = self.path, self._reference
+        if path is not None:
+            given = path.reference(self.progress.time, target, mode)
+        elif given is None or given.joint_target is not target or given.mode != mode:
             given = Reference(self.task.position_w, _LEVEL, _STILL, _STILL, target, mode)
-            self._reference = given
+        self._reference = given
         fault = self._disturbances
         if fault.lost_rotor and self.progress.time >= fault.fault_time - 1e-9:
             lost = f"lost_{fault.fault}"
@@ -220,9 +246,12 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
 
         The CoG is the one that the description gives at the true state: nobody knows where the real one is.
         """
-        return self.truth.error.position_w, log(self.truth.R_wb.T)  # the reference is level
+        quat = self.reference().quat_wb
+        R_error = self.truth.R_wb.T if quat[3] == 0.0 else self.truth.R_wb.T @ quat_to_matrix(quat)
+        return self.truth.error.position_w, log(R_error)
 
     def _advance(self) -> str:
+        self.progress.ticks += 1
         self._update_errors()
         before = self._leg_momentum
         self._leg_momentum = self._control_state.snapshot.momentum_map[3:] @ self._joint_velocity
@@ -246,6 +275,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             next_form=goal.joint_target if upcoming is None else upcoming.joint_target,
             time_to_next_form=NO_NEXT_FORM if upcoming is None else upcoming.start - progress.time,
             previous_action=self._action,
+            path=None if self.path is None else self.path.preview(progress.time),
         )
         return self.controller.observe(observables, bound=self._bound)
 

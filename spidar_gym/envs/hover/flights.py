@@ -1,4 +1,4 @@
-"""The hover task for many robots at once, in NumPy: derive from it for a task of your own that a vector flies.
+"""The tasks in the air for many robots at once, in NumPy: derive from it for a task of your own that a vector flies.
 
 `HoverTask` is the same page for one robot, `native/engine/hover.c` in C; a test holds the three to each other.
 """
@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from spidar_gym.control.flight.observation import NO_NEXT_FORM
+from spidar_gym.control.flight.path import AHEAD, AHEAD_STEP
 from spidar_gym.envs.batch import Robots, VectorTask, length, square, tolerance
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import (
@@ -40,7 +41,7 @@ class Flights(Robots):
     def __init__(self, fleet: Fleet, memory: np.ndarray, hover: HoverTask) -> None:
         """Look at them; `hover` has the options of the environment."""
         super().__init__(fleet, memory)
-        self.hover, self.goals = hover, fleet.goals
+        self.hover, self.goals, self.knots = hover, fleet.goals, fleet.knots
         self._everybody = np.arange(len(self))
 
     def begin(self, task: "FlightTask", ids: np.ndarray) -> None:
@@ -51,6 +52,15 @@ class Flights(Robots):
         self.robots["reference"][ids] = task.reference(self)[ids]
         self.robots["preview"][ids] = task.preview(self)[ids]
         self.fleet.regard(ids)
+
+    def look(self, task: "FlightTask") -> None:
+        """The errors of now, where references move: against what the robots are to do now, not a tick ago."""
+        if not (self.knots.shape[1] or type(task).reference is not FlightTask.reference):
+            return
+        self.robots["reference"] = task.reference(self)
+        now = np.flatnonzero((self.robots["plant"]["diverged"] == 0) & ~self.fleet.begun)
+        if now.size:
+            self.fleet.regard(now)
 
     def aim(self, task: "FlightTask") -> None:
         """The references of the next tick."""
@@ -68,7 +78,7 @@ class Flights(Robots):
 
     @cached_property
     def attitude_error(self) -> np.ndarray:
-        """Attitude error against level, torso axes (N, 3) [rad]."""
+        """Attitude error against the reference, torso axes (N, 3) [rad]."""
         return self.robots["attitude_error"]
 
     @property
@@ -91,6 +101,34 @@ class Flights(Robots):
         """Forms after it, the same where there is none."""
         return self.goals[self._everybody, self.robots["current"] + self.has_next]
 
+    def path_at(self, later: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pose (x, y, z, heading), rate and acceleration of the paths so much later than now, (N, 4) each [m], [rad].
+
+        Where there is no path they are 0.
+        """
+        knots, count, time = self.knots, self.robots["knots"], self.time + later
+        if not knots.shape[1]:
+            zero = np.zeros((len(self), 4))
+            return zero, zero, zero
+        is_one = np.arange(knots.shape[1]) < count[:, None]
+        first = (is_one & (knots["time"] <= time[:, None])).sum(axis=1) - 1
+        moves = (first >= 0) & (first + 1 < count)
+        a = knots[self._everybody, np.clip(first, 0, np.maximum(count - 1, 0))]
+        b = knots[self._everybody, np.clip(first + 1, 0, knots.shape[1] - 1)]
+        T = np.where(moves, b["time"] - a["time"], 1.0)[:, None]
+        u = np.where(moves, time - a["time"], 0.0)[:, None] / T
+        c0, c1, c2 = a["pose_w"], T * a["rate_w"], 0.5 * T * T * a["acceleration_w"]
+        d = b["pose_w"] - (c0 + c1 + c2)
+        e = T * b["rate_w"] - (c1 + 2.0 * c2)
+        f = T * T * b["acceleration_w"] - 2.0 * c2
+        c3, c4, c5 = 10.0 * d - 4.0 * e + 0.5 * f, -15.0 * d + 7.0 * e - f, 6.0 * d - 3.0 * e + 0.5 * f
+        pose = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+        rate = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / T
+        acceleration = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (T * T)
+        still = ~moves[:, None]
+        pose = np.where(still, np.where(count[:, None] > 0, c0, 0.0), pose)
+        return pose, np.where(still, 0.0, rate), np.where(still, 0.0, acceleration)
+
     def plan(self) -> np.ndarray:
         """Joint angles of the schedule now: straight lines from form to form (N, 16) [rad]."""
         goal, time = self.goal, self.time
@@ -105,7 +143,7 @@ class Flights(Robots):
 
 
 class FlightTask(VectorTask[Flights]):
-    """Hold the CoG and a level attitude while the joints go through a sequence of forms: what a robot is to do."""
+    """Hold the CoG, or follow a path, level, while the joints go through a sequence of forms: what a robot is to do."""
 
     robots = Flights
     reward_terms: Mapping[str, tuple[float, str]] = REWARD_TERMS
@@ -116,11 +154,20 @@ class FlightTask(VectorTask[Flights]):
     def reference(self, flights: Flights) -> np.ndarray:
         """What the controllers are to do in the next tick: records of `Reference`'s fields, the modes by number.
 
-        It is the level hover with the schedule's form, and the fault that the controller is told; change what differs.
+        It is the level hover, or the path, with the schedule's form, and the fault that the controller is told; change
+        what differs.
         """
         hover, time = flights.hover, flights.time
         wanted = np.zeros(len(flights), core_layouts()["reference"])
         wanted["position_w"], wanted["quat_wb"][:, 0] = hover.position_w, 1.0
+        moved = flights.robots["knots"] > 0
+        if moved.any():
+            pose, rate, acceleration = (values[moved] for values in flights.path_at())
+            for name, values in (("position_w", pose), ("velocity_w", rate), ("acceleration_w", acceleration)):
+                wanted[name][moved] = values[:, :3]
+            half = 0.5 * pose[:, 3]
+            wanted["quat_wb"][moved] = np.stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)], axis=1)
+            wanted["omega_b"][moved, 2], wanted["alpha_b"][moved, 2] = rate[:, 3], acceleration[:, 3]
         wanted["joint_target"] = flights.goal["joint_target"]
         free = np.full(len(flights), not hover.avoid_interference)
         for start, end in hover.unrestricted:
@@ -140,12 +187,17 @@ class FlightTask(VectorTask[Flights]):
         told["joint_target"], upcoming = flights.goal["joint_target"], flights.next_goal
         told["next_form"] = upcoming["joint_target"]
         told["time_to_next"] = np.where(flights.has_next, upcoming["start"] - flights.time, NO_NEXT_FORM)
+        if flights.knots.shape[1]:
+            pose, rate, acceleration = flights.path_at()
+            ahead = [flights.path_at(AHEAD_STEP * (k + 1))[0] - pose for k in range(AHEAD)]
+            told["ahead_w"] = np.concatenate([each[:, :3] for each in ahead], axis=1)
+            told["turn"] = np.stack([each[:, 3] for each in ahead], axis=1)
+            told["velocity_w"], told["acceleration_w"] = rate[:, :3], acceleration[:, :3]
         return told
 
     def advance(self, flights: Flights) -> None:
-        """Count a tick; a task with a memory of its own writes it here, after `super().advance(flights)`."""
+        """Judge a tick; a task with a memory of its own writes it here, after `super().advance(flights)`."""
         robots, goals, angles = flights.robots, flights.goals, flights.state["joint_position"]
-        robots["flown"] += 1
         robots["position_sum"] += square(flights.position_error)
         robots["attitude_sum"] += square(flights.attitude_error)
         time, current, everybody = flights.time, robots["current"], np.arange(len(flights))

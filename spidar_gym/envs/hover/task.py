@@ -11,6 +11,7 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, Vector3, Wrench
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.path import Path
 from spidar_gym.envs.rewards import norm, tolerance
 from spidar_gym.errors import InvalidValueError, require_array, require_flag, require_keys, require_name, require_within
 from spidar_gym.model.dynamics import Model
@@ -37,8 +38,8 @@ RANGES = {
     "perturbation": (0.0, 1e3, "1"),
 }
 """Least and largest number of each argument, and its unit."""
-START = {"goals": math.pi, "position": 10.0, "rotation": 2.0 * math.pi, "trim": 1e3}
-"""Keys of a given start: no angle, offset or preload in it is larger [rad, m, rad, N or Nm]."""
+START = {"goals": math.pi, "position": 10.0, "rotation": 2.0 * math.pi, "trim": 1e3, "path": 1e4}
+"""Keys of a given start: no angle, offset, preload or number of a path in it is larger [rad, m, rad, N or Nm]."""
 
 
 @cache
@@ -74,12 +75,16 @@ class FlightStart:
     """Offset of its attitude, a rotation vector [rad]."""
     trim: Wrench | None = None
     """What a hover takes beyond the description, with which the integrals begin [N, Nm]; computed if None."""
+    path: Path | None = None
+    """Where the CoG goes; it stays if None."""
 
     def __post_init__(self) -> None:
         """Refuse what is no episode."""
         if not self.goals or not self.goals[0].deadline <= 0.0:
             raise InvalidValueError("goals", len(self.goals), "at least one goal, the first with deadline 0")
         numbers = [("position", self.position), ("rotation", self.rotation), ("trim", self.trim)]
+        if self.path is not None:
+            numbers += [("path", np.ravel(values)) for values in vars(self.path).values()]
         for name, values in numbers + [("goals", goal.joint_target) for goal in self.goals]:
             if values is not None and not (np.abs(values) <= START[name]).all():
                 raise InvalidValueError(name, values.tolist(), f"finite numbers within ± {START[name]:.4g}")
@@ -107,10 +112,24 @@ class FlightStart:
             _numbers("position", values.get("position"), 3),
             _numbers("rotation", values.get("rotation"), 3),
             None if trim is None else _numbers("trim", trim, 6),
+            _path(values.get("path")),
         )
 
 
-_START = "{'goals': [[start s, deadline s, 16 angles], …], 'position': 3 m, 'rotation': 3 rad, 'trim': 6 or None}"
+_START = (
+    "{'goals': [[start s, deadline s, 16 angles], …], 'position': 3 m, 'rotation': 3 rad, 'trim': 6 or None, "
+    "'path': [[s, x, y, z, yaw, their 4 rates, the rates' 4 rates], …] or None}"
+)
+
+
+def _path(rows: object) -> Path | None:
+    """From a list of knots."""
+    if rows is None:
+        return None
+    array = require_array("path", rows, _START)
+    if array.ndim != 2 or array.shape[1] != 13:
+        raise InvalidValueError("path", rows, _START)
+    return Path(array[:, 0], array[:, 1:5], array[:, 5:9], array[:, 9:])
 
 
 def _numbers(name: str, value: object, size: int) -> np.ndarray:
@@ -194,6 +213,16 @@ class HoverTask:
         while (start := goals[-1].deadline + rng.uniform(1.0, 2.5)) < self.horizon_s:
             self._append(goals, start, self._sample(rng))
         return goals
+
+    @property
+    def most_knots(self) -> int:
+        """How many knots a path of an episode can have."""
+        return 0
+
+    def draw_path(self, rng: np.random.Generator) -> Path | None:
+        """Where the CoG goes in an episode; None where it stays."""
+        del rng
+        return None
 
     def _append(self, goals: list[FormGoal], start: float, target: JointVector) -> None:
         """Add a goal at the first tick from `start` on."""
@@ -323,8 +352,7 @@ class Progress:
         return start + (self.time - goal.start) / (goal.deadline - goal.start) * (goal.joint_target - start)
 
     def advance(self, position: Vector3, attitude: Vector3, joints: JointVector) -> None:
-        """Count one tick with the given errors [m], [rad] and measured joint angles [rad]."""
-        self.ticks += 1
+        """Judge the tick that was counted last: its errors [m], [rad] and measured joint angles [rad]."""
         self.position_sum += float(position @ position)
         self.attitude_sum += float(attitude @ attitude)
         for i in range(max(0, self.current - 1), self.current + 1):

@@ -36,7 +36,8 @@ int sp_valid_reference(const sp_reference *r)
     double sum = 0.0;
     return squares(r->position_w, 3, &sum) && squares(r->quat_wb, 4, &sum) && squares(r->velocity_w, 3, &sum) &&
            squares(r->omega_b, 3, &sum) && squares(r->joint_target, SP_JOINTS, &sum) &&
-           squares(r->acceleration_w, 3, &sum) && squares(r->alpha_b, 3, &sum) && is_attitude(r->quat_wb);
+           squares(r->acceleration_w, 3, &sum) && squares(r->alpha_b, 3, &sum) && squares(&r->support, 1, &sum) &&
+           is_attitude(r->quat_wb);
 }
 
 /* The residual, or none where there is none (NULL) or it is not finite. */

@@ -160,7 +160,8 @@ static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state
     const sp_control_state *control = &f->control;
     if (c->reference_gain != 0.0) follow_reference(control, reference, c->reference_gain, wrench);
     if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0)) return;
-    if (c->observer_gain != 0.0 && f->ticked) {
+    if (reference->support > 0.0) m->has_observed = 0; /* what the floor gives is nothing to learn from */
+    else if (c->observer_gain != 0.0 && f->ticked) {
         double velocity_w[3];
         for (int i = 0; i < 3; i++) velocity_w[i] = reference->velocity_w[i] - control->error.velocity_w[i];
         observe_wrench(robot, &control->snapshot, m, control->R_wb, state->omega_b, velocity_w, f->allocation.wrench, c,
@@ -315,6 +316,19 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     }
 }
 
+/* Begin again where somebody else has controlled, with the integrals and the observer's belief of before. */
+void sp_flight_resume(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_command *command)
+{
+    sp_flight_memory *m = &f->memory, before = *m;
+    sp_flight_reset(robot, f, state, command->joint_position, NULL);
+    sp_copy(m->vectoring, command->vectoring, 2 * SP_ROTORS);
+    sp_vectoring_to_force(command->thrust, command->vectoring, m->forces_l);
+    for (int i = 0; i < SP_ROTORS; i++) m->lock.phi[i] = command->vectoring[2 * i];
+    sp_copy(m->position_integral_w, before.position_integral_w, 3);
+    sp_copy(m->attitude_integral, before.attitude_integral, 3);
+    sp_copy(m->compensation.external_w, before.compensation.external_w, 6);
+}
+
 /* (φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it. */
 void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring)
 {
@@ -418,7 +432,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_interference bounds;
     for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
     plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
-    integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
+    if (!(reference->support > 0.0)) integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
     desired_wrench(robot, &f->control, state->omega_b, m, &f->config.centroidal, f->wrench_desired);
     compensate(robot, f, state, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
@@ -432,6 +446,11 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
         }
         if (any > 0.0)
             sp_project(&f->demand, wish, m->forces_l, &f->config.allocator, room, &f->allocation);
+    }
+    if (reference->support > 0.0) {
+        double share = sp_max(0.0, 1.0 - reference->support);
+        for (int k = 0; k < SP_FORCES; k++) f->allocation.forces_l[k] *= share;
+        for (int i = 0; i < SP_ROTORS; i++) f->allocation.thrust[i] *= share;
     }
     forces = f->allocation.forces_l;
     if (lead > 0.0) {

@@ -25,11 +25,11 @@ static int finish(const double *values, int n, const double *bound, float *obser
     return n;
 }
 
-/* The flight observation; its length. `legs` is the momentum of the legs of this and the last tick. */
+/* The flight observation; its length. Along a path the preview of it is among what is seen. */
 int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control_state *control, const double *thrust,
                const double *joint_velocity, const double *leg_momentum, const double *leg_momentum_rate,
-               const double *joint_target, const double *next_form, double time_to_next, const double *previous_action,
-               int action_size, const double *bound, float *observation)
+               const sp_preview *preview, int has_path, const double *previous_action, int action_size,
+               const double *bound, float *observation)
 {
     const sp_flight_memory *m = &f->memory;
     double v[SP_MAX_OBSERVATION], own[3];
@@ -44,7 +44,7 @@ int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control
     at = put(v, at, state->joint_velocity, SP_JOINTS);
     at = put_turns(v, at, state->vectoring);
     at = put(v, at, state->vectoring_velocity, 2 * SP_ROTORS);
-    for (int j = 0; j < SP_JOINTS; j++) v[at++] = joint_target[j] - m->joint_position[j];
+    for (int j = 0; j < SP_JOINTS; j++) v[at++] = preview->joint_target[j] - m->joint_position[j];
     at = put(v, at, joint_velocity, SP_JOINTS);
     at = put(v, at, leg_momentum, 3);
     at = put(v, at, leg_momentum_rate, 3);
@@ -53,8 +53,19 @@ int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control
     at = put(v, at, thrust, SP_ROTORS);
     at = put_turns(v, at, m->vectoring);
     for (int i = 0; i < SP_ROTORS; i++) v[at++] = m->interference.restricted[i];
-    at = put(v, at, next_form, SP_JOINTS);
-    v[at++] = time_to_next;
+    at = put(v, at, preview->next_form, SP_JOINTS);
+    v[at++] = preview->time_to_next;
+    if (has_path) {
+        for (int k = 0; k < SP_PATH_AHEAD; k++) {
+            sp_apply_t(control->R_wb, preview->ahead_w + 3 * k, own);
+            at = put(v, at, own, 3);
+        }
+        at = put(v, at, preview->turn, SP_PATH_AHEAD);
+        sp_apply_t(control->R_wb, preview->velocity_w, own);
+        at = put(v, at, own, 3);
+        sp_apply_t(control->R_wb, preview->acceleration_w, own);
+        at = put(v, at, own, 3);
+    }
     at = put(v, at, previous_action, action_size);
     return finish(v, at, bound, observation);
 }

@@ -27,6 +27,20 @@ void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *
     }
 }
 
+/* What a policy is told of it at a time. */
+void sp_preview_path(const sp_knot *knots, int n, double time, sp_preview *preview)
+{
+    double pose[4], rate[4], acceleration[4], then[4], more[4];
+    sp_path_at(knots, n, time, pose, rate, acceleration);
+    sp_copy(preview->velocity_w, rate, 3);
+    sp_copy(preview->acceleration_w, acceleration, 3);
+    for (int k = 0; k < SP_PATH_AHEAD; k++) {
+        sp_path_at(knots, n, time + SP_PATH_AHEAD_STEP * (k + 1), then, more, more);
+        for (int i = 0; i < 3; i++) preview->ahead_w[3 * k + i] = then[i] - pose[i];
+        preview->turn[k] = then[3] - pose[3];
+    }
+}
+
 /* What the controller is asked of the torso at a time: level, on the path. */
 void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *reference)
 {
@@ -70,41 +84,50 @@ static void at_rate(sp_knot *knot, const double *way, double share)
     for (int i = 0; i < 3; i++) knot->rate_w[i] = share * way[i];
 }
 
-/* Straight lines from point to point with a rest at each; how many knots it has, of which `room` are written. */
-int sp_path_legs(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots,
-                 int room)
+/* Begin a path of straight legs. */
+void sp_begin_legs(const double *point, double speed, int along, double yaw, double begin, sp_knot *knots, int room,
+                   sp_legs *legs)
 {
     writer w = {knots, room, 0};
-    double time = begin, heading = yaw, place[3];
-    add(&w, time, points[0], heading);
-    for (int k = 0; k + 1 < n; k++) {
-        const double *from = points[k], *to = points[k + 1];
-        double way[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
-        double length = sp_norm(way), flat = sqrt(way[0] * way[0] + way[1] * way[1]);
-        if (along && flat > 0.0) {
-            double turn = wrap(atan2(way[1], way[0]) - heading);
-            heading += turn;
-            if (turn != 0.0) {
-                time += sp_max(SP_PATH_REST, 1.875 * fabs(turn) / SP_PATH_TURN_RATE);
-                add(&w, time, from, heading);
-            }
+    sp_copy(legs->point, point, 3);
+    legs->speed = speed;
+    legs->along = along;
+    legs->heading = yaw;
+    legs->seconds = begin;
+    add(&w, begin, point, yaw);
+    legs->count = w.count;
+}
+
+/* Go straight to another point, and rest there. */
+void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs)
+{
+    writer w = {knots, room, legs->count};
+    const double *from = legs->point;
+    double way[3] = {point[0] - from[0], point[1] - from[1], point[2] - from[2]}, place[3], length = sp_norm(way);
+    if (legs->along && (way[0] != 0.0 || way[1] != 0.0)) {
+        double turn = wrap(atan2(way[1], way[0]) - legs->heading);
+        legs->heading += turn;
+        if (turn != 0.0) {
+            legs->seconds += sp_max(SP_PATH_REST, 1.875 * fabs(turn) / SP_PATH_TURN_RATE);
+            add(&w, legs->seconds, from, legs->heading);
         }
-        double most = sqrt(length * SP_PATH_EASE), fast = sp_min(speed, most);
-        double ease = fast / SP_PATH_EASE, share = 0.5 * (fast / most) * (fast / most);
-        time += ease;
-        for (int i = 0; i < 3; i++) place[i] = from[i] + share * way[i];
-        at_rate(add(&w, time, place, heading), way, fast / length);
-        if (share < 0.5 - 1e-9) {
-            time += (1.0 - 2.0 * share) * length / fast;
-            for (int i = 0; i < 3; i++) place[i] = to[i] - share * way[i];
-            at_rate(add(&w, time, place, heading), way, fast / length);
-        }
-        time += ease;
-        add(&w, time, to, heading);
-        time += SP_PATH_REST;
-        add(&w, time, to, heading);
     }
-    return w.count;
+    double most = sqrt(length * SP_PATH_EASE), fast = sp_min(legs->speed, most);
+    double ease = fast / SP_PATH_EASE, share = 0.5 * (fast / most) * (fast / most);
+    legs->seconds += ease;
+    for (int i = 0; i < 3; i++) place[i] = from[i] + share * way[i];
+    at_rate(add(&w, legs->seconds, place, legs->heading), way, fast / length);
+    if (share < 0.5 - 1e-9) {
+        legs->seconds += (1.0 - 2.0 * share) * length / fast;
+        for (int i = 0; i < 3; i++) place[i] = point[i] - share * way[i];
+        at_rate(add(&w, legs->seconds, place, legs->heading), way, fast / length);
+    }
+    legs->seconds += ease;
+    add(&w, legs->seconds, point, legs->heading);
+    legs->seconds += SP_PATH_REST;
+    add(&w, legs->seconds, point, legs->heading);
+    sp_copy(legs->point, point, 3);
+    legs->count = w.count;
 }
 
 /* Speed along a lemniscate and its rate, t after the beginning. */
@@ -182,18 +205,20 @@ static double end_heading(const sp_knot *end, const sp_knot *next, double sign)
     return atan2(way[1], way[0]);
 }
 
-/* A smooth way through n points, from rest to rest; how many knots it has: n, all of which are written. */
-int sp_path_spline(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots)
+/* A smooth way through the places of n knots, from rest to rest: all else of the knots is written. */
+void sp_path_spline(sp_knot *knots, int n, double speed, int along, double yaw, double begin)
 {
-    writer w = {knots, n, 0};
     double time = begin, heading = yaw;
     for (int k = 0; k < n; k++) {
         if (k > 0) {
             double way[3];
-            for (int i = 0; i < 3; i++) way[i] = points[k][i] - points[k - 1][i];
+            for (int i = 0; i < 3; i++) way[i] = knots[k].pose_w[i] - knots[k - 1].pose_w[i];
             time += sp_norm(way) / speed * (k == 1 || k == n - 1 ? 2.0 : 1.0);
         }
-        add(&w, time, points[k], yaw);
+        knots[k].time = time;
+        knots[k].pose_w[3] = yaw;
+        sp_zero(knots[k].rate_w, 4);
+        sp_zero(knots[k].acceleration_w, 4);
     }
     bend_through(knots, n, 0, 3);
     for (int k = 0; along && k < n; k++) {
@@ -204,5 +229,4 @@ int sp_path_spline(const double (*points)[3], int n, double speed, int along, do
         knots[k].pose_w[3] = heading;
     }
     bend_through(knots, n, 3, 4);
-    return n;
 }

@@ -259,9 +259,8 @@ static void look(const sp_robot *robot, sp_policy *policy, const sp_flight *flig
         rate[i] = policy->has_momentum ? (momentum[i] - policy->leg_momentum[i]) * flight->config.rate_hz : 0.0;
     policy->has_momentum = sp_finite(momentum, 3); /* else one lost state would spoil two ticks */
     sp_copy(policy->leg_momentum, momentum, 3);
-    sp_observe(flight, state, control, thrust, flight->joint_velocity, momentum, rate, preview->joint_target,
-               preview->next_form, preview->time_to_next, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
-               policy->observation);
+    sp_observe(flight, state, control, thrust, flight->joint_velocity, momentum, rate, preview, 0, policy->action,
+               SP_POLICY_ACTIONS, SP_POLICY_BOUND, policy->observation);
 }
 
 /* The residual of this tick's flight: neutral without a policy for it. */

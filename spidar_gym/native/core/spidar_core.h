@@ -67,6 +67,7 @@ double sp_limit_thrust(const sp_robot *robot, double *force);
 /* flight.c */
 void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
 void sp_flight_reset(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
+void sp_flight_resume(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const sp_command *command);
 void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring);
 void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
 void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
@@ -77,12 +78,14 @@ void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_ref
 
 /* path.c: knots are in the order of time; before the first and behind the last the robot rests there */
 void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *rate, double *acceleration);
+void sp_preview_path(const sp_knot *knots, int n, double time, sp_preview *preview);
 void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *reference);
-int sp_path_legs(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots,
-                 int room);
+void sp_begin_legs(const double *point, double speed, int along, double yaw, double begin, sp_knot *knots, int room,
+                   sp_legs *legs); /* knots are counted, and written where there is room */
+void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs);
 int sp_path_lemniscate(double half_width, double speed, double seconds, const double *position_w, double direction,
                        int along, double begin, sp_knot *knots, int room);
-int sp_path_spline(const double (*points)[3], int n, double speed, int along, double yaw, double begin, sp_knot *knots);
+void sp_path_spline(sp_knot *knots, int n, double speed, int along, double yaw, double begin);
 
 /* legs.c */
 int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q);
@@ -108,6 +111,16 @@ void sp_crawl_reset(sp_crawl *crawl, const sp_robot_state *state);
 void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
                    sp_command *command);
 
+/* manager.c: both gaits */
+void sp_manager_init(const sp_robot *robot, sp_manager *manager, const sp_manager_config *config);
+void sp_manager_reset(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state);
+int sp_manager_airborne(const sp_manager *manager);
+int sp_manager_done(const sp_manager *manager);
+int sp_manager_command(sp_manager *manager, const sp_waypoint *command);
+int sp_manager_interrupt(sp_manager *manager, const sp_waypoint *commands, int n);
+void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
+                     sp_command *command);
+
 /* estimate.c */
 void sp_estimator_init(sp_estimator *estimator, const sp_estimator_config *config);
 void sp_estimator_reset(const sp_robot *robot, sp_estimator *estimator, const sp_robot_state *state);
@@ -117,8 +130,8 @@ void sp_estimator_update(const sp_robot *robot, sp_estimator *estimator, const s
 /* observe.c */
 int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_control_state *control,
                const double *thrust, const double *joint_velocity, const double *leg_momentum,
-               const double *leg_momentum_rate, const double *joint_target, const double *next_form, double time_to_next,
-               const double *previous_action, int action_size, const double *bound, float *observation);
+               const double *leg_momentum_rate, const sp_preview *preview, int has_path, const double *previous_action,
+               int action_size, const double *bound, float *observation);
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
                      const double *previous_action, int action_size, const double *bound, float *observation);
 

@@ -120,12 +120,13 @@ typedef struct sp_engine {
     void *argument; /* of the job */
     const void *rules; /* of the task, and what comes in and goes out at a tick, an entry for every robot */
     sp_goal *goals;
+    sp_knot *knots; /* of paths */
     const double *actions;
     float *observations, *final_observations;
     double *rewards;
     uint8_t *terminated, *truncated, *begun; /* begun: the step was a reset */
     char *infos, *final_infos;
-    int64_t goal_room, rules_bytes; /* from one robot's rules to the next one's; 0 where all have the same */
+    int64_t goal_room, knot_room, rules_bytes; /* from one robot's rules to the next one's; 0 where all have the same */
 } sp_engine;
 
 int sp_run(sp_engine *engine, const int32_t *ids, int n, void (*job)(sp_engine *, sp_thread *, int), void *argument);

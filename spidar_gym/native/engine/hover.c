@@ -1,5 +1,5 @@
-/* Flights: hold the CoG and a level attitude while the joints go through forms. `envs/hover/task.py` is the same page in
- * Python, for N robots at once; a test holds the two to each other. */
+/* Flights: hold the CoG and a level attitude, or follow a path, while the joints go through forms. `envs/hover/task.py`
+ * and `envs/hover/path.py` are the same page in Python, for N robots at once; a test holds the two to each other. */
 #include "episode.h"
 
 #define POSITION 0 /* terms of the reward */
@@ -57,6 +57,62 @@ static int draw_goals(const sp_hover_rules *rules, int32_t forms, sp_generator *
     return n;
 }
 
+/* ---- the path ---- */
+
+/* A point at an angle and a radius round another, drawn; the angle of the next. */
+static double draw_point(sp_generator *generator, const double *middle, double angle, const double *radius,
+                         const double *turn, double sign, double climb, double *point)
+{
+    double r = sp_uniform(generator, radius[0], radius[1]);
+    point[0] = middle[0] + r * cos(angle);
+    point[1] = middle[1] + r * sin(angle);
+    point[2] = middle[2] + sp_uniform(generator, 0.0, climb);
+    return angle + sign * sp_uniform(generator, turn[0], turn[1]);
+}
+
+/* The episode's path; how many knots it has. */
+static int draw_path(const sp_hover_rules *rules, sp_generator *generator, sp_knot *knots, int64_t room)
+{
+    int32_t kind = rules->path, heading = rules->heading;
+    const double *origin = rules->position_w;
+    if (kind == SP_PATHS_MIXED) {
+        double which = sp_random(generator);
+        kind = which < 0.25 ? SP_PATHS_LEGS : which < 0.5 ? SP_PATHS_LEMNISCATE : SP_PATHS_SPLINE;
+    }
+    double speed = rules->speed[0] < rules->speed[1] ? sp_uniform(generator, rules->speed[0], rules->speed[1])
+                                                     : rules->speed[0];
+    if (heading == SP_HEADING_MIXED) heading = sp_random(generator) < 0.5 ? SP_HEADING_ALONG : SP_HEADING_KEPT;
+    int along = heading == SP_HEADING_ALONG;
+    double way = sp_uniform(generator, -SP_PI, SP_PI), point[3];
+    if (kind == SP_PATHS_LEMNISCATE)
+        return sp_path_lemniscate(rules->half_width, speed, rules->horizon_s + 2.0 * speed / SP_PATH_EASE, origin, way,
+                                  along, rules->path_begin, knots, (int)room);
+    if (kind == SP_PATHS_LEGS) {
+        sp_legs legs;
+        sp_begin_legs(origin, speed, along, along ? way : 0.0, rules->path_begin, knots, (int)room, &legs);
+        while (legs.seconds < rules->horizon_s) {
+            way = draw_point(generator, origin, way, rules->corner_radius, rules->corner_turn, 1.0, rules->climb, point);
+            sp_leg_to(point, knots, (int)room, &legs);
+        }
+        return legs.count;
+    }
+    double sign = sp_random(generator) < 0.5 ? 1.0 : -1.0, away = way + sign * SP_HALF_PI;
+    double radius = sp_uniform(generator, rules->bend_radius[0], rules->bend_radius[1]), seconds = rules->path_begin;
+    double middle[3] = {origin[0] + radius * cos(away), origin[1] + radius * sin(away), origin[2]};
+    int n = 1;
+    sp_copy(knots[0].pose_w, origin, 3);
+    way = way - sign * SP_HALF_PI + sign * sp_uniform(generator, rules->bend_turn[0], rules->bend_turn[1]);
+    for (; (seconds < rules->horizon_s || n < 3) && n < room; n++) {
+        double step[3];
+        way = draw_point(generator, middle, way, rules->bend_radius, rules->bend_turn, sign, rules->climb,
+                         knots[n].pose_w);
+        for (int i = 0; i < 3; i++) step[i] = knots[n].pose_w[i] - knots[n - 1].pose_w[i];
+        seconds += sp_norm(step) / speed;
+    }
+    sp_path_spline(knots, n, speed, along, 0.0, rules->path_begin);
+    return n;
+}
+
 /* Joint angles of the schedule now: straight lines from form to form. */
 static void plan(const sp_hover *h, const sp_goal *goals, double *q)
 {
@@ -71,7 +127,7 @@ static void plan(const sp_hover *h, const sp_goal *goals, double *q)
 /* ---- what the controller is asked, and what it makes of a state ---- */
 
 /* What the controller is asked now. */
-static void refer(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h)
+static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, sp_hover *h)
 {
     const sp_disturbances *fault = &h->episode.disturbances;
     sp_reference *r = &h->reference;
@@ -82,6 +138,7 @@ static void refer(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h
     memset(r, 0, sizeof *r);
     sp_copy(r->position_w, rules->position_w, 3);
     r->quat_wb[0] = 1.0;
+    if (h->knots) sp_follow_path(knots, h->knots, time, r);
     sp_copy(r->joint_target, goals[h->current].joint_target, SP_JOINTS);
     r->mode = restricts ? SP_REFERENCE_MODE_FLIGHT : SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED;
     if (fault->lost_rotor && time >= fault->fault_time - 1e-9) {
@@ -94,12 +151,16 @@ static void refer(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h
  * state, for nobody knows where the real one is. */
 static void update_errors(const sp_robot *robot, sp_hover *h)
 {
-    double level[9];
+    double level[9], desired[9];
     sp_compute_state(robot, &h->episode.seen, &h->reference, &h->percept);
     if (h->plant.senses) sp_compute_state(robot, &h->plant.state, &h->reference, &h->truth);
     else h->truth = h->percept;
     sp_copy(h->position_error, h->truth.error.position_w, 3);
-    for (int i = 0; i < 9; i++) level[i] = h->truth.R_wb[3 * (i % 3) + i / 3]; /* the reference is level */
+    for (int i = 0; i < 9; i++) level[i] = h->truth.R_wb[3 * (i % 3) + i / 3]; /* where the reference has no heading */
+    if (h->reference.quat_wb[3] != 0.0) {
+        sp_from_quat(h->reference.quat_wb, desired);
+        sp_product_t(h->truth.R_wb, desired, level);
+    }
     sp_log(level, h->attitude_error);
 }
 
@@ -126,6 +187,7 @@ static void compute_trim(const sp_robot *robot, const sp_sim *sim, const sp_hove
 /* ---- an episode ---- */
 
 static sp_goal *goals_of(const sp_engine *e, int robot) { return e->goals + robot * e->goal_room; }
+static sp_knot *knots_of(const sp_engine *e, int robot) { return e->knots + robot * e->knot_room; }
 
 static void begin(sp_engine *e, sp_thread *thread, int robot)
 {
@@ -134,6 +196,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
     sp_goal *goals = goals_of(e, robot);
+    sp_knot *knots = knots_of(e, robot);
     double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS];
     sp_plant_config config;
     sp_snapshot snapshot;
@@ -145,6 +208,8 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
             if (i < 3) h->offset[i] = 0.03 * unit;
             else h->rotation[i - 3] = 0.05 * unit;
         }
+        h->knots = 0;
+        if (rules->path != SP_PATHS_NONE) h->knots = draw_path(rules, &episode->generator, knots, e->knot_room);
     }
     for (int k = 0; k < h->goals; k++) goals[k].reached = 0;
     h->current = h->flown = 0;
@@ -158,11 +223,18 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     }
     const double *q = goals[0].joint_target;
     sp_exp(h->rotation, R);
+    if (h->knots && knots[0].pose_w[3] != 0.0) { /* it looks where its path begins to */
+        double turn[3] = {0.0, 0.0, knots[0].pose_w[3]}, heading[9], offset[9];
+        sp_copy(offset, R, 9);
+        sp_exp(turn, heading);
+        sp_product(heading, offset, R);
+    }
     sp_to_quat(R, quat);
     sp_rest_vectoring(numbers, &rules->controller, q, vectoring);
     sp_snapshot_at(numbers, q, R, vectoring, &snapshot);
     sp_apply(R, snapshot.com_b, position_w);
-    for (int i = 0; i < 3; i++) position_w[i] = rules->position_w[i] + h->offset[i] - position_w[i];
+    const double *place = h->knots ? knots[0].pose_w : rules->position_w;
+    for (int i = 0; i < 3; i++) position_w[i] = place[i] + h->offset[i] - position_w[i];
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
     /* A generator of its own, so that what the weather draws does not change what the next episode is. */
     sp_spawn(&episode->generator, &h->plant.generator);
@@ -175,7 +247,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     episode->reward = 0.0;
     sp_zero(episode->action, SP_MAX_ENTRIES);
     sp_first_look(numbers, &rules->rules, &h->plant, episode);
-    refer(rules, goals, h);
+    refer(rules, goals, knots, h);
     /* A robot off its description has hovered before the episode begins: its integrals hold what that takes. */
     int trims = h->is_given && h->has_trim ? 1 : !rules->rules.is_described;
     if (trims && !(h->is_given && h->has_trim)) compute_trim(numbers, &thread->sim, h, h->trim);
@@ -238,10 +310,11 @@ static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
 }
 
 /* Take note of the new state: errors, momentum of the legs. */
-static void take_note(const sp_hover_rules *rules, const sp_goal *goals, const sp_robot *robot, sp_hover *h)
+static void take_note(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, const sp_robot *robot,
+                      sp_hover *h)
 {
     double before[3];
-    if (!rules->rules.is_judged) refer(rules, goals, h);
+    if (!rules->rules.is_judged) refer(rules, goals, knots, h);
     update_errors(robot, h);
     sp_copy(before, h->leg_momentum, 3);
     sp_leg_momentum(&h->percept.snapshot, h->joint_velocity, h->leg_momentum);
@@ -255,10 +328,9 @@ static double farthest(const double *a, const double *b, int n)
     return far;
 }
 
-/* Count a tick: sums of squares, forms that are reached in time, the form that is due. */
+/* Judge a tick: sums of squares, forms that are reached in time, the form that is due. */
 static void advance(const sp_hover_rules *rules, sp_goal *goals, sp_hover *h)
 {
-    h->flown++;
     h->position_sum += sp_dot(h->position_error, h->position_error);
     h->attitude_sum += sp_dot(h->attitude_error, h->attitude_error);
     double time = time_of(h);
@@ -312,7 +384,7 @@ static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h,
 }
 
 /* What comes next. */
-static void preview(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h)
+static void preview(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, sp_hover *h)
 {
     if (rules->rules.is_judged) return;
     int last = h->current + 1 >= h->goals;
@@ -320,6 +392,7 @@ static void preview(const sp_hover_rules *rules, const sp_goal *goals, sp_hover 
     sp_copy(h->preview.joint_target, goal->joint_target, SP_JOINTS);
     sp_copy(h->preview.next_form, next->joint_target, SP_JOINTS);
     h->preview.time_to_next = last ? SP_NO_NEXT_FORM : next->start - time_of(h);
+    if (h->knots) sp_preview_path(knots, h->knots, time_of(h), &h->preview);
 }
 
 static void observe(const sp_hover_rules *rules, const sp_hover *h, float *observation)
@@ -331,8 +404,8 @@ static void observe(const sp_hover_rules *rules, const sp_hover *h, float *obser
     else
         sp_observe(&h->flight, &episode->seen, &h->percept,
                    episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
-                   h->leg_momentum, h->leg_momentum_rate, next->joint_target, next->next_form, next->time_to_next,
-                   episode->action, rules->rules.mode.size, rules->rules.bound, observation);
+                   h->leg_momentum, h->leg_momentum_rate, next, rules->path != SP_PATHS_NONE, episode->action,
+                   rules->rules.mode.size, rules->rules.bound, observation);
 }
 
 static void show(sp_engine *e, int robot)
@@ -341,7 +414,7 @@ static void show(sp_engine *e, int robot)
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     const sp_goal *goals = goals_of(e, robot);
     tell(rules, goals, h, (sp_hover_info *)e->infos + robot);
-    preview(rules, goals, h);
+    preview(rules, goals, knots_of(e, robot), h);
     observe(rules, h, e->observations + (int64_t)robot * rules->rules.size);
 }
 
@@ -364,7 +437,8 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
         episode->failure = SP_FLIGHT_DIVERGED;
     } else {
         sp_look(thread->room->robot, &h->plant, episode);
-        take_note(rules, goals, thread->room->robot, h);
+        h->flown++;
+        take_note(rules, goals, knots_of(e, robot), thread->room->robot, h);
         if (!rules->rules.is_judged) {
             advance(rules, goals, h);
             episode->failure = failure(rules, h);
@@ -392,7 +466,7 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     e->begun[robot] = 0;
     episode->ticks++;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    if (!rules->rules.is_judged) refer(rules, goals_of(e, robot), h); /* else Python has written it */
+    if (!rules->rules.is_judged) refer(rules, goals_of(e, robot), knots_of(e, robot), h); /* else Python has written it */
     if (rules->rules.is_commanded) episode->has_command = 1;
     else act(rules, thread->room, h);
     sp_carry(e, thread, robot);

@@ -22,6 +22,9 @@
 #define SP_MAX_ENTRIES 48
 #define SP_MODE_COSTS 4
 #define SP_MODE_ROWS 6
+#define SP_PATH_AHEAD 4
+#define SP_MAX_WAYPOINTS 64
+#define SP_MANAGER_KNOTS 8
 #define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
 #define SP_NO_NEXT_FORM 0x1.e000000000000p+5 /* 60.0, spidar_gym.control.flight.observation.NO_NEXT_FORM */
 #define SP_LEAST_QUATERNION 0x1.0000000000000p-2 /* 0.25, spidar_gym.state.LEAST_QUATERNION */
@@ -60,11 +63,15 @@
 #define SP_MOST_STRIDE 0x1.4000000000000p+4 /* 20.0, spidar_gym.control.crawl.footsteps.MOST_STRIDE */
 #define SP_BISECTIONS 24 /* spidar_gym.control.crawl.footsteps.BISECTIONS */
 #define SP_STRAIGHT 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.crawl.pose2.STRAIGHT */
+#define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
+#define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
+#define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */
 #define SP_PATH_KNOT_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.KNOT_TIME */
 #define SP_PATH_SUBSTEPS 8 /* spidar_gym.control.flight.path.SUBSTEPS */
+#define SP_PATH_AHEAD_STEP 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.AHEAD_STEP */
 #define SP_GAIT_FILTER_TIME 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.crawl.gait.FILTER_TIME */
 #define SP_GAIT_SLOW_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.crawl.gait.SLOW_TIME */
 #define SP_GAIT_AGREE 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.control.crawl.gait.AGREE */
@@ -108,6 +115,17 @@ typedef enum {
     SP_DONE = 0, SP_SPOOL = 1, SP_RAISE = 2, SP_SWING = 3, SP_LOWER = 4, SP_BRACE = 5, SP_UP = 6, SP_FORWARD = 7,
     SP_DOWN = 8, SP_SETTLE = 9, SP_HOLD = 10
 } sp_phase;
+
+/* What the manager of both gaits is told. */
+typedef enum {
+    SP_LOCOMOTION_CRAWL_TO = 0, SP_LOCOMOTION_TAKE_OFF = 1, SP_LOCOMOTION_FLY_TO = 2, SP_LOCOMOTION_LAND = 3
+} sp_locomotion_kind;
+
+/* What it is doing. */
+typedef enum {
+    SP_MANAGER_LIE = 0, SP_MANAGER_CRAWL = 1, SP_MANAGER_SPOOL = 2, SP_MANAGER_CLIMB = 3, SP_MANAGER_HOVER = 4,
+    SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9
+} sp_manager_phase;
 
 /* What the entries of a policy's action are, in this order. */
 typedef enum {

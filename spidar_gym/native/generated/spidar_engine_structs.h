@@ -68,6 +68,16 @@ typedef enum {
     SP_FORMS_INDEPENDENT = 5, SP_FORMS_NARROW = 6, SP_FORMS_MIXED = 7
 } sp_sequence;
 
+/* Paths of the CoG. */
+typedef enum {
+    SP_PATHS_NONE = 0, SP_PATHS_LEGS = 1, SP_PATHS_LEMNISCATE = 2, SP_PATHS_SPLINE = 3, SP_PATHS_MIXED = 4
+} sp_path_kind;
+
+/* Where the robot looks on its path. */
+typedef enum {
+    SP_HEADING_KEPT = 0, SP_HEADING_ALONG = 1, SP_HEADING_MIXED = 2
+} sp_heading;
+
 /* Why a flight is over. */
 typedef enum {
     SP_FLIGHT_CONTACT = 0, SP_FLIGHT_TILT = 1, SP_FLIGHT_POSITION = 2, SP_FLIGHT_DIVERGED = 3
@@ -344,6 +354,12 @@ typedef struct {
     double max_tilt, max_distance; /* beyond which a flight is over [rad], [m] */
     double success_position, success_attitude; /* largest RMS errors of a success [m], [rad] */
     double arrival_grace, arrival_tolerance; /* how late [s] and how far off [rad] a form may be reached */
+    int32_t path, heading; /* sp_path_kind; sp_heading */
+    double speed[2]; /* of a path, drawn in between [m/s] */
+    double path_begin, half_width; /* when it begins [s]; of a lemniscate [m] */
+    double corner_radius[2], corner_turn[2]; /* of corners from where it begins [m]; from one to the next [rad] */
+    double bend_radius[2], bend_turn[2]; /* of points round a spline's middle [m]; from one to the next [rad] */
+    double climb; /* that its points are higher at most [m] */
 } sp_hover_rules;
 
 /* What every environment's robot has besides the simulated one. */
@@ -378,6 +394,7 @@ typedef struct {
     double offset[3], rotation[3]; /* of the start [m], [rad] */
     double trim[6]; /* what a hover takes beyond the description [N, Nm] */
     int32_t goals, current, flown; /* how many; which is the target; ticks */
+    int32_t knots; /* of the path; 0 where there is none */
     double position_sum, attitude_sum; /* of squared errors [m²], [rad²] */
     int32_t is_led; /* whether the controller's advice is done in place of the action */
     sp_command advice; /* what the controller would have commanded at the last tick */

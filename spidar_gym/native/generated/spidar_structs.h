@@ -49,6 +49,7 @@ typedef struct {
     int32_t lost_vectoring[8]; /* Modules whose φ and θ no longer move: the allocation uses their thrust where it points. */
     double acceleration_w[3]; /* Desired acceleration of the CoG in the world [m/s²]. */
     double alpha_b[3]; /* Desired angular acceleration, in the desired torso axes [rad/s²]. */
+    double support; /* Share of the robot that the floor carries, 0 … 1: the rotors give as much less, and neither integrals nor the observer learn from what happens. */
 } sp_reference;
 
 /* What a learned policy adds to the controller: the only door it gets. All zero changes nothing, bit for bit. */
@@ -248,6 +249,28 @@ typedef struct {
     double vectoring_bandwidth; /* Bandwidth of the vectoring velocity [rad/s]. */
 } sp_estimator_config;
 
+/* Everything that can be chosen about how the gaits give way to each other. */
+typedef struct {
+    sp_controller_config flight; /* Who flies. */
+    sp_crawler_config crawl; /* Who crawls. */
+    double spool_time; /* Time in which the rotors take over from the floor [s]. */
+    double climb_speed; /* Largest speed of the climb after take-off [m/s]. */
+    double descent_speed; /* Speed at which it comes down [m/s]. */
+    double descent_ease; /* Acceleration with which the descent begins [m/s²]. */
+    double unload_time; /* Time in which the floor takes over from the rotors [s]. */
+    double touch_error; /* The floor is where the robot is so far above its descent [m]; or as the next says. */
+    double touch_force; /* The floor is where an unknown force of such a share of the weight pushes the robot up. */
+    double touch_speed; /* For either it has to fall slower than this share of its descent. */
+    double touch_time; /* For either it has to last so long [s]. */
+    double lost_fall; /* What carried it is no floor where it falls faster than this while the rotors fade [m/s]. */
+    double most_slew; /* Σλ changes by no more than this a tick where the floor is near [N]. */
+    double most_tilt; /* A landing that tilts by more than this is broken off, and begun once more from above [rad]. */
+    double search; /* A descent that finds no floor this far below where it is expected is broken off [m]. */
+    double again; /* A landing that is broken off climbs by this much [m]; after the second one it stays there. */
+    double cut_tilt; /* Tilted by more than this the rotors are cut [rad]. */
+    double clearance; /* The lowest part of a form stays this far above the floor that it took off from [m], and from what it passes. */
+} sp_manager_config;
+
 /* A body of the kinematic tree, and the joint that carries it. */
 typedef struct {
     int32_t parent, joint; /* its parent, before it in the tree; 0 … 15 are joints, from 16 on vectoring angles */
@@ -403,6 +426,13 @@ typedef struct {
     double pose_w[4], rate_w[4], acceleration_w[4]; /* x, y, z and heading; their first and second derivatives */
 } sp_knot;
 
+/* A path of straight legs that is being built. */
+typedef struct {
+    double point[3]; /* where it is so far [m] */
+    double speed, heading, seconds; /* [m/s]; [rad], and [s] so far */
+    int32_t along, count; /* whether it turns to where it goes; knots */
+} sp_legs;
+
 /* One run through some phases. */
 typedef struct {
     int32_t phases; /* sp_phases */
@@ -466,6 +496,44 @@ typedef struct {
     sp_allocation allocation;
 } sp_crawl;
 
+/* What the manager of both gaits is told to do. */
+typedef struct {
+    int32_t kind; /* sp_locomotion_kind; the others are not all read */
+    sp_pose2 pose; /* to crawl to, world */
+    double position_w[3]; /* of the centre of mass, to fly to [m] */
+    int32_t has_form, along; /* whether the next counts; whether it turns to where it flies first */
+    double form[16]; /* on the way [rad] */
+    double speed, height, floor; /* of the flight [m/s]; of the take-off [m]; where the floor is expected [m] */
+} sp_waypoint;
+
+/* All that the manager of both gaits remembers. */
+typedef struct {
+    int32_t phase; /* sp_manager_phase */
+    double time; /* in it [s] */
+    double begin_w[3]; /* where the centre of mass was when it began, or is to be [m] */
+    double quat_wb[4]; /* attitude that is asked for when it begins */
+    double yaw; /* heading in flight [rad] */
+    double form[16]; /* that is asked for [rad] */
+    double floor, velocity; /* height of the centre of mass on the floor [m]; rate of the descent [m/s] */
+    double believed, thrust; /* for how long something is like a floor [s]; Σλ of the last tick [N] */
+    int32_t failures, rises; /* landings in a row that failed; whether it takes off at the next tick */
+} sp_manager_memory;
+
+/* The manager of both gaits. */
+typedef struct {
+    sp_manager_config config;
+    sp_manager_memory memory;
+    sp_flight flight;
+    sp_crawl crawl;
+    sp_reference reference; /* of the last tick in flight */
+    sp_waypoint commands[64]; /* the present one first */
+    int32_t count, knot_count; /* of commands, of knots */
+    sp_knot knots[8]; /* of the present flight; its time begins with the phase */
+    double lying[16]; /* joint angles on the floor [rad] */
+    double lying_height; /* of the centre of mass over a floor on which it lies [m] */
+    sp_snapshot snapshot;
+} sp_manager;
+
 /* The state estimator. */
 typedef struct {
     sp_estimator_config config;
@@ -483,6 +551,9 @@ typedef struct {
 typedef struct {
     double joint_target[16], next_form[16]; /* to reach now, and after it (the same if none) [rad] */
     double time_to_next; /* until then; SP_NO_NEXT_FORM if there is none [s] */
+    double ahead_w[12]; /* of the path: where it will be, seen from where it is, world axes [m] */
+    double turn[4]; /* how far its heading will turn until then [rad] */
+    double velocity_w[3], acceleration_w[3]; /* of the path now [m/s], [m/s²] */
 } sp_preview;
 
 /* What a learned policy remembers: its last action and what leads to the next. */

@@ -66,6 +66,7 @@ def test_a_success_needs_every_error_below_5_cm_and_50_mrad_rms(axis):
         progress = Progress([FormGoal(0.0, 0.0, FORMS["form1"])])
         for error in errors:
             assert not progress.succeeded(10)
+            progress.ticks += 1
             progress.advance(error * unit[:3], -error * unit[3:], FORMS["form1"])
         assert progress.succeeded(10) == success
         assert not progress.succeeded(11)
@@ -79,6 +80,7 @@ def test_a_form_is_reached_when_every_joint_is_within_50_mrad_half_a_second_afte
     progress = Progress([FormGoal(0.0, 0.0, np.ones(16)), FormGoal(0.5, 1.0, target)])
     for tick in range(1, 101):
         joints = target + (off if tick == 40 + late else 0.3) * np.eye(16)[7]
+        progress.ticks += 1
         progress.advance(np.zeros(3), np.zeros(3), joints)
     assert progress.succeeded(100) == success
 

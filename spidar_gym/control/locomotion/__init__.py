@@ -1,0 +1,1 @@
+"""Both ways of moving in one controller: crawl, take off, fly, land."""

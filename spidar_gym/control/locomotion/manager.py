@@ -1,0 +1,378 @@
+"""The manager of both gaits: commands → phases, each flown or crawled by its controller, handed over without a jolt.
+
+The robot takes off as it lies, and lands in the pose in which a crawl begins, on the allocation of flight: what the
+floor carries is a share of the whole (`Reference.support`), which fades as the rotors come in, and grows as they fade.
+There is no touch sensor: the floor is where the robot no longer follows its descent.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Vector3
+from spidar_gym.control.crawl.controller import Crawler
+from spidar_gym.control.crawl.footsteps import BISECTIONS, Move
+from spidar_gym.control.crawl.pose2 import torso_pose2
+from spidar_gym.control.flight.controller import FlightController
+from spidar_gym.control.flight.path import Path, legs
+from spidar_gym.control.locomotion.commands import (
+    CrawlTo,
+    FlyTo,
+    Land,
+    LocomotionCommand,
+    TakeOff,
+    heading,
+)
+from spidar_gym.control.locomotion.orders import ManagerConfig, Orders
+from spidar_gym.model.dynamics import Model
+from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
+from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState, valid_state
+
+LEVEL_FROM, LEVEL_TO = 0.05, 0.35
+"""Between these heights over where it lay, a robot that lay on a slope comes level [m]."""
+ARRIVED = 0.05
+"""A form is taken when every joint is this close [rad]."""
+_STILL = np.zeros(3)
+
+
+@dataclass(slots=True)
+class ManagerMemory:
+    """All that the manager remembers."""
+
+    phase: str = "lie"
+    """One of `PHASES`."""
+    time: float = 0.0
+    """Time in it [s]."""
+    begin_w: Vector3 = field(default_factory=lambda: np.zeros(3))
+    """Where the centre of mass was when it began, or where it is to be [m]."""
+    quat_wb: np.ndarray = field(default_factory=lambda: heading(0.0))
+    """Attitude that is asked for when it begins."""
+    yaw: float = 0.0
+    """Heading in flight [rad]."""
+    form: JointVector = field(default_factory=lambda: np.zeros(16))
+    """Joint angles that are asked for [rad]."""
+    floor: float = 0.0
+    """Height of the centre of mass where it lay, or is expected to lie [m]."""
+    velocity: float = 0.0
+    """Rate of the descent [m/s]."""
+    believed: float = 0.0
+    """For how long something has been as the floor would be [s]."""
+    thrust: float = 0.0
+    """Σλ of the last tick [N]."""
+    failures: int = 0
+    """Landings in a row that were broken off."""
+    rises: bool = False
+    """Whether it takes off at the next tick, whatever it is doing on the floor."""
+
+
+class Manager(Orders):
+    """Crawls, takes off, flies and lands as it is told; owns a crawler and a flight controller."""
+
+    def __init__(self, config: ManagerConfig | None = None, model: Model | None = None) -> None:
+        """Make both."""
+        self.config = config or ManagerConfig()
+        self.model = model or Model()
+        self.flight = FlightController(self.config.flight, self.model)
+        self.crawler = Crawler(self.config.crawl, self.model)
+        self.dt = self.flight.dt
+        self.memory = ManagerMemory()
+        self.commands: list[LocomotionCommand] = []
+        """What is still to do, the present one first."""
+        self.path: Path | None = None
+        """The way of the present flight; its time begins with the phase."""
+
+    # ---- what it is told ----
+
+    def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
+        """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
+        self.flight.reset(state, state.joint_position)
+        self.crawler.reset(state)
+        self.memory = ManagerMemory(form=self.lying, begin_w=self._com(state))
+        self.memory.floor = float(self.memory.begin_w[2])
+        self.commands, self.path = [], None
+        self.command(commands)
+
+    def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
+        self.commands += commands
+
+    def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
+        phase, rises = self.memory.phase, bool(commands) and isinstance(commands[0], TakeOff)
+        ends = phase in ("crawl", "unload") and not rises  # a cycle is crawled to its end, a landing is completed
+        self.commands = [*(self.commands[:1] if ends else []), *commands]
+        if phase == "crawl":
+            self.crawler.gait.memory.steps = self.crawler.gait.memory.steps[:1]
+        if phase == "spool" and (not commands or isinstance(commands[0], Land)):
+            self.commands = [*commands] or [Land()]
+            self.memory.floor, self.memory.velocity = float(self.memory.begin_w[2]), 0.0
+            self._enter("unload")
+        elif phase in ("fly", "form", "climb", "hover", "descend"):
+            self._hover()
+        self.memory.rises = rises and phase in ("crawl", "unload")
+
+    @property
+    def last(self) -> LocomotionCommand | None:
+        """The last of what is still to do."""
+        return self.commands[-1] if self.commands else None
+
+    @property
+    def floor(self) -> float:
+        """Height of the centre of mass where it lay last, or is expected to lie [m]."""
+        return self.memory.floor
+
+    @property
+    def phase(self) -> str:
+        """One of `PHASES`."""
+        return self.memory.phase
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        return not self.commands and self.memory.phase in ("lie", "hover", "cut")
+
+    # ---- a tick ----
+
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
+        """One control tick: the command for the next control period. A state that is not finite gets the last one."""
+        memory = self.memory
+        if valid_state(state):
+            self._next(state)
+            memory.time += self.dt
+        if memory.phase in ("lie", "crawl"):
+            command = self.crawler.step(state, residual)
+        elif memory.phase == "cut":
+            command = replace(self._last(), thrust=np.zeros(N_ROTORS))
+        else:
+            command = self._limited(self.flight.step(state, self.reference(state), residual))
+        memory.thrust = float(command.thrust.sum())
+        return command
+
+    def reference(self, state: RobotState) -> Reference:
+        """What the flight controller is asked in the present phase."""
+        memory, config, t = self.memory, self.config, self.memory.time
+        if memory.phase == "spool":
+            support = 1.0 - _ease(t / config.spool_time)
+            return Reference(memory.begin_w, memory.quat_wb, _STILL, _STILL, memory.form, support=support)
+        if memory.phase == "unload":
+            left, support = 1.0 - _ease(t / (0.5 * config.unload_time)), max(_ease(t / config.unload_time), 1e-3)
+            fading = left * np.array([0.0, 0.0, -memory.velocity])
+            aim = memory.begin_w + left * np.array([0.0, 0.0, memory.floor - memory.begin_w[2]])
+            return Reference(aim, state.quat_wb, fading, _STILL, memory.form, support=support)
+        if memory.phase == "descend":
+            aim, rate = memory.begin_w, np.array([0.0, 0.0, -memory.velocity])
+            return Reference(aim, heading(memory.yaw), rate, _STILL, memory.form)
+        assert self.path is not None
+        reference = self.path.reference(t, memory.form)
+        if memory.phase == "climb":  # from the floor's attitude to level
+            risen = float(reference.position_w[2]) - memory.floor
+            share = _ease((risen - LEVEL_FROM) / (LEVEL_TO - LEVEL_FROM))
+            R_wb = quat_to_matrix(memory.quat_wb)
+            turn = log(R_wb.T @ quat_to_matrix(reference.quat_wb))
+            return replace(reference, quat_wb=matrix_to_quat(R_wb @ exp(share * turn)))
+        return reference
+
+    # ---- from phase to phase ----
+
+    def _next(self, state: RobotState) -> None:
+        """Go on to the next phase where this one is over."""
+        memory, config = self.memory, self.config
+        R_wb = quat_to_matrix(state.quat_wb)
+        if memory.rises:
+            memory.rises = False
+            self._begin_spool(state)
+        if memory.phase not in ("lie", "crawl", "cut") and math.acos(max(-1.0, min(1.0, R_wb[2, 2]))) > config.cut_tilt:
+            self._enter("cut")
+            self.commands = []
+            return
+        {
+            "lie": self._lie, "crawl": self._crawl, "spool": self._spool, "climb": self._climb, "hover": self._wait,
+            "form": self._take_form, "fly": self._fly, "descend": self._descend, "unload": self._unload,
+            "cut": lambda _: None,
+        }[memory.phase](state)  # fmt: skip
+
+    def _lie(self, state: RobotState) -> None:
+        if not self.commands:
+            return
+        command = self.commands[0]
+        if isinstance(command, CrawlTo):
+            self._enter("crawl")
+            here = torso_pose2(state.position_w, quat_to_matrix(state.quat_wb))
+            self.crawler.reset(state)
+            self.crawler.set_last_command(self._last())
+            self.crawler.gait.command([Move(here.inverse() @ command.pose)])
+        else:
+            self._begin_spool(state)
+
+    def _begin_spool(self, state: RobotState) -> None:
+        """Let the rotors take over from the floor, from the share that they have already."""
+        R_wb, memory, last = quat_to_matrix(state.quat_wb), self.memory, self._last()
+        share = min(1.0, memory.thrust / ROBOT.weight)
+        memory.begin_w, memory.quat_wb = self._com(state), state.quat_wb.copy()
+        memory.floor, memory.yaw = float(memory.begin_w[2]), math.atan2(R_wb[1, 0], R_wb[0, 0])
+        memory.form = last.joint_position.copy()  # feet on the floor push nobody about
+        self.flight.resume(state, last)
+        self._enter("spool")
+        memory.time = self.config.spool_time * _inverse_ease(share)
+
+    def _crawl(self, state: RobotState) -> None:
+        del state
+        if self.crawler.done:
+            self.commands.pop(0)
+            self._enter("lie")
+
+    def _spool(self, state: RobotState) -> None:
+        del state
+        if self.memory.time < self.config.spool_time:
+            return
+        command = self.commands[0]
+        assert isinstance(command, TakeOff)
+        x, y, z = self.memory.begin_w.tolist()
+        self.path = legs([(x, y, z), (x, y, z + command.height)], self.config.climb_speed, yaw=self.memory.yaw)
+        self._enter("climb")
+
+    def _climb(self, state: RobotState) -> None:
+        if self._com(state)[2] > self.memory.floor + LEVEL_TO:
+            self.memory.form = self.lying
+        self._fly(state)
+
+    def _fly(self, state: RobotState) -> None:
+        del state
+        assert self.path is not None
+        if self.memory.time >= self.path.seconds:
+            if not (self.memory.phase == "fly" and isinstance(self.commands[0], Land)):  # else it climbed to land again
+                self.commands.pop(0)
+            self._hover()
+
+    def _wait(self, state: RobotState) -> None:
+        del state
+        if not self.commands:
+            return
+        command = self.commands[0]
+        wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
+        if wanted is not None:
+            self.memory.form = wanted
+        self._enter("form")
+
+    def _take_form(self, state: RobotState) -> None:
+        memory = self.memory
+        told = self.flight.memory.joint_position
+        if np.abs(told - memory.form).max() > 1e-6 or np.abs(state.joint_position - memory.form).max() > ARRIVED:
+            return
+        command = self.commands[0]
+        assert self.path is not None
+        here = self.path.at(memory.time)[0]
+        if isinstance(command, FlyTo):
+            start = (float(here[0]), float(here[1]), float(here[2]))
+            if math.dist(start, command.position_w) < 1e-6:
+                self.commands.pop(0)
+                self._hover()
+                return
+            self.path = legs([start, command.position_w], command.speed, along=command.along, yaw=memory.yaw)
+            memory.yaw = float(self.path.pose_w[-1, 3])
+            self._enter("fly")
+        else:
+            assert isinstance(command, Land)
+            memory.begin_w, memory.velocity = here[:3].copy(), 0.0
+            memory.floor = command.floor + self._lying_height
+            self._enter("descend")
+
+    def _descend(self, state: RobotState) -> None:
+        memory, config, dt = self.memory, self.config, self.dt
+        memory.velocity = min(config.descent_speed, memory.velocity + config.descent_ease * dt)
+        memory.begin_w = memory.begin_w - np.array([0.0, 0.0, memory.velocity * dt])
+        above = float(self._com(state)[2] - memory.begin_w[2])
+        pushed = float(self.flight.memory.compensation.external_w[2]) > config.touch_force * ROBOT.weight
+        slow = state.velocity_w[2] > -config.touch_speed * config.descent_speed
+        is_on_its_way = memory.velocity >= config.descent_speed
+        is_like_a_floor = is_on_its_way and slow and (above > config.touch_error or pushed)
+        memory.believed = memory.believed + dt if is_like_a_floor else 0.0
+        if memory.believed >= config.touch_time:
+            memory.floor, memory.begin_w = float(memory.begin_w[2]), self._com(state)
+            self._enter("unload")
+        elif memory.begin_w[2] < memory.floor - config.search:
+            self._break_off()
+
+    def _unload(self, state: RobotState) -> None:
+        memory, config = self.memory, self.config
+        if memory.time < 0.5 * config.unload_time and state.velocity_w[2] < -config.lost_fall:
+            memory.begin_w = np.array([*memory.begin_w[:2], memory.floor])
+            self._enter("descend")  # that was a gust
+            memory.velocity = config.descent_speed
+            return
+        tilt = math.acos(max(-1.0, min(1.0, quat_to_matrix(state.quat_wb)[2, 2])))
+        if tilt > config.most_tilt and memory.failures == 0:
+            self._break_off()
+            return
+        if memory.time >= config.unload_time:
+            memory.failures = 0
+            memory.floor = float(self._com(state)[2])
+            self.commands.pop(0)
+            self.crawler.reset(state)
+            self.crawler.set_last_command(replace(self._last(), thrust=np.zeros(N_ROTORS)))
+            self._enter("lie")
+
+    def _break_off(self) -> None:
+        """Climb from where a landing has failed; the second one is the last."""
+        memory = self.memory
+        memory.failures += 1
+        x, y, z = memory.begin_w.tolist()
+        self.path = legs([(x, y, z), (x, y, z + self.config.again)], self.config.climb_speed, yaw=memory.yaw)
+        memory.quat_wb = heading(memory.yaw)
+        if memory.failures > 1:
+            self.commands = []
+        self._enter("fly" if self.commands else "hover")
+
+    def _hover(self) -> None:
+        """Stay where the path is now."""
+        memory = self.memory
+        if memory.phase == "descend":
+            pose = np.array([*memory.begin_w, memory.yaw])
+        else:
+            assert self.path is not None
+            pose = self.path.at(memory.time)[0]
+        memory.yaw = float(pose[3])
+        self.path = Path(np.zeros(1), pose[None], np.zeros((1, 4)), np.zeros((1, 4)))
+        self._enter("hover")
+
+    def _enter(self, phase: str) -> None:
+        self.memory.phase, self.memory.time, self.memory.believed = phase, 0.0, 0.0
+
+    # ---- helpers ----
+
+    def _com(self, state: RobotState) -> Vector3:
+        R_wb = quat_to_matrix(state.quat_wb)
+        return state.position_w + R_wb @ self.model.snapshot(state.joint_position, R_wb, state.vectoring).com_b
+
+    def _last(self) -> Command:
+        """The last command."""
+        controller = self.crawler if self.memory.phase in ("lie", "crawl") else self.flight
+        memory = controller.memory
+        thrust = np.linalg.norm(memory.forces_l, axis=1)
+        limit = self.config.flight.joint_torque_limit
+        return Command(thrust, memory.vectoring, memory.joint_position, np.full(16, limit))
+
+    def _limited(self, command: Command) -> Command:
+        """Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt."""
+        total = float(command.thrust.sum())
+        near = self.memory.phase in ("spool", "descend", "unload")
+        if not near or total <= 0.0:
+            return command
+        slew, before = self.config.most_slew, self.memory.thrust
+        return replace(command, thrust=command.thrust * (min(max(total, before - slew), before + slew) / total))
+
+
+def _inverse_ease(share: float) -> float:
+    """Where `_ease` has come to a share."""
+    low, high = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _ease(middle) < share else (low, middle)
+    return low
+
+
+def _ease(u: float) -> float:
+    """From 0 to 1, smoothly."""
+    u = min(1.0, max(0.0, u))
+    return u * u * u * (10.0 - u * (15.0 - 6.0 * u))

@@ -1,0 +1,1 @@
+"""The path: the hover, moved along a way through the air."""

@@ -1,0 +1,16 @@
+"""The path environment: the hover's, whose reference moves."""
+
+from spidar_gym.control.flight.observation import Field, path_layout
+from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.path.task import PathTask
+
+
+class PathEnv(HoverEnv):
+    """SPIDAR on its way through the air; `spidar list spidar_gym/Path-v0` prints its page."""
+
+    task_type = PathTask
+
+    @staticmethod
+    def layout_of(action_size: int) -> tuple[Field, ...]:
+        """The hover's, and the next second of the path."""
+        return path_layout(action_size)

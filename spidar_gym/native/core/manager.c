@@ -1,0 +1,437 @@
+/* The manager of both gaits: commands → phases, each flown or crawled by its controller, handed over without a jolt.
+ * `control/locomotion/manager.py` is the same in Python, where it is said what the phases mean. */
+#include "ground.h"
+
+static double ease(double u)
+{
+    u = sp_clip(u, 0.0, 1.0);
+    return u * u * u * (10.0 - u * (15.0 - 6.0 * u));
+}
+
+/* Where `ease` has come to a share. */
+static double inverse_ease(double share)
+{
+    double low = 0.0, high = 1.0;
+    for (int k = 0; k < SP_BISECTIONS; k++) {
+        double middle = 0.5 * (low + high);
+        if (ease(middle) < share) low = middle;
+        else high = middle;
+    }
+    return low;
+}
+
+static void level(double yaw, double *quat)
+{
+    sp_zero(quat, 4);
+    quat[0] = cos(0.5 * yaw);
+    quat[3] = sin(0.5 * yaw);
+}
+
+static double tilt_of(const double *R) { return acos(sp_clip(R[8], -1.0, 1.0)); }
+
+static int on_ground(const sp_manager *m) { return m->memory.phase == SP_MANAGER_LIE || m->memory.phase == SP_MANAGER_CRAWL; }
+
+/* Where the centre of mass is. */
+static void com_of(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, double *com_w)
+{
+    double R[9], offset[3];
+    sp_from_quat(state->quat_wb, R);
+    sp_snapshot_at(robot, state->joint_position, R, state->vectoring, &m->snapshot);
+    sp_apply(R, m->snapshot.com_b, offset);
+    for (int i = 0; i < 3; i++) com_w[i] = state->position_w[i] + offset[i];
+}
+
+/* The last command of whoever commanded last. */
+static void last_command(const sp_manager *m, sp_command *command)
+{
+    int ground = on_ground(m);
+    const double *forces = ground ? m->crawl.memory.forces_l : m->flight.memory.forces_l;
+    double thrust[SP_ROTORS];
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(forces + 3 * i);
+    sp_make_command(thrust, ground ? m->crawl.memory.vectoring : m->flight.memory.vectoring,
+                    ground ? m->crawl.memory.joint_position : m->flight.memory.joint_position,
+                    m->config.flight.joint_torque_limit, command);
+}
+
+static void enter(sp_manager *m, int32_t phase)
+{
+    m->memory.phase = phase;
+    m->memory.time = m->memory.believed = 0.0;
+}
+
+static void drop_command(sp_manager *m)
+{
+    if (m->count > 0) m->count--;
+    memmove(m->commands, m->commands + 1, (size_t)m->count * sizeof m->commands[0]);
+}
+
+static void straight(sp_manager *m, const double *from, const double *to, double speed, int along)
+{
+    sp_legs legs;
+    sp_begin_legs(from, speed, along, m->memory.yaw, 0.0, m->knots, SP_MANAGER_KNOTS, &legs);
+    sp_leg_to(to, m->knots, SP_MANAGER_KNOTS, &legs);
+    m->knot_count = legs.count;
+}
+
+/* The crawler takes over, at rest. */
+static void give_to_crawler(sp_manager *m, const sp_robot_state *state, const sp_command *last)
+{
+    sp_crawl_reset(&m->crawl, state);
+    sp_copy(m->crawl.memory.vectoring, last->vectoring, 2 * SP_ROTORS);
+    sp_vectoring_to_force(last->thrust, last->vectoring, m->crawl.memory.forces_l);
+    sp_copy(m->crawl.memory.joint_position, last->joint_position, SP_JOINTS);
+}
+
+/* Stay where the path is now. */
+static void hover(sp_manager *m)
+{
+    sp_manager_memory *memory = &m->memory;
+    double pose[4], rate[4], acceleration[4];
+    if (memory->phase == SP_MANAGER_DESCEND) {
+        sp_copy(pose, memory->begin_w, 3);
+        pose[3] = memory->yaw;
+    } else {
+        sp_path_at(m->knots, m->knot_count, memory->time, pose, rate, acceleration);
+    }
+    memory->yaw = pose[3];
+    memset(m->knots, 0, sizeof m->knots[0]);
+    sp_copy(m->knots[0].pose_w, pose, 4);
+    m->knot_count = 1;
+    enter(m, SP_MANAGER_HOVER);
+}
+
+/* Let the rotors take over from the floor, from the share that they have already. */
+static void begin_spool(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_manager_memory *memory = &m->memory;
+    sp_command last;
+    double R[9], share = sp_min(1.0, memory->thrust / robot->weight);
+    last_command(m, &last);
+    sp_from_quat(state->quat_wb, R);
+    com_of(robot, m, state, memory->begin_w);
+    sp_copy(memory->quat_wb, state->quat_wb, 4);
+    memory->floor = memory->begin_w[2];
+    memory->yaw = atan2(R[3], R[0]);
+    sp_copy(memory->form, last.joint_position, SP_JOINTS); /* feet on the floor push nobody about */
+    sp_flight_resume(robot, &m->flight, state, &last);
+    enter(m, SP_MANAGER_SPOOL);
+    memory->time = m->config.spool_time * inverse_ease(share);
+}
+
+/* Climb from where a landing has failed; the second one is the last. */
+static void break_off(sp_manager *m)
+{
+    sp_manager_memory *memory = &m->memory;
+    double above[3];
+    memory->failures++;
+    sp_copy(above, memory->begin_w, 3);
+    above[2] += m->config.again;
+    straight(m, memory->begin_w, above, m->config.climb_speed, 0);
+    level(memory->yaw, memory->quat_wb);
+    if (memory->failures > 1) m->count = 0;
+    enter(m, m->count > 0 ? SP_MANAGER_FLY : SP_MANAGER_HOVER);
+}
+
+static void lie(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_command last;
+    double R[9];
+    if (m->count == 0) return;
+    if (m->commands[0].kind != SP_LOCOMOTION_CRAWL_TO) {
+        begin_spool(robot, m, state);
+        return;
+    }
+    last_command(m, &last);
+    enter(m, SP_MANAGER_CRAWL);
+    sp_from_quat(state->quat_wb, R);
+    give_to_crawler(m, state, &last);
+    sp_pose2 way = then(inverse(planar_pose(state->position_w, R)), m->commands[0].pose);
+    way.yaw = wrapped(way.yaw);
+    sp_gait_move(robot, &m->crawl, way, 0);
+}
+
+static void take_form(sp_manager *m, const sp_robot_state *state)
+{
+    sp_manager_memory *memory = &m->memory;
+    const sp_waypoint *command = &m->commands[0];
+    double told = 0.0, off = 0.0, here[4], rate[4], acceleration[4], way[3];
+    for (int j = 0; j < SP_JOINTS; j++) {
+        told = sp_max(told, fabs(m->flight.memory.joint_position[j] - memory->form[j]));
+        off = sp_max(off, fabs(state->joint_position[j] - memory->form[j]));
+    }
+    if (told > 1e-6 || off > SP_MANAGER_ARRIVED) return;
+    sp_path_at(m->knots, m->knot_count, memory->time, here, rate, acceleration);
+    if (command->kind == SP_LOCOMOTION_LAND) {
+        sp_copy(memory->begin_w, here, 3);
+        memory->velocity = 0.0;
+        memory->floor = command->floor + m->lying_height;
+        enter(m, SP_MANAGER_DESCEND);
+        return;
+    }
+    for (int i = 0; i < 3; i++) way[i] = command->position_w[i] - here[i];
+    if (sp_norm(way) < 1e-6) {
+        drop_command(m);
+        hover(m);
+        return;
+    }
+    straight(m, here, command->position_w, command->speed, command->along);
+    memory->yaw = m->knots[m->knot_count - 1].pose_w[3];
+    enter(m, SP_MANAGER_FLY);
+}
+
+static void descend(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_manager_memory *memory = &m->memory;
+    const sp_manager_config *c = &m->config;
+    double com_w[3], dt = m->flight.dt;
+    memory->velocity = sp_min(c->descent_speed, memory->velocity + c->descent_ease * dt);
+    memory->begin_w[2] -= memory->velocity * dt;
+    com_of(robot, m, state, com_w);
+    int pushed = m->flight.memory.compensation.external_w[2] > c->touch_force * robot->weight;
+    int slow = state->velocity_w[2] > -c->touch_speed * c->descent_speed;
+    int found = memory->velocity >= c->descent_speed && slow && (com_w[2] - memory->begin_w[2] > c->touch_error || pushed);
+    memory->believed = found ? memory->believed + dt : 0.0;
+    if (memory->believed >= c->touch_time) {
+        memory->floor = memory->begin_w[2];
+        sp_copy(memory->begin_w, com_w, 3);
+        enter(m, SP_MANAGER_UNLOAD);
+    } else if (memory->begin_w[2] < memory->floor - c->search) {
+        break_off(m);
+    }
+}
+
+static void unload(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, double tilt)
+{
+    sp_manager_memory *memory = &m->memory;
+    const sp_manager_config *c = &m->config;
+    sp_command last;
+    double com_w[3];
+    if (memory->time < 0.5 * c->unload_time && state->velocity_w[2] < -c->lost_fall) { /* that was a gust */
+        memory->begin_w[2] = memory->floor;
+        enter(m, SP_MANAGER_DESCEND);
+        memory->velocity = c->descent_speed;
+    } else if (tilt > c->most_tilt && memory->failures == 0) {
+        break_off(m);
+    } else if (memory->time >= c->unload_time) {
+        memory->failures = 0;
+        com_of(robot, m, state, com_w);
+        memory->floor = com_w[2];
+        drop_command(m);
+        last_command(m, &last);
+        sp_zero(last.thrust, SP_ROTORS);
+        give_to_crawler(m, state, &last);
+        enter(m, SP_MANAGER_LIE);
+    }
+}
+
+/* Go on to the next phase where this one is over. */
+static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_manager_memory *memory = &m->memory;
+    double R[9], top[3];
+    sp_from_quat(state->quat_wb, R);
+    if (memory->rises) {
+        memory->rises = 0;
+        begin_spool(robot, m, state);
+    }
+    if (!on_ground(m) && memory->phase != SP_MANAGER_CUT && tilt_of(R) > m->config.cut_tilt) {
+        enter(m, SP_MANAGER_CUT);
+        m->count = 0;
+        return;
+    }
+    switch (memory->phase) {
+    case SP_MANAGER_LIE: lie(robot, m, state); break;
+    case SP_MANAGER_CRAWL:
+        if (!sp_gait_done(&m->crawl) || m->crawl.memory.gap != 0.0) break;
+        drop_command(m);
+        enter(m, SP_MANAGER_LIE);
+        break;
+    case SP_MANAGER_SPOOL:
+        if (memory->time < m->config.spool_time) break;
+        sp_copy(top, memory->begin_w, 3);
+        top[2] += m->commands[0].height;
+        straight(m, memory->begin_w, top, m->config.climb_speed, 0);
+        enter(m, SP_MANAGER_CLIMB);
+        break;
+    case SP_MANAGER_CLIMB:
+        com_of(robot, m, state, top);
+        if (top[2] > memory->floor + SP_MANAGER_LEVEL_TO) sp_copy(memory->form, m->lying, SP_JOINTS);
+        /* fall through */
+    case SP_MANAGER_FLY:
+        if (memory->time < m->knots[m->knot_count - 1].time) break;
+        /* else it climbed to land again */
+        if (!(memory->phase == SP_MANAGER_FLY && m->commands[0].kind == SP_LOCOMOTION_LAND)) drop_command(m);
+        hover(m);
+        break;
+    case SP_MANAGER_HOVER:
+        if (m->count == 0) break;
+        if (m->commands[0].kind == SP_LOCOMOTION_LAND) sp_copy(memory->form, m->lying, SP_JOINTS);
+        else if (m->commands[0].has_form) sp_copy(memory->form, m->commands[0].form, SP_JOINTS);
+        enter(m, SP_MANAGER_FORM);
+        break;
+    case SP_MANAGER_FORM: take_form(m, state); break;
+    case SP_MANAGER_DESCEND: descend(robot, m, state); break;
+    case SP_MANAGER_UNLOAD: unload(robot, m, state, tilt_of(R)); break;
+    default: break;
+    }
+}
+
+/* What the flight controller is asked in the present phase. */
+static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference *r)
+{
+    const sp_manager_memory *memory = &m->memory;
+    const sp_manager_config *c = &m->config;
+    double t = memory->time;
+    memset(r, 0, sizeof *r);
+    sp_copy(r->position_w, memory->begin_w, 3);
+    sp_copy(r->joint_target, memory->form, SP_JOINTS);
+    if (memory->phase == SP_MANAGER_SPOOL) {
+        sp_copy(r->quat_wb, memory->quat_wb, 4);
+        r->support = 1.0 - ease(t / c->spool_time);
+    } else if (memory->phase == SP_MANAGER_UNLOAD) {
+        double left = 1.0 - ease(t / (0.5 * c->unload_time));
+        sp_copy(r->quat_wb, state->quat_wb, 4);
+        r->position_w[2] += left * (memory->floor - memory->begin_w[2]);
+        r->velocity_w[2] = left * -memory->velocity;
+        r->support = sp_max(ease(t / c->unload_time), 1e-3);
+    } else if (memory->phase == SP_MANAGER_DESCEND) {
+        level(memory->yaw, r->quat_wb);
+        r->velocity_w[2] = -memory->velocity;
+    } else {
+        sp_follow_path(m->knots, m->knot_count, t, r);
+        if (memory->phase != SP_MANAGER_CLIMB) return;
+        double risen = r->position_w[2] - memory->floor, R[9], R_d[9], way[9], turn[3], part[9];
+        double share = ease((risen - SP_MANAGER_LEVEL_FROM) / (SP_MANAGER_LEVEL_TO - SP_MANAGER_LEVEL_FROM));
+        sp_from_quat(memory->quat_wb, R); /* from the floor's attitude to level */
+        sp_from_quat(r->quat_wb, R_d);
+        sp_product_t(R, R_d, way);
+        sp_log(way, turn);
+        for (int i = 0; i < 3; i++) turn[i] *= share;
+        sp_exp(turn, part);
+        sp_product(R, part, way);
+        sp_to_quat(way, r->quat_wb);
+    }
+}
+
+/* Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt. */
+static void limit(const sp_manager *m, sp_command *command)
+{
+    int32_t phase = m->memory.phase;
+    double total = 0.0, slew = m->config.most_slew, before = m->memory.thrust;
+    for (int i = 0; i < SP_ROTORS; i++) total += command->thrust[i];
+    if ((phase != SP_MANAGER_SPOOL && phase != SP_MANAGER_DESCEND && phase != SP_MANAGER_UNLOAD) || total <= 0.0) return;
+    double share = sp_min(sp_max(total, before - slew), before + slew) / total;
+    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] *= share;
+}
+
+/* ---- what it is told ---- */
+
+void sp_manager_init(const sp_robot *robot, sp_manager *m, const sp_manager_config *config)
+{
+    static const double level_R[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}, still[2 * SP_ROTORS] = {0.0};
+    double home[3 * SP_LEGS];
+    memset(m, 0, sizeof *m);
+    m->config = *config;
+    sp_flight_init(&m->flight, &config->flight);
+    sp_crawl_init(robot, &m->crawl, &config->crawl);
+    sp_home(robot, &config->crawl.gait, home);
+    sp_leg_angles(robot, home, m->lying);
+    sp_snapshot_at(robot, m->lying, level_R, still, &m->snapshot);
+    m->lying_height = m->snapshot.com_b[2] + robot->peg_depth;
+}
+
+void sp_manager_reset(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_flight_reset(robot, &m->flight, state, state->joint_position, NULL);
+    sp_crawl_reset(&m->crawl, state);
+    memset(&m->memory, 0, sizeof m->memory);
+    m->memory.phase = SP_MANAGER_LIE;
+    m->memory.quat_wb[0] = 1.0;
+    sp_copy(m->memory.form, m->lying, SP_JOINTS);
+    com_of(robot, m, state, m->memory.begin_w);
+    m->memory.floor = m->memory.begin_w[2];
+    m->count = m->knot_count = 0;
+}
+
+int sp_manager_airborne(const sp_manager *m)
+{
+    return !on_ground(m) && m->memory.phase != SP_MANAGER_UNLOAD && m->memory.phase != SP_MANAGER_CUT;
+}
+
+int sp_manager_done(const sp_manager *m)
+{
+    int32_t phase = m->memory.phase;
+    return m->count == 0 && (phase == SP_MANAGER_LIE || phase == SP_MANAGER_HOVER || phase == SP_MANAGER_CUT);
+}
+
+/* Append a command; 0 where there is no room for it, or it cannot follow on those before it. */
+int sp_manager_command(sp_manager *m, const sp_waypoint *command)
+{
+    int flies = command->kind == SP_LOCOMOTION_FLY_TO || command->kind == SP_LOCOMOTION_LAND, before;
+    if (m->count == SP_MAX_WAYPOINTS) return 0;
+    if (m->count > 0) {
+        int32_t last = m->commands[m->count - 1].kind;
+        before = last == SP_LOCOMOTION_FLY_TO || last == SP_LOCOMOTION_TAKE_OFF;
+    } else {
+        before = sp_manager_airborne(m);
+    }
+    if (flies != before) return 0;
+    m->commands[m->count++] = *command;
+    return 1;
+}
+
+/* Drop what is still to do, and do these n from here on; 0 where they cannot follow from here, and nothing has changed. */
+int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
+{
+    sp_manager_memory *memory = &m->memory;
+    int32_t phase = memory->phase;
+    int airborne = sp_manager_airborne(m), rises = n > 0 && commands[0].kind == SP_LOCOMOTION_TAKE_OFF;
+    int ends = (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD) && !rises;
+    if (n + 1 > SP_MAX_WAYPOINTS) return 0;
+    for (int k = 0; k < n; k++) {
+        int flies = commands[k].kind == SP_LOCOMOTION_FLY_TO || commands[k].kind == SP_LOCOMOTION_LAND;
+        if (flies != airborne) return 0;
+        airborne = commands[k].kind == SP_LOCOMOTION_FLY_TO || commands[k].kind == SP_LOCOMOTION_TAKE_OFF;
+    }
+    m->count = ends && m->count > 0; /* a cycle is crawled to its end, a landing is completed */
+    for (int k = 0; k < n; k++) m->commands[m->count++] = commands[k];
+    if (phase == SP_MANAGER_CRAWL) m->crawl.gait.count = m->crawl.gait.count > 0;
+    if (phase == SP_MANAGER_SPOOL && (n == 0 || commands[0].kind == SP_LOCOMOTION_LAND)) {
+        if (n == 0) {
+            memset(&m->commands[0], 0, sizeof m->commands[0]);
+            m->commands[0].kind = SP_LOCOMOTION_LAND;
+            m->count = 1;
+        }
+        memory->floor = memory->begin_w[2];
+        memory->velocity = 0.0;
+        enter(m, SP_MANAGER_UNLOAD);
+    } else if (phase == SP_MANAGER_FLY || phase == SP_MANAGER_FORM || phase == SP_MANAGER_CLIMB ||
+               phase == SP_MANAGER_HOVER || phase == SP_MANAGER_DESCEND) {
+        hover(m);
+    }
+    memory->rises = rises && (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD);
+    return 1;
+}
+
+/* One control tick. */
+void sp_manager_step(sp_manager *m, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
+                     sp_command *command)
+{
+    sp_manager_memory *memory = &m->memory;
+    if (sp_valid_state(state)) {
+        go_on(room->robot, m, state);
+        memory->time += m->flight.dt;
+    }
+    if (on_ground(m)) {
+        sp_crawl_step(&m->crawl, state, residual, room, command);
+    } else if (memory->phase == SP_MANAGER_CUT) {
+        last_command(m, command);
+        sp_zero(command->thrust, SP_ROTORS);
+    } else {
+        refer(m, state, &m->reference);
+        sp_flight_step(&m->flight, state, &m->reference, residual, NULL, room, command);
+        limit(m, command);
+    }
+    memory->thrust = 0.0;
+    for (int i = 0; i < SP_ROTORS; i++) memory->thrust += command->thrust[i];
+}

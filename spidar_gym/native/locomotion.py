@@ -1,0 +1,119 @@
+"""The manager of both gaits of the onboard core, as the readable one is told."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
+from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, Orders
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.model.dynamics import Model
+from spidar_gym.native.constants import MAX_WAYPOINTS
+from spidar_gym.native.core_structs import core_layouts
+from spidar_gym.native.library import Core, LastCommand, Room, Struct
+from spidar_gym.native.structs import fill
+from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
+
+ORDER = (CrawlTo, TakeOff, FlyTo, Land)
+"""Commands in the core's order."""
+
+
+def waypoint(command: LocomotionCommand) -> np.ndarray:
+    """`sp_waypoint`."""
+    record = np.zeros((), core_layouts()["waypoint"])
+    record["kind"] = ORDER.index(type(command))
+    if isinstance(command, CrawlTo):
+        fill(record["pose"], command.pose)
+    elif isinstance(command, TakeOff):
+        record["height"] = command.height
+    elif isinstance(command, FlyTo):
+        record["position_w"], record["speed"], record["along"] = command.position_w, command.speed, command.along
+        record["has_form"] = command.form is not None
+        record["form"] = 0.0 if command.form is None else command.form
+    else:
+        record["floor"] = command.floor
+    return record
+
+
+class CoreManager(Core[LastCommand], Orders):
+    """The manager that is compiled for the robot."""
+
+    def __init__(
+        self, config: ManagerConfig | None = None, model: Model | None = None, *,
+        record: np.ndarray | None = None, room: Room | None = None,
+    ) -> None:  # fmt: skip
+        """Take the core and give it a configuration, or look at a manager of the engine.
+
+        Args:
+            config: Who flies, who crawls, and how they give way to each other.
+            model: The robot as described.
+            record: `sp_manager` of a robot in the engine, which has this configuration already.
+            room: What it works in.
+
+        Raises:
+            MissingDependencyError: When the core is not compiled.
+        """
+        super().__init__(model, room)
+        self.config = config or ManagerConfig()
+        self._manager, settings = Struct("manager", record), Struct("manager_config")
+        fill(settings.record, self.config)
+        if record is None:
+            self.library.sp_manager_init(self.room.robot, self._manager.pointer, settings.pointer)
+        self._memory = self._manager.inner("memory", "manager_memory")
+        self._last: LocomotionCommand | None = None
+
+    @property
+    def phase(self) -> str:
+        """One of `PHASES`."""
+        return PHASES[int(self._memory["phase"])]
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        return bool(self.library.sp_manager_done(self._manager.pointer))
+
+    @property
+    def last(self) -> LocomotionCommand | None:
+        """The last of what is still to do."""
+        return self._last if int(self._manager["count"]) else None
+
+    @property
+    def floor(self) -> float:
+        """Height of the centre of mass where it lay last, or is expected to lie [m]."""
+        return float(self._memory["floor"])
+
+    def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
+        """Forget everything; as `Manager.reset`."""
+        self.write_state(state)
+        self.library.sp_manager_reset(self.room.robot, self._manager.pointer, self._state.pointer)
+        self._last = None
+        self.command(commands)
+
+    def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
+        self._require_few(commands, int(self._manager["count"]))
+        for command in commands:
+            record = Struct("waypoint", waypoint(command))
+            self.library.sp_manager_command(self._manager.pointer, record.pointer)
+            self._last = command
+
+    def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
+        self._require_few(commands, 1)
+        records = np.zeros(len(commands) or 1, core_layouts()["waypoint"])
+        for k, command in enumerate(commands):
+            records[k] = waypoint(command)
+        rows = Struct("waypoint", records)
+        self.library.sp_manager_interrupt(self._manager.pointer, rows.pointer, len(commands))
+        self._last = commands[-1] if commands else Land()
+
+    @staticmethod
+    def _require_few(commands: tuple[LocomotionCommand, ...], before: int) -> None:
+        if before + len(commands) > MAX_WAYPOINTS:
+            raise InvalidValueError("commands", before + len(commands), f"at most {MAX_WAYPOINTS} at once")
+
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
+        """One control tick; as `Manager.step`."""
+        self.write_state(state)
+        return self._tick(
+            self.library.sp_manager_step, self._manager.pointer, self._state.pointer, self.residual_pointer(residual),
+            self.room.pointer,
+        )  # fmt: skip

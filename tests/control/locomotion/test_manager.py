@@ -1,0 +1,277 @@
+"""Pins the manager of both gaits: take-off, flight, landing, crawl, what happens in between, what it refuses."""
+
+import math
+
+import numpy as np
+import pytest
+from support.hops import CONFIG, HOP, Mission, steps
+from support.states import model, resting, staying
+
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import FlightController
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
+from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, form_radius
+from spidar_gym.control.presets import controller_config
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.sim.ground import TILES, GroundConfig
+from spidar_gym.so3 import exp
+
+NEAR_FLOOR = ("spool", "descend", "unload")
+FLOORS = {
+    "flat": GroundConfig(),
+    "a slope of 10 degrees": GroundConfig(slope=math.radians(10.0), heading=0.8),
+    "tiles": GroundConfig(tiles=np.random.default_rng(1).uniform(0.0, 0.02, (TILES, TILES))),
+}
+
+
+def landed(seen):
+    """What is asked of a landing, wherever it was."""
+    assert seen.phase[-1] == "lie"
+    assert 0.0 < seen.touchdown < 0.35
+    assert seen.slip < 0.05
+    thrust, turn = steps(seen, *NEAR_FLOOR)
+    assert thrust <= 5.0 + 1e-9
+    assert turn <= ROBOT.max_vectoring_speed / 40.0 + 1e-9
+    assert seen.thrust[-1] == 0.0
+
+
+# ---- what the floor carries ----
+
+
+def test_what_the_floor_carries_is_a_share_of_the_whole():
+    """The same forces, as much smaller; nothing is learned from what happens meanwhile."""
+    state = resting(np.zeros(16), exp(np.array([0.02, -0.01, 0.3])))
+    controller = FlightController(controller_config("tuned"), model())
+    answers = {}
+    for support in (0.0, 0.3, 1.0):
+        controller.reset(state)
+        off = staying(state, support=support)
+        off = type(off)(**{f: getattr(off, f) for f in off.__slots__} | {"position_w": off.position_w + 0.05})
+        for _ in range(3):
+            command = controller.step(state, off)
+        answers[support] = command.thrust, controller.memory
+    (whole, learned), (most, kept), (none, _) = answers.values()
+    assert np.abs(learned.integrals.position_w).max() > 0.0
+    assert not kept.integrals.position_w.any()
+    assert not kept.compensation.external_w.any()
+    np.testing.assert_allclose(none, 0.0, atol=1e-12)
+    assert most.sum() == pytest.approx(0.7 * whole.sum(), rel=0.02)
+
+
+# ---- up and down ----
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_up_and_down_again_on_any_floor(floor):
+    mission = Mission(0, sense=True, ground=FLOORS[floor])
+    seen = mission.fly(HOP)
+    assert seen.phases() == ["spool", "climb", "hover", "form", "descend", "unload", "lie"]
+    landed(seen)
+    assert seen.done < 15.0
+    in_air = seen.during("hover", "descend")
+    assert np.array(seen.tilt)[in_air].max() < 0.1
+    assert seen.against_floor[-1] < 0.06  # a peg or a foot on a tile
+    risen = np.array(seen.position_w)[:, 2].max() - seen.position_w[0][2]
+    assert risen == pytest.approx(1.0, abs=0.03)
+    assert np.hypot(*(seen.position_w[-1] - seen.position_w[0])[:2]) < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_drawn_robots_in_wind_take_off_and_land(seed):
+    seen = Mission(seed, strength=1.0, sense=True, wind=2.0, push=10.0).fly(HOP)
+    landed(seen)
+    assert np.array(seen.tilt).max() < 0.1
+
+
+@pytest.mark.slow
+def test_a_whole_course():
+    """Crawl, fly in two forms, land, crawl on from there; every hand-over without a jolt."""
+    way = (
+        CrawlTo(Pose2(0.2, 0.0, 0.0)), TakeOff(1.0), FlyTo((2.0, 1.0, 1.6), FORMS["form3"], 0.8, along=True),
+        FlyTo((2.0, 2.0, 1.4), FORMS["form2"]), Land(), CrawlTo(Pose2(2.1, 2.2, 1.0)),
+    )  # fmt: skip
+    mission = Mission(2, sense=True, strength=0.3)
+    seen = mission.fly(way, 90.0)
+    order = ["crawl", "lie", "spool", "climb", "hover", "form", "fly", "hover", "form", "fly", "hover", "form",
+             "descend", "unload", "lie", "crawl", "lie"]  # fmt: skip
+    assert [p for p in seen.phases() if p != "lie"] == [p for p in order if p != "lie"]
+    landed(seen)
+    np.testing.assert_allclose(mission.state.position_w[:2], [2.1, 2.2], atol=0.01)
+    assert np.array(seen.tilt)[seen.during("fly", "hover", "form")].max() < 0.05
+    assert steps(seen, *PHASES)[0] < 40.0
+
+
+# ---- interruptions ----
+
+
+@pytest.mark.parametrize("at", [0.7, 2.5, 7.5])
+def test_it_lands_at_once_when_told_so(at):
+    seen = Mission(0).fly(HOP, interrupt=(at, [Land()]))
+    assert seen.phase[-1] == "lie"
+    assert seen.done < 12.0
+    assert steps(seen, *NEAR_FLOOR)[0] <= 5.0 + 1e-9
+    if at == 0.7:
+        assert seen.phases() == ["spool", "unload", "lie"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [1.0, 2.6, 4.2, 6.0])
+def test_it_takes_off_from_the_middle_of_a_crawl(at):
+    seen = Mission(0, sense=True).fly([CrawlTo(Pose2(0.3, 0.0, 0.0))], interrupt=(at, HOP))
+    assert seen.phases()[:3] == ["crawl", "spool", "climb"]
+    landed(seen)
+    first = seen.phase.index("spool")
+    assert abs(seen.thrust[first] - seen.thrust[first - 1]) <= 5.0 + 1e-9
+    assert np.array(seen.tilt).max() < 0.1
+
+
+def test_it_climbs_again_while_the_floor_takes_over():
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, HOP)
+    while mission.manager.phase != "unload":
+        mission.tick()
+    for _ in range(16):
+        mission.tick()
+    mission.manager.interrupt([TakeOff(0.5), Land()])
+    seen = mission.seen_so_far
+    while not mission.manager.done:
+        mission.tick()
+        assert len(seen.time) < 1200
+    assert seen.phases() == [
+        "spool", "climb", "hover", "form", "descend", "unload", "spool", "climb", "hover", "form", "descend", "unload",
+        "lie",
+    ]  # fmt: skip
+    assert steps(seen, *NEAR_FLOOR)[0] <= 5.0 + 1e-9
+    np.testing.assert_allclose(mission.state.position_w[:2], 0.0, atol=0.02)
+
+
+@pytest.mark.slow
+def test_a_crawl_that_is_interrupted_ends_with_its_cycle():
+    mission = Mission(0)
+    seen = mission.fly([CrawlTo(Pose2(0.6, 0.0, 0.0))], 60.0, interrupt=(1.0, []))
+    assert seen.phase[-1] == "lie"
+    assert seen.done < 12.0
+    assert 0.05 < mission.state.position_w[0] < 0.4
+
+
+# ---- where a landing goes wrong ----
+
+
+@pytest.mark.parametrize("expected", [-0.3, -3.0])
+def test_a_floor_higher_than_expected_is_a_floor(expected):
+    seen = Mission(0).fly([TakeOff(1.0), Land(floor=expected)])
+    assert seen.phase[-1] == "lie"
+
+
+def test_a_descent_goes_on_where_no_floor_is_and_is_broken_off_for_good_the_second_time():
+    seen = Mission(0).fly([TakeOff(2.0), Land(floor=0.95)], 60.0)
+    assert seen.phases() == ["spool", "climb", "hover", "form", "descend", "fly", "hover", "form", "descend", "hover"]
+    heights = np.array(seen.position_w)[:, 2]
+    assert heights[seen.during("descend")].min() < 0.95 + ROBOT.peg_depth - 0.4
+    assert heights.min() > 0.1
+
+
+def falling(manager, state, **changes):
+    return manager.step(type(state)(**{f: getattr(state, f) for f in state.__slots__} | changes))
+
+
+def test_what_gives_way_is_no_floor():
+    """A gust that holds the robot up is taken for the floor, until it falls."""
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, HOP)
+    while mission.manager.phase != "descend":
+        mission.tick()
+    for _ in range(60):
+        mission.tick()
+    state, manager = mission.state, mission.manager
+    for _ in range(12):
+        falling(manager, state, velocity_w=np.zeros(3))
+    assert manager.phase == "unload"
+    falling(manager, state, velocity_w=np.array([0.0, 0.0, -0.3]))
+    assert manager.phase == "descend"
+    seen = mission.seen_so_far
+    while not manager.done:
+        mission.tick()
+        assert len(seen.time) < 1200
+    assert seen.phase[-1] == "lie"
+    assert 0.0 < seen.touchdown < 0.35
+
+
+def test_a_robot_that_tips_over_cuts_its_thrust():
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, HOP)
+    while mission.manager.phase != "hover":
+        mission.tick()
+    state = mission.state
+    tipped = np.array([math.cos(0.5), math.sin(0.5), 0.0, 0.0])
+    command = falling(mission.manager, state, quat_wb=tipped)
+    assert mission.manager.phase == "cut"
+    assert not command.thrust.any()
+    assert mission.manager.done
+    assert not mission.manager.airborne
+
+
+def test_a_state_that_is_not_finite_changes_nothing_and_gets_the_last_command():
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, HOP)
+    for _ in range(100):
+        mission.tick()
+    phase, time = mission.manager.phase, mission.manager.memory.time
+    before = mission.seen_so_far.thrust[-1]
+    command = falling(mission.manager, mission.state, position_w=np.full(3, np.nan))
+    assert (mission.manager.phase, mission.manager.memory.time) == (phase, time)
+    assert command.thrust.sum() == pytest.approx(before)
+
+
+# ---- what cannot be done ----
+
+
+@pytest.mark.parametrize(
+    ("build", "words"),
+    [
+        (lambda: Land(slope=math.radians(30.0)), "slope = 0.52.* within 0 … 0.209 rad"),
+        (lambda: Land(floor=math.inf), "floor = inf"),
+        (lambda: TakeOff(-1.0), r"height = -1.0 .* 0.1 … 10 \[m\]"),
+        (lambda: FlyTo((0.0, math.nan, 1.0)), "y = nan"),
+        (lambda: FlyTo((0.0, 0.0, 1e9)), "z = 1000000000.0"),
+        (lambda: FlyTo((0.0, 0.0, 1.0), speed=-1.0), "speed = -1.0"),
+        (lambda: FlyTo((0.0, 0.0, 1.0), form=np.full(16, 9.0)), "16 angles within"),
+        (lambda: FlyTo((0.0, 0.0, 1.0), room=-1.0), "room = -1.0"),
+        (lambda: CrawlTo(Pose2(math.nan, 0.0, 0.0)), "x = nan"),
+        (lambda: ManagerConfig(descent_speed=0.0), "descent_speed = 0.0"),
+    ],
+)
+def test_a_command_that_is_none_is_refused_in_one_line(build, words):
+    with pytest.raises(InvalidValueError, match=words):
+        build()
+
+
+@pytest.mark.parametrize(
+    ("commands", "words"),
+    [
+        ([Land()], "TakeOff first"),
+        ([FlyTo((0.0, 0.0, 1.0))], "TakeOff first"),
+        ([TakeOff(), TakeOff()], "Land first"),
+        ([TakeOff(), CrawlTo(Pose2(1.0, 0.0, 0.0))], "Land first"),
+        ([TakeOff(), FlyTo((0.0, 0.0, 0.3), FORMS["form3"])], "z = 0.3 .* in this form"),
+        ([TakeOff(), FlyTo((0.0, 0.0, 1.5), FORMS["form1"], room=2.0)], r"room = 2.0 .* at least 3.0\d m"),
+        ([TakeOff(), FlyTo((0.0, 0.0, 1.5), FORMS["form3"], room=1.2)], "room = 1.2"),
+    ],
+)
+def test_what_cannot_follow_is_refused_and_nothing_has_changed(commands, words):
+    manager = Manager(CONFIG)
+    manager.reset(Mission(0).state, [CrawlTo(Pose2(0.1, 0.0, 0.0))])
+    for tell in (manager.command, manager.interrupt):
+        with pytest.raises(InvalidValueError, match=words):
+            tell(commands)
+        assert manager.commands == [CrawlTo(Pose2(0.1, 0.0, 0.0))]
+        assert manager.phase == "lie"
+
+
+def test_a_form_is_as_wide_as_it_is():
+    """Form ① is 2.7 m wide, form ③ less than half of that."""
+    assert 2.0 * form_radius(model(), FORMS["form1"]) == pytest.approx(2.7, abs=0.02)
+    assert 2.0 * form_radius(model(), FORMS["form3"]) < 1.35

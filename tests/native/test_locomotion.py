@@ -1,0 +1,94 @@
+"""Pins the core's manager of both gaits to the readable one: the same phases, the same commands."""
+
+import numpy as np
+import pytest
+from support.hops import CONFIG, HOP, Mission
+
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
+from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.constants import MAX_WAYPOINTS
+from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.robot import FORMS
+
+COURSE = (
+    CrawlTo(Pose2(0.2, 0.1, 0.4)), TakeOff(1.0), FlyTo((1.0, 0.5, 1.5), FORMS["form3"], 0.8, along=True),
+    FlyTo((1.0, 1.0, 1.3), FORMS["form2"]), Land(), CrawlTo(Pose2(1.1, 1.1, 0.6)),
+)  # fmt: skip
+MISSIONS = {
+    "up and down": (HOP, None, {"sense": True}),
+    "a drawn robot in wind": (HOP, None, {"sense": True, "strength": 1.0, "wind": 2.0}),
+    "land now": (HOP, (2.5, [Land()]), {}),
+    "not now": (HOP, (0.7, []), {}),
+    "stop": (HOP, (4.0, []), {}),
+    "climb now": ([CrawlTo(Pose2(0.3, 0.0, 0.0))], (2.0, [TakeOff(0.4), Land()]), {}),
+    "no floor": ([TakeOff(1.6), Land(floor=0.9)], None, {}),
+}
+
+
+class Both:
+    """The readable manager, beside which the core's is asked the same."""
+
+    def __init__(self):
+        self.readable, self.core = Manager(CONFIG), CoreManager(CONFIG)
+        self.worst = {"thrust": 0.0, "vectoring": 0.0, "joint_position": 0.0}
+
+    def __getattr__(self, name):
+        return getattr(self.readable, name)
+
+    def reset(self, state, commands):
+        for each in (self.readable, self.core):
+            each.reset(state, commands)
+
+    def interrupt(self, commands):
+        for each in (self.readable, self.core):
+            each.interrupt(commands)
+
+    def step(self, state):
+        wanted, found = (each.step(state) for each in (self.readable, self.core))
+        for name in ("phase", "done", "airborne"):
+            assert getattr(self.core, name) == getattr(self.readable, name), name
+        assert self.core.floor == pytest.approx(self.readable.floor, abs=1e-9)
+        for name in self.worst:
+            off = np.abs(getattr(found, name) - getattr(wanted, name))
+            if name == "vectoring":
+                off = off[wanted.thrust > 1.0]
+            self.worst[name] = max(self.worst[name], float(off.max(initial=0.0)))
+        return wanted
+
+
+def flown(commands, seconds=60.0, *, interrupt=None, **robot):
+    both = Both()
+    seen = Mission(3, manager=both, **robot).fly(commands, seconds, interrupt=interrupt)
+    assert seen.done is not None
+    assert both.worst["thrust"] < 1e-9
+    assert both.worst["vectoring"] < 1e-9
+    assert both.worst["joint_position"] < 1e-9
+    return seen
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_a_mission_is_that_of_the_readable_manager(name):
+    commands, interrupt, robot = MISSIONS[name]
+    flown(commands, interrupt=interrupt, **robot)
+
+
+@pytest.mark.slow
+def test_a_whole_course_is_that_of_the_readable_manager():
+    assert flown(COURSE, 90.0, sense=True, strength=0.5).phase[-1] == "lie"
+
+
+def test_the_core_alone_refuses_what_cannot_follow_and_has_no_room_for_more():
+    manager = CoreManager(CONFIG)
+    manager.reset(Mission(0).state, [TakeOff()])
+    with pytest.raises(InvalidValueError, match="Land first"):
+        manager.command([TakeOff()])
+    manager.command([Land()])
+    with pytest.raises(InvalidValueError, match="TakeOff first"):
+        manager.command([Land()])
+    assert isinstance(manager.last, Land)
+    with pytest.raises(InvalidValueError, match=f"at most {MAX_WAYPOINTS}"):
+        manager.command([TakeOff(), Land()] * MAX_WAYPOINTS)
+    with pytest.raises(InvalidValueError, match=r"z = 0\.2"):
+        manager.interrupt([TakeOff(), FlyTo((0.0, 0.0, 0.2))])
