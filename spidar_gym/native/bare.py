@@ -11,7 +11,7 @@ import numpy as np
 
 from spidar_gym.native.engine import Engine
 from spidar_gym.native.engine_structs import FASTEST
-from spidar_gym.native.mujoco import FLAT, OWN, STATE, Simulation
+from spidar_gym.native.mujoco import BOXED, FLAT, OWN, STATE, Simulation
 from spidar_gym.sim.scene import TIMESTEP, scene
 
 
@@ -25,9 +25,10 @@ class BarePhysics:
         """Copy the robots as they are; `threads` threads will share them."""
         plant = self._plants(engine)
         self._substeps = [int(each["config"]["substeps"]) for each in plant]
-        uneven = bool(plant[0]["config"]["ground"]["tiles"].any())
-        self._simulations = [Simulation(scene(visual=False, uneven=uneven)) for _ in plant]
-        names = OWN if len(OWN) == int(engine.record["piece_count"]) else FLAT
+        ground = plant[0]["config"]["ground"]
+        uneven, boxed = bool(ground["tiles"].any()), bool(ground["boxes"].any())
+        self._simulations = [Simulation(scene(visual=False, uneven=uneven, boxed=boxed)) for _ in plant]
+        names = next(names for names in (BOXED, OWN, FLAT) if len(names) == int(engine.record["piece_count"]))
         self._pieces = [simulation.pieces(names).tolist() for simulation in self._simulations]
         self._shares = np.array_split(np.arange(len(plant)), threads)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None

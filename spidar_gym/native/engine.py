@@ -12,7 +12,7 @@ import numpy as np
 from spidar_gym.errors import InvalidValueError, SpidarError, require_least
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
 from spidar_gym.native.library import Room, load_core, pointer
-from spidar_gym.native.mujoco import FLAT, OWN, Pool, Simulation, world
+from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP, scene
@@ -57,14 +57,14 @@ class Engine:
             raise InvalidValueError("threads", threads, f"a whole number within 1 … {MAX_THREADS}")
         check_delay(config)
         self.library = load_core()
-        layouts, uneven = engine_layouts(), config.ground.uneven
-        self.simulations = [Simulation(scene(visual=False, uneven=uneven)) for _ in range(threads)]
-        if uneven:  # the bounding volumes of the tiles are of where they lay before
+        layouts, uneven, boxed = engine_layouts(), config.ground.uneven, config.ground.boxed
+        self.simulations = [Simulation(scene(visual=False, uneven=uneven, boxed=boxed)) for _ in range(threads)]
+        if uneven or boxed:  # the bounding volumes of tiles and boxes are of where they were before
             for simulation in self.simulations:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
         self.rooms = [Room(self.library) for _ in range(threads)]
         self.robots = np.zeros(robots, layouts[struct])
-        names = OWN if uneven or floors else FLAT
+        names = BOXED if boxed else OWN if uneven or floors else FLAT
         pieces = [simulation.pieces(names) for simulation in self.simulations]
         _, size, offset = pieces[0][-1].tolist()
         self.copies = np.zeros((1 if alike else robots, offset + -(-size // 8) * 8), np.uint8)
@@ -73,7 +73,7 @@ class Engine:
         for row, simulation, room, piece in zip(self._threads, self.simulations, self.rooms, pieces, strict=True):
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
-        self._pieces, self._world = pieces, world(uneven)
+        self._pieces, self._world = pieces, world(uneven, boxed)
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
         """`sp_engine`."""

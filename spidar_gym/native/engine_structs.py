@@ -16,7 +16,7 @@ from spidar_gym.sim.air import N_DUCTS, AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.ground import TILES, GroundConfig
+from spidar_gym.sim.ground import BOXES, TILES, GroundConfig
 from spidar_gym.sim.sensors import SensorConfig
 from spidar_gym.state import IMU_SAMPLES
 
@@ -48,8 +48,8 @@ DRAWN = ("equal", "independent", "narrow")
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
-    "TILES": TILES, "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST,
-    "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
+    "TILES": TILES, "BOXES": BOXES, "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS,
+    "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -61,7 +61,7 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", disturbances, ("PUSH_SECONDS", "PUSH_EVERY")),
     ("", energy, ("CAPACITY_WH", "USABLE", "BASE_POWER", "THRUST_POWER", "SERVO_EFFICIENCY", "HOLDING_POWER",
                   "FULL_VOLTAGE", "EMPTY_VOLTAGE", "RESISTANCE")),
-    ("", ground, ("TILE", "TILE_DEPTH")),
+    ("", ground, ("TILE", "TILE_DEPTH", "NOWHERE")),
     ("", sensors, ("POSE_PERIOD", "IMU_PERIOD", "ENCODER_PERIOD", "DRIFT_SECONDS", "DROPOUT_SECONDS")),
 )  # fmt: skip
 """Prefix in C, where the numbers are, and their names there."""
@@ -129,6 +129,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("geom_kind", "i4", (MAX_GEOMS,), "what each geom is: a ball, SP_BALLS for a duct, −1"),
         ("geom_touches geom_is_foot", "i4", (MAX_GEOMS,), "whether it meets the floor; whether it is a foot"),
         ("tile", "i4", (TILES * TILES,), "geoms of the tiles, row by row; −1 where there are none"),
+        ("box", "i4", (BOXES,), "geoms of the boxes; −1 where there are none"),
         ("mass", "f8", (MAX_BODIES,), "of the described robot [kg]"),
         ("inertia com", "f8", (MAX_BODIES, 3), "principal inertia [kg m²]; its centre [m]"),
         ("geom_reach", "f8", (MAX_MOVING,), "bounding radius [m]"),
@@ -176,6 +177,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("ducts", "i4", (), "whether a duct does"),
         ("slip", "f8", (2 * N_LEGS,), "speed of the touching points of feet, then of the torso's pegs [m/s]"),
         ("duct_clearance", "f8", (), "height of the lowest duct over the floor [m]"),
+        ("hit", "f8", (), "largest force on anything but feet and pegs, where there are boxes [N]"),
     )),
     CStruct("plant", "One simulated robot: what it is, and all that changes about it.", (
         ("config", "plant_config", (), ""),
@@ -191,6 +193,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("torque_limit", "f8", (N_JOINTS,), "that the joint servos may use [Nm]"),
         ("in_contact diverged has_air senses", "i4", (), "touching; no longer finite; something blows; measuring"),
         ("clearance", "f8", (), "least height of everything over the highest tile at the end of the last tick [m]"),
+        ("hit", "f8", (), "largest force in the last tick on anything but feet and pegs, where there are boxes [N]"),
         ("noise", "f8", (N_ROTORS,), "of the thrusts [N]"),
         ("weather", "weather", (), ""),
         ("air_force_w", "f8", (3,), "of the air besides the thrust in still air, world [N]"),

@@ -113,8 +113,9 @@ def evaluate_air(
     parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
     fill(parameters, config or AeroConfig())
     given = [np.ascontiguousarray(each, float) for each in (thrust, wind_w, noise, push_w)]
-    uneven = mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, "tile0_0") >= 0  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-    arguments = (world(uneven), simulation.record, parameters, *given, found)
+    names = ("tile0_0", "box0")
+    has = [mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, name) >= 0 for name in names]  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
+    arguments = (world(*has), simulation.record, parameters, *given, found)
     _function("sp_evaluate_air")(*map(pointer, arguments))
     return AirForces(
         found["generalized"].copy(), found["thrust_factor"].copy(),

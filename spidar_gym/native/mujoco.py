@@ -36,13 +36,15 @@ from spidar_gym.robot import (
     ROTOR_SITES,
 )
 from spidar_gym.sim.air import LINK_STATIONS
-from spidar_gym.sim.ground import TILES
+from spidar_gym.sim.ground import BOXES, TILES
 from spidar_gym.sim.scene import quieten, scene
 from spidar_gym.sim.sensors import ENCODER_STEPS, IMU_POSITION_B
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """What of MuJoCo's data a robot takes with it."""
-FUNCTIONS = ("mj_step", "mj_forward", "mj_setConst", "mj_resetData", "mj_getState", "mj_setState")
+FUNCTIONS = (
+    "mj_step", "mj_forward", "mj_setConst", "mj_resetData", "mj_getState", "mj_setState", "mj_contactForce",
+)  # fmt: skip
 """In the order of `sp_mujoco`, before the numbers."""
 DATA = (
     "qpos", "qvel", "act", "ctrl", "actuator_force", "qfrc_applied", "qfrc_actuator", "qfrc_bias", "xpos", "xmat",
@@ -51,13 +53,18 @@ DATA = (
 """Arrays of the data in the order of `sp_sim`, between its time and its contacts."""
 MODEL = ("actuator_gear", "actuator_ctrlrange", "actuator_actrange", "actuator_dynprm", "actuator_biasprm",
          "actuator_forcerange", "dof_frictionloss", "dof_damping", "body_mass", "body_inertia", "body_ipos",
-         "geom_friction", "geom_pos", "geom_quat", "geom_sameframe")  # fmt: skip
+         "geom_friction", "geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb",
+         "geom_sameframe")  # fmt: skip
 """Arrays of the model in the order of `sp_sim`, before its flags."""
 DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "cam_poscom0", "dof_M0",
            "dof_invweight0", "dof_length")  # fmt: skip
 """What MuJoCo derives from these."""
-OWN = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
+SHAPES = ("geom_size", "geom_rbound", "geom_aabb")
+"""What boxes have besides a place."""
+BOXED = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
 """Arrays of the model in which robots differ; the torque limits are written whenever a robot is loaded."""
+OWN = tuple(name for name in BOXED if name not in SHAPES)
+"""The same where the floor has no boxes."""
 FLAT = tuple(name for name in OWN if name not in ("bvh_aabb", "geom_pos", "geom_quat", "geom_sameframe"))
 """The same where the floor is a plane that stays as it is."""
 _VALID = "mujoco>=4.0,<5 from PyPI"
@@ -203,13 +210,13 @@ class Simulation:
 
 
 @cache
-def world(uneven: bool) -> np.ndarray:
-    """`sp_world`: the described robot over a floor, with tiles or without; read only.
+def world(uneven: bool, boxed: bool = False) -> np.ndarray:
+    """`sp_world`: the described robot over a floor, with tiles, with boxes, or without; read only.
 
     Raises:
         SpidarError: For a robot with more parts than there is room for, or whose actuators are in another order.
     """
-    model = scene(visual=False, uneven=uneven)
+    model = scene(visual=False, uneven=uneven, boxed=boxed)
     body, geom = (lambda name: model.body(name).id), (lambda name: model.geom(name).id)
     record = np.zeros((), engine_layouts()["world"])
     servos = [model.actuator(name).id for name in (*ROTOR_SITES, *JOINT_NAMES, *GIMBAL_NAMES)]
@@ -241,6 +248,7 @@ def world(uneven: bool) -> np.ndarray:
         "ball": balls, "ball_body": model.geom_bodyid[balls], "duct": ducts, "geom": moving, "geom_kind": kinds,
         "geom_touches": touches, "geom_is_foot": feet,
         "tile": [geom(f"tile{i}_{j}") if uneven else -1 for i in range(TILES) for j in range(TILES)],
+        "box": [geom(f"box{k}") if boxed else -1 for k in range(BOXES)],
         "mass": model.body_mass, "inertia": model.body_inertia, "com": model.body_ipos,
         "geom_reach": model.geom_rbound[moving],
         "ball_radius": [ROBOT.foot_radius] * N_LEGS + [ROBOT.peg_radius] * len(PEG_SITES),

@@ -102,9 +102,10 @@ class Plant:
         return self.config.substeps * TIMESTEP
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
-        if config.ground.uneven != self.config.ground.uneven:
-            raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
+        """Become another robot from the next reset on (`InvalidValueError` for another kind of floor)."""
+        kinds = [(each.uneven, each.boxed) for each in (config.ground, self.config.ground)]
+        if kinds[0] != kinds[1]:
+            raise InvalidValueError("tiles, boxes", kinds[0], "a floor of the same kind as at the beginning")
         check_delay(config)
         configs = np.zeros(1, engine_layouts()["plant_config"])
         fill(configs[0], config)
@@ -205,18 +206,19 @@ class Plant:
         balls = found["balls"] != 0
         return Touch(
             balls[:N_LEGS], balls[N_LEGS:], bool(found["ducts"]), found["slip"][:N_LEGS], found["slip"][N_LEGS:],
-            float(found["duct_clearance"]),
+            float(found["duct_clearance"]), float(found["hit"]),
         )  # fmt: skip
 
     def contact_forces(self) -> np.ndarray:
-        """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
+        """Where floor or boxes touch the robot and what they give there, world: (k, 6) [m, N]."""
         data, wrench = self.data, np.zeros(6)
         rows = np.zeros((data.ncon, 6))
         for k in range(data.ncon):
             mujoco.mj_contactForce(self.model, data, k, wrench)
             force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
-            # MuJoCo gives the force on the second geom; the floor only pushes.
-            rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if force[2] >= 0.0 else -force
+            # MuJoCo gives the force on the second geom.
+            is_ours = self.model.geom_bodyid[data.contact.geom[k, 1]] > 0
+            rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if is_ours else -force
         return rows
 
     @property

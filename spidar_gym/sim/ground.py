@@ -1,4 +1,4 @@
-"""The floor, flat, sloped or of uneven tiles, and what touches it: contacts, slip, clearance of the ducts.
+"""The floor, flat, sloped or of uneven tiles, boxes on it, and what touches them: contacts, slip, clearance of ducts.
 
 Who looks is native/engine/floor.c. What is measured there is for rewards, metrics and tests: no controller sees it,
 because the robot has no touch sensor.
@@ -8,6 +8,7 @@ because the robot has no touch sensor.
 # The compiled modules below come without stubs.
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -24,8 +25,16 @@ TILE = 0.25
 """Edge of a tile [m]; the uneven floor is a square of 4 m round the origin."""
 TILE_DEPTH = 0.05
 """Half the thickness of a tile [m]."""
+BOXES = 64
+"""Boxes that there is room for."""
+FARTHEST = 100.0
+"""No box stands, or reaches, farther than this [m]."""
 MAX_SLOPE = 0.6
 """Steepest slope [rad]: beyond it nothing with the robot's friction stays where it is."""
+
+
+NOWHERE = (0.0, 0.0, -50.0, 0.01, 0.01, 0.01)
+"""Where a box that is none lies, and its half sizes [m]."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +47,19 @@ class GroundConfig:
     """Direction in which it rises [rad]."""
     tiles: np.ndarray = field(default_factory=lambda: constant(0.0, TILES, TILES))
     """Height of each tile over the plane [m]; all zero is a plane without tiles."""
+    boxes: np.ndarray = field(default_factory=lambda: constant(0.0, BOXES, 7))
+    """Boxes in the world: centre, half of length, width and height [m], how far the front is pitched down [rad]; one of
+    no size is none."""
 
     def __post_init__(self) -> None:
         """Refuse walls and holes."""
         require_arrays(self)
         if abs(self.slope) > MAX_SLOPE:
             raise InvalidValueError("slope", self.slope, f"an angle within ± {MAX_SLOPE:g} rad")
+        if not (np.abs(self.boxes) <= FARTHEST).all() or (self.boxes[:, 3:6] < 0.0).any():
+            raise InvalidValueError("boxes", self.boxes.tolist(), f"half sizes from 0, nothing beyond {FARTHEST:g} m")
+        if self.boxed and self.uneven:
+            raise InvalidValueError("boxes", int(self.boxed), "a floor with either tiles or boxes")
         if (self.tiles < 0.0).any() or (self.tiles > 0.2).any():
             raise InvalidValueError("tiles", float(self.tiles.max()), "heights within 0 … 0.2 m")
 
@@ -51,6 +67,11 @@ class GroundConfig:
     def uneven(self) -> bool:
         """Whether there are tiles."""
         return bool(self.tiles.any())
+
+    @property
+    def boxed(self) -> bool:
+        """Whether there are boxes."""
+        return bool(self.boxes[:, 3:6].any())
 
     @cached_property
     def highest_tile(self) -> float:
@@ -77,6 +98,16 @@ class GroundConfig:
                     model.geom_sameframe[tile] = 0
             # The bounding volumes of the tiles were made where they lay before.
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+        if self.boxed:
+            for k, (*centre, a, b, c, pitch) in enumerate(self.boxes.tolist()):
+                box = model.geom(f"box{k}").id
+                is_one = a > 0.0 and b > 0.0 and c > 0.0
+                half = np.array([a, b, c] if is_one else NOWHERE[3:])
+                model.geom_pos[box] = centre if is_one else NOWHERE[:3]
+                model.geom_quat[box] = math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0
+                model.geom_size[box], model.geom_rbound[box] = half, np.linalg.norm(half)
+                model.geom_aabb[box, 3:], model.geom_sameframe[box] = half, 0
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         model.geom_pos[floor] = R @ (0.0, 0.0, -TILE_DEPTH if self.uneven else 0.0)
         model.geom_quat[floor] = quat
         # Otherwise MuJoCo would take the floor's frame for the world's.
@@ -90,6 +121,16 @@ class GroundConfig:
         inside = ((cell >= 0) & (cell < TILES)).all(axis=1)
         cell = np.clip(cell, 0, TILES - 1)
         return np.where(inside, self.tiles[cell[:, 0], cell[:, 1]], -TILE_DEPTH)
+
+
+def with_boxes(ground: GroundConfig, boxes: Sequence[Sequence[float]]) -> GroundConfig:
+    """The same floor with boxes on it: x, y, z, half length, half width, half height [m], pitch [rad] each."""
+    if len(boxes) > BOXES:
+        raise InvalidValueError("boxes", len(boxes), f"at most {BOXES}")
+    rows = np.zeros((BOXES, 7))
+    if boxes:
+        rows[: len(boxes)] = boxes
+    return replace(ground, boxes=rows)
 
 
 def with_blocks(ground: GroundConfig, blocks: tuple[tuple[float, float, float], ...], height: float) -> GroundConfig:
@@ -123,3 +164,5 @@ class Touch:
     """Speed of the touching point of each of the torso's pegs along the floor, 0 in the air (4,) [m/s]."""
     duct_clearance: float
     """Height of the lowest duct over the floor below its centre [m]."""
+    hit: float = 0.0
+    """Largest force since the last command on anything but feet and pegs, where there are boxes [N]."""

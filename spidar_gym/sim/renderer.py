@@ -63,7 +63,7 @@ class Drawn:
     def __init__(self, ground: GroundConfig | None, *, film: bool) -> None:
         """Lay the floor, a plane by default; with `film` it looks as in films and figures."""
         ground = ground or GroundConfig()
-        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film))
+        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film, boxed=ground.boxed))
         self._data = mujoco.MjData(self._model)
         self.lay(ground)
 

@@ -9,7 +9,7 @@ from functools import cache
 import mujoco
 
 from spidar_gym.robot.description import mjcf_path
-from spidar_gym.sim.ground import TILE, TILE_DEPTH, TILES
+from spidar_gym.sim.ground import BOXES, NOWHERE, TILE, TILE_DEPTH, TILES
 
 # MuJoCo would write its warnings into a file of the working folder.
 mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
@@ -29,11 +29,12 @@ def quieten(data: mujoco.MjData) -> None:
 
 
 @cache
-def scene(visual: bool, uneven: bool = False, film: bool = False) -> mujoco.MjModel:
+def scene(visual: bool, uneven: bool = False, film: bool = False, boxed: bool = False) -> mujoco.MjModel:
     """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step.
 
-    With `uneven` there are tiles on the floor, which `GroundConfig.apply` lays. With `film` it looks as in films and
-    figures; the plain look is what the environments' pictures have, which may be observations, and it stays.
+    With `uneven` there are tiles on the floor, with `boxed` boxes: `GroundConfig.apply` lays them. With `film` it looks
+    as in films and figures; the plain look is what the environments' pictures have, which may be observations, and it
+    stays.
     """
     spec = mujoco.MjSpec.from_file(str(mjcf_path()))
     if not visual:
@@ -51,6 +52,11 @@ def scene(visual: bool, uneven: bool = False, film: bool = False) -> mujoco.MjMo
                 tile.contype, tile.conaffinity, tile.friction = 1, 0, floor.friction
                 shade = 0.70 + 0.08 * ((i + j) % 2)
                 tile.rgba = [shade, shade + 0.02, shade + 0.04, 1.0]
+    for k in range(BOXES if boxed else 0):
+        box = world.add_geom(name=f"box{k}", type=mujoco.mjtGeom.mjGEOM_BOX)
+        box.pos, box.size = NOWHERE[:3], NOWHERE[3:]
+        box.contype, box.conaffinity, box.friction = 1, 0, floor.friction
+        box.rgba = [0.78, 0.74, 0.68, 1.0]
     if visual:
         getattr(spec.visual, "global").offwidth = MAX_WIDTH
         getattr(spec.visual, "global").offheight = MAX_HEIGHT

@@ -148,7 +148,7 @@ class Stage(Drawn):
         self._options.geomgroup[3] = 0
         self._rotors = [self._model.site(name).id for name in ROTOR_SITES]
         self._shown = _robot(self._model)
-        self._level = ground is None or not (ground.uneven or ground.slope)
+        self._level = ground is None or not (ground.uneven or ground.boxed or ground.slope)
         self._empty: np.ndarray | None = None
 
     def render(

@@ -16,7 +16,7 @@ from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.crawl.footsteps import BISECTIONS, Move
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.control.flight.path import Path, legs
+from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, legs
 from spidar_gym.control.locomotion.commands import (
     CrawlTo,
     FlyTo,
@@ -130,7 +130,9 @@ class Manager(Orders):
     @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
-        return not self.commands and self.memory.phase in ("lie", "hover", "cut")
+        if self.commands or self.memory.phase not in ("lie", "hover", "cut"):
+            return False
+        return self.memory.phase != "hover" or self.path is None or self.memory.time >= self.path.seconds
 
     # ---- a tick ----
 
@@ -247,7 +249,8 @@ class Manager(Orders):
 
     def _wait(self, state: RobotState) -> None:
         del state
-        if not self.commands:
+        assert self.path is not None
+        if not self.commands or self.memory.time < self.path.seconds:
             return
         command = self.commands[0]
         wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
@@ -325,15 +328,23 @@ class Manager(Orders):
         self._enter("fly" if self.commands else "hover")
 
     def _hover(self) -> None:
-        """Stay where the path is now."""
+        """Come to rest from where and how the path is now."""
         memory = self.memory
         if memory.phase == "descend":
-            pose = np.array([*memory.begin_w, memory.yaw])
+            pose, rate = np.array([*memory.begin_w, memory.yaw]), np.array([0.0, 0.0, -memory.velocity, 0.0])
+            acceleration = np.zeros(4)
         else:
             assert self.path is not None
-            pose = self.path.at(memory.time)[0]
-        memory.yaw = float(pose[3])
-        self.path = Path(np.zeros(1), pose[None], np.zeros((1, 4)), np.zeros((1, 4)))
+            pose, rate, acceleration = self.path.at(memory.time)
+        speed = math.sqrt(float(rate[:3] @ rate[:3]))
+        brake = max(speed / EASE, abs(float(rate[3])) / TURN_RATE)
+        end = pose + 0.5 * brake * rate
+        memory.yaw = float(end[3])
+        rows = (pose, end) if brake > 1e-6 else (end,)
+        still = np.zeros((len(rows), 4))
+        self.path = Path(np.array([0.0, brake])[: len(rows)], np.array(rows), still.copy(), still)
+        if brake > 1e-6:
+            self.path.rate_w[0], self.path.acceleration_w[0] = rate, acceleration
         self._enter("hover")
 
     def _enter(self, phase: str) -> None:

@@ -82,23 +82,36 @@ static void give_to_crawler(sp_manager *m, const sp_robot_state *state, const sp
     sp_copy(m->crawl.memory.joint_position, last->joint_position, SP_JOINTS);
 }
 
-/* Stay where the path is now. */
+/* Come to rest from where and how the path is now. */
 static void hover(sp_manager *m)
 {
     sp_manager_memory *memory = &m->memory;
-    double pose[4], rate[4], acceleration[4];
+    double pose[4], rate[4] = {0.0}, acceleration[4] = {0.0};
     if (memory->phase == SP_MANAGER_DESCEND) {
         sp_copy(pose, memory->begin_w, 3);
         pose[3] = memory->yaw;
+        rate[2] = -memory->velocity;
     } else {
         sp_path_at(m->knots, m->knot_count, memory->time, pose, rate, acceleration);
     }
-    memory->yaw = pose[3];
-    memset(m->knots, 0, sizeof m->knots[0]);
-    sp_copy(m->knots[0].pose_w, pose, 4);
-    m->knot_count = 1;
+    double brake = sp_max(sp_norm(rate) / SP_PATH_EASE, fabs(rate[3]) / SP_PATH_TURN_RATE);
+    sp_knot *end = m->knots;
+    memset(m->knots, 0, 2 * sizeof m->knots[0]);
+    if (brake > 1e-6) {
+        sp_copy(end->pose_w, pose, 4);
+        sp_copy(end->rate_w, rate, 4);
+        sp_copy(end->acceleration_w, acceleration, 4);
+        end++;
+        end->time = brake;
+    }
+    for (int i = 0; i < 4; i++) end->pose_w[i] = pose[i] + 0.5 * brake * rate[i];
+    memory->yaw = end->pose_w[3];
+    m->knot_count = (int)(end - m->knots) + 1;
     enter(m, SP_MANAGER_HOVER);
 }
+
+/* When the present flight is over. */
+static double path_end(const sp_manager *m) { return m->knots[m->knot_count - 1].time; }
 
 /* Let the rotors take over from the floor, from the share that they have already. */
 static void begin_spool(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
@@ -258,13 +271,13 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
         if (top[2] > memory->floor + SP_MANAGER_LEVEL_TO) sp_copy(memory->form, m->lying, SP_JOINTS);
         /* fall through */
     case SP_MANAGER_FLY:
-        if (memory->time < m->knots[m->knot_count - 1].time) break;
+        if (memory->time < path_end(m)) break;
         /* else it climbed to land again */
         if (!(memory->phase == SP_MANAGER_FLY && m->commands[0].kind == SP_LOCOMOTION_LAND)) drop_command(m);
         hover(m);
         break;
     case SP_MANAGER_HOVER:
-        if (m->count == 0) break;
+        if (m->count == 0 || memory->time < path_end(m)) break;
         if (m->commands[0].kind == SP_LOCOMOTION_LAND) sp_copy(memory->form, m->lying, SP_JOINTS);
         else if (m->commands[0].has_form) sp_copy(memory->form, m->commands[0].form, SP_JOINTS);
         enter(m, SP_MANAGER_FORM);
@@ -361,7 +374,9 @@ int sp_manager_airborne(const sp_manager *m)
 int sp_manager_done(const sp_manager *m)
 {
     int32_t phase = m->memory.phase;
-    return m->count == 0 && (phase == SP_MANAGER_LIE || phase == SP_MANAGER_HOVER || phase == SP_MANAGER_CUT);
+    if (m->count > 0) return 0;
+    if (phase == SP_MANAGER_HOVER) return m->memory.time >= path_end(m);
+    return phase == SP_MANAGER_LIE || phase == SP_MANAGER_CUT;
 }
 
 /* Append a command; 0 where there is no room for it, or it cannot follow on those before it. */

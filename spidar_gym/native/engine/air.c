@@ -89,6 +89,21 @@ static void add_wake(station *s, int duct, const sp_world *world, const double *
     for (int i = 0; i < 3; i++) s->air[i] -= limit * flow[i];
 }
 
+/* Height of what is straight under a point: the highest box whose top is lower, else the floor. */
+static double top_under(const sp_world *world, const sp_sim *sim, const double *p)
+{
+    double highest = 0.0;
+    for (int k = 0; world->box[0] >= 0 && k < SP_BOXES; k++) {
+        const double *at = sim->geom_pos + 3 * world->box[k], *half = sim->geom_size + 3 * world->box[k];
+        const double *quat = sim->geom_quat + 4 * world->box[k];
+        double c = quat[0] * quat[0] - quat[2] * quat[2], s = 2.0 * quat[0] * quat[2], x = p[0] - at[0];
+        if (fabs(x) > half[0] * c || fabs(p[1] - at[1]) > half[1]) continue;
+        double top = at[2] + half[2] / c - x * s / c;
+        if (top < p[2]) highest = sp_max(highest, top);
+    }
+    return highest;
+}
+
 /* `factor` with ground effect: within four radii of the floor along the jet, tilted by less than 60°. */
 static double near_ground(double factor, double centre_z, double up_z, const sp_world *world, double strength)
 {
@@ -136,7 +151,8 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         else if (still) sp_zero(all[k].air, 3);
     }
     for (int k = 0; k < SP_DUCTS; k++) lowest = sp_min(lowest, all[k].p[2] + origin[2] + world->duct_z * up[3 * k + 2]);
-    int ground = config->wake && config->ground_effect != 0.0 && !(lowest > 4.0 * world->propeller_radius);
+    int boxed = world->box[0] >= 0;
+    int ground = config->wake && config->ground_effect != 0.0 && (boxed || !(lowest > 4.0 * world->propeller_radius));
     /* Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, since the air that a duct swallows
      * leaves along its axis. */
     s = all;
@@ -144,7 +160,11 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         const double *V = s->air, *axis = up + 3 * k;
         double axial = sp_dot(V, axis), ram = SP_AIR_DENSITY * area * w[k];
         double factor = tabled_factor(-axial / w[k], config->zero_thrust_speed);
-        if (ground) factor = near_ground(factor, s->p[2] + origin[2], axis[2], world, config->ground_effect);
+        if (ground) {
+            double height = s->p[2] + origin[2], centre[3] = {s->p[0] + origin[0], s->p[1] + origin[1], height};
+            if (boxed) height -= top_under(world, sim, centre);
+            factor = near_ground(factor, height, axis[2], world, config->ground_effect);
+        }
         double lift = lifts[k] * (factor - 1.0) + 0.5 * noise[k / 2] - ram * axial;
         double drag = half * config->duct_drag_area * sp_norm(V) + ram;
         for (int i = 0; i < 3; i++) s->F[i] = drag * V[i] + lift * axis[i];

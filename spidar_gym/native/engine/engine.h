@@ -20,6 +20,7 @@ typedef struct {
     void (*reset_data)(const void *model, void *data);
     void (*get_state)(const void *model, const void *data, double *row, int kind);
     void (*set_state)(const void *model, void *data, const double *row, int kind);
+    void (*contact_force)(const void *model, const void *data, int id, double *wrench);
     int64_t state_kind, contact_off; /* mjSTATE_INTEGRATION, mjDSBL_CONTACT */
 } sp_mujoco;
 
@@ -37,7 +38,7 @@ typedef struct {
     /* of the model */
     double *actuator_gear, *actuator_ctrlrange, *actuator_actrange, *actuator_dynprm, *actuator_biasprm;
     double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
-    double *geom_friction, *geom_pos, *geom_quat;
+    double *geom_friction, *geom_pos, *geom_quat, *geom_size, *geom_rbound, *geom_aabb;
     uint8_t *geom_sameframe;
     int32_t *disableflags;
     int64_t contact_stride, contact_geoms; /* bytes of a contact; where in it its two geoms are */
@@ -74,6 +75,7 @@ void sp_lay_floor(const sp_world *world, const sp_ground_config *config, const s
 double sp_floor_height(const sp_ground_config *config, double x, double y);
 double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant);
 void sp_look_for_contacts(const sp_sim *sim, int wanted);
+double sp_hit(const sp_world *world, const sp_sim *sim);
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch);
 
 /* body.c: what a configuration means for MuJoCo's model. */

@@ -4,11 +4,33 @@
  */
 #include "engine.h"
 
-/* Lay the floor in a model that has tiles where the configuration has. */
+/* Whether there is a box in a row of a configuration. */
+static int is_box(const double *row) { return row[3] > 0.0 && row[4] > 0.0 && row[5] > 0.0; }
+
+/* Put the boxes up in a model that has some. */
+static void put_up_boxes(const sp_world *world, const sp_ground_config *c, const sp_sim *sim)
+{
+    for (int k = 0; world->box[0] >= 0 && k < SP_BOXES; k++) {
+        const double *row = c->boxes + 7 * k, *place = is_box(row) ? row : SP_NOWHERE;
+        int32_t geom = world->box[k];
+        double *quat = sim->geom_quat + 4 * geom;
+        sp_copy(sim->geom_pos + 3 * geom, place, 3);
+        sp_copy(sim->geom_size + 3 * geom, place + 3, 3);
+        sp_copy(sim->geom_aabb + 6 * geom + 3, place + 3, 3);
+        sim->geom_rbound[geom] = sp_norm(place + 3);
+        sp_zero(quat, 4);
+        quat[0] = cos(0.5 * row[6]);
+        quat[2] = sin(0.5 * row[6]);
+        sim->geom_sameframe[geom] = 0;
+    }
+}
+
+/* Lay the floor in a model that has tiles and boxes where the configuration has. */
 void sp_lay_floor(const sp_world *world, const sp_ground_config *c, const sp_sim *sim)
 {
     double tilt[3] = {c->slope * sin(c->heading), -c->slope * cos(c->heading), 0.0}, R[9], quat[4];
     int uneven = world->tile[0] >= 0;
+    put_up_boxes(world, c, sim);
     sp_exp(tilt, R);
     sp_to_quat(R, quat);
     for (int k = 0; uneven && k < SP_TILES * SP_TILES; k++) {
@@ -37,6 +59,7 @@ double sp_floor_height(const sp_ground_config *c, double x, double y)
 double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant)
 {
     double normal[3] = {plant->floor_R[2], plant->floor_R[5], plant->floor_R[8]}, least = HUGE_VAL;
+    if (world->box[0] >= 0) return 0.0; /* they are beside it and over it, too */
     for (int k = 0; k < world->moving; k++) {
         double height = sp_dot(sim->geom_xpos + 3 * world->geom[k], normal) - world->geom_reach[k];
         if (!(height >= least)) least = height;
@@ -51,11 +74,30 @@ void sp_look_for_contacts(const sp_sim *sim, int wanted)
     else *sim->disableflags |= (int32_t)sim->mujoco->contact_off;
 }
 
+/* Largest force of the last physics step on anything but feet and pegs, in a loaded simulation. */
+double sp_hit(const sp_world *world, const sp_sim *sim)
+{
+    double hardest = 0.0, wrench[6];
+    for (int k = 0; k < *sim->contacts; k++) {
+        int32_t pair[2];
+        memcpy(pair, *sim->contact + k * sim->contact_stride + sim->contact_geoms, sizeof pair);
+        for (int i = 0; i < 2; i++) {
+            if (pair[i] < 0 || !world->geom_touches[pair[i]]) continue;
+            int32_t kind = world->geom_kind[pair[i]];
+            if (kind >= 0 && kind < SP_BALLS) continue;
+            sim->mujoco->contact_force(sim->model, sim->data, k, wrench);
+            hardest = sp_max(hardest, sp_norm(wrench));
+        }
+    }
+    return hardest;
+}
+
 /* What touches the floor now, in a loaded simulation. */
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch)
 {
     const double *R = plant->floor_R, normal[3] = {R[2], R[5], R[8]};
     memset(touch, 0, sizeof *touch);
+    touch->hit = plant->hit;
     for (int k = 0; k < *sim->contacts; k++) {
         int32_t pair[2];
         memcpy(pair, *sim->contact + k * sim->contact_stride + sim->contact_geoms, sizeof pair);

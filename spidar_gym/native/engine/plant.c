@@ -206,13 +206,16 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
 {
     double square = 0.0, period;
     int asymmetric = is_asymmetric(&p->config.actuators), substeps = p->config.substeps, blown = 0;
+    int boxed = world->box[0] >= 0;
     sp_air air;
     period = substeps * SP_TIMESTEP;
+    p->hit = 0.0;
     dispatch(world, sim, command, p);
     sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
     for (int k = 0; k < substeps; k++) {
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
+        if (boxed && *sim->contacts) p->hit = sp_max(p->hit, sp_hit(world, sim));
         if (p->pending_count) deliver(sim, p);
         if (p->has_air && p->clock % SP_AIR_STEPS == 0) {
             blow(world, sim, p, &air);
@@ -249,7 +252,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     memset(&p->sensors, 0, sizeof p->sensors);
     sp_zero(p->stuck, 2);
     p->diverged = p->is_stuck = 0;
-    p->power = p->energy_wh = 0.0;
+    p->power = p->energy_wh = p->hit = 0.0;
     sp_zero(p->noise, SP_ROTORS);
     sp_zero(p->air_force_w, 3);
     for (int k = 0; k < SP_DUCTS; k++) p->air_factor[k] = 1.0;

@@ -15,6 +15,7 @@
 #define SP_MAX_PENDING 32 /* engine_structs */
 #define SP_MAX_FRAMES 16 /* engine_structs */
 #define SP_TILES 16 /* engine_structs */
+#define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
@@ -51,6 +52,7 @@ static const double SP_PUSH_EVERY[2] = {0x1.4000000000000p+2, 0x1.e000000000000p
 #define SP_RESISTANCE 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.energy.RESISTANCE */
 #define SP_TILE 0x1.0000000000000p-2 /* 0.25, spidar_gym.sim.ground.TILE */
 #define SP_TILE_DEPTH 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.ground.TILE_DEPTH */
+static const double SP_NOWHERE[6] = {0x0.0p+0, 0x0.0p+0, -0x1.9000000000000p+5, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7};
 #define SP_POSE_PERIOD 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.sensors.POSE_PERIOD */
 #define SP_IMU_PERIOD 0x1.47ae147ae147bp-8 /* 0.005, spidar_gym.sim.sensors.IMU_PERIOD */
 #define SP_ENCODER_PERIOD 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.sim.sensors.ENCODER_PERIOD */
@@ -151,6 +153,7 @@ typedef struct {
     double slope; /* Angle to the horizontal [rad]; the floor turns about the origin. */
     double heading; /* Direction in which it rises [rad]. */
     double tiles[256]; /* (16, 16) Height of each tile over the plane [m]; all zero is a plane without tiles. */
+    double boxes[448]; /* (64, 7) Boxes in the world: centre, half of length, width and height [m], how far the front is pitched down [rad]; one of no size is none. */
 } sp_ground_config;
 
 /* Noise of the sensors; values of a motion capture of the Vicon class [JSK] and of an ADIS16448 [RotorS]. */
@@ -216,6 +219,7 @@ typedef struct {
     int32_t geom_kind[512]; /* what each geom is: a ball, SP_BALLS for a duct, −1 */
     int32_t geom_touches[512], geom_is_foot[512]; /* whether it meets the floor; whether it is a foot */
     int32_t tile[256]; /* geoms of the tiles, row by row; −1 where there are none */
+    int32_t box[64]; /* geoms of the boxes; −1 where there are none */
     double mass[64]; /* of the described robot [kg] */
     double inertia[64][3], com[64][3]; /* principal inertia [kg m²]; its centre [m] */
     double geom_reach[64]; /* bounding radius [m] */
@@ -273,6 +277,7 @@ typedef struct {
     int32_t ducts; /* whether a duct does */
     double slip[8]; /* speed of the touching points of feet, then of the torso's pegs [m/s] */
     double duct_clearance; /* height of the lowest duct over the floor [m] */
+    double hit; /* largest force on anything but feet and pegs, where there are boxes [N] */
 } sp_touch;
 
 /* One simulated robot: what it is, and all that changes about it. */
@@ -290,6 +295,7 @@ typedef struct {
     double torque_limit[16]; /* that the joint servos may use [Nm] */
     int32_t in_contact, diverged, has_air, senses; /* touching; no longer finite; something blows; measuring */
     double clearance; /* least height of everything over the highest tile at the end of the last tick [m] */
+    double hit; /* largest force in the last tick on anything but feet and pegs, where there are boxes [N] */
     double noise[8]; /* of the thrusts [N] */
     sp_weather weather;
     double air_force_w[3]; /* of the air besides the thrust in still air, world [N] */

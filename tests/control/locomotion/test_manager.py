@@ -275,3 +275,24 @@ def test_a_form_is_as_wide_as_it_is():
     """Form ① is 2.7 m wide, form ③ less than half of that."""
     assert 2.0 * form_radius(model(), FORMS["form1"]) == pytest.approx(2.7, abs=0.02)
     assert 2.0 * form_radius(model(), FORMS["form3"]) < 1.35
+
+
+def test_a_flight_that_is_interrupted_brakes_as_softly_as_a_path_does():
+    """From a metre a second to rest, and no jump in what is asked for."""
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, [TakeOff(1.0), FlyTo((4.0, 0.0, 1.2), speed=1.0)])
+    asked = []
+    for _ in range(1200):
+        mission.tick()
+        if mission.manager.phase == "fly" and mission.manager.memory.time > 3.0:
+            mission.manager.interrupt([])
+        if mission.manager.phase in ("fly", "hover") and mission.manager.path is not None:
+            asked.append(mission.manager.reference(mission.state))
+        if mission.manager.phase == "hover" and mission.manager.done:
+            break
+    assert mission.manager.phase == "hover"
+    velocity = np.array([each.velocity_w for each in asked])
+    assert velocity[:, 0].max() > 0.95
+    assert np.abs(np.diff(velocity, axis=0)).max() < 2.0 / 40.0
+    np.testing.assert_allclose(velocity[-1], 0.0, atol=1e-9)
+    assert 1.0 < mission.state.position_w[0] < 3.9
