@@ -116,7 +116,7 @@ def path_rules(task: hover.HoverTask, record: np.ndarray) -> None:
 
 
 def read_knots(knots: np.ndarray) -> Path | None:
-    """The path of `sp_knot`s; None where there are none."""
+    """The path of records of `sp_knot`; None where there are none."""
     if not len(knots):
         return None
     return Path(*(knots[name].copy() for name in ("time", "pose_w", "rate_w", "acceleration_w")))

@@ -217,6 +217,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("pose", "pose2", (), "to crawl to, world"),
         ("position_w", "f8", (3,), "of the centre of mass, to fly to [m]"),
         ("has_form along", "i4", (), "whether the next counts; whether it turns to where it flies first"),
+        ("at_once", "i4", (), "whether it turns to there from however it moves, and takes the form on the way"),
         ("form", "f8", (N_JOINTS,), "on the way [rad]"),
         ("speed height floor", "f8", (), "of the flight [m/s]; of the take-off [m]; where the floor is expected [m]"),
     )),

@@ -28,7 +28,7 @@ def waypoint(command: LocomotionCommand) -> np.ndarray:
         record["height"] = command.height
     elif isinstance(command, FlyTo):
         record["position_w"], record["speed"], record["along"] = command.position_w, command.speed, command.along
-        record["has_form"] = command.form is not None
+        record["at_once"], record["has_form"] = command.at_once, command.form is not None
         record["form"] = 0.0 if command.form is None else command.form
     else:
         record["floor"] = command.floor

@@ -23,6 +23,17 @@ MISSIONS = {
     "not now": (HOP, (0.7, []), {}),
     "stop": (HOP, (4.0, []), {}),
     "climb now": ([CrawlTo(Pose2(0.3, 0.0, 0.0))], (2.0, [TakeOff(0.4), Land()]), {}),
+    "go there at once": (
+        HOP,
+        (3.0, [FlyTo((1.0, 0.5, 1.4), FORMS["form2"], 0.8, along=True, at_once=True), Land()]),
+        {"sense": True},
+    ),
+    "not before the legs are clear": (HOP, (1.8, [FlyTo((1.0, 0.5, 1.4), at_once=True), Land()]), {}),
+    "go there at once, in a row": (
+        [TakeOff(0.6), *(FlyTo((0.5 * k, 0.3, 1.2), at_once=True) for k in range(3)), Land()],
+        None,
+        {},
+    ),
     "no floor": ([TakeOff(1.6), Land(floor=0.9)], None, {}),
 }
 

@@ -57,6 +57,8 @@ class FlyTo:
     """Speed on the way [m/s]."""
     along: bool = False
     """Whether it turns to where it flies first."""
+    at_once: bool = False
+    """Whether it turns to there from however it moves now, and takes the form on the way."""
     room: float | None = None
     """Width of what it flies through, if that is known [m]."""
 

@@ -16,7 +16,7 @@ from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.crawl.footsteps import BISECTIONS, Move
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, legs
+from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, legs, wrap
 from spidar_gym.control.locomotion.commands import (
     CrawlTo,
     FlyTo,
@@ -33,6 +33,8 @@ from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotSta
 
 LEVEL_FROM, LEVEL_TO = 0.05, 0.35
 """Between these heights over where it lay, a robot that lay on a slope comes level [m]."""
+LEAST_WAY, LEAST_SECONDS = 0.05, 0.5
+"""A way shorter than this gives no heading [m]; no flight is shorter than this [s]."""
 ARRIVED = 0.05
 """A form is taken when every joint is this close [rad]."""
 _STILL = np.zeros(3)
@@ -100,7 +102,10 @@ class Manager(Orders):
 
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
         phase, rises = self.memory.phase, bool(commands) and isinstance(commands[0], TakeOff)
-        ends = phase in ("crawl", "unload") and not rises  # a cycle is crawled to its end, a landing is completed
+        # A cycle is crawled to its end, a landing is completed, and nobody flies away before the legs are clear.
+        is_low = phase == "climb" and self._moving()[0][2] < self.memory.floor + LEVEL_TO
+        ends = phase in ("crawl", "unload") and not rises
+        ends = ends or (is_low and bool(commands) and isinstance(commands[0], FlyTo))
         self.commands = [*(self.commands[:1] if ends else []), *commands]
         if phase == "crawl":
             self.crawler.gait.memory.steps = self.crawler.gait.memory.steps[:1]
@@ -108,8 +113,9 @@ class Manager(Orders):
             self.commands = [*commands] or [Land()]
             self.memory.floor, self.memory.velocity = float(self.memory.begin_w[2]), 0.0
             self._enter("unload")
-        elif phase in ("fly", "form", "climb", "hover", "descend"):
-            self._hover()
+        elif phase in ("fly", "form", "climb", "hover", "descend") and not ends:
+            first = commands[0] if commands else None
+            self._steer(first) if isinstance(first, FlyTo) and first.at_once else self._hover()
         self.memory.rises = rises and phase in ("crawl", "unload")
 
     @property
@@ -253,6 +259,9 @@ class Manager(Orders):
         if not self.commands or self.memory.time < self.path.seconds:
             return
         command = self.commands[0]
+        if isinstance(command, FlyTo) and command.at_once:
+            self._steer(command)
+            return
         wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
         if wanted is not None:
             self.memory.form = wanted
@@ -329,13 +338,7 @@ class Manager(Orders):
 
     def _hover(self) -> None:
         """Come to rest from where and how the path is now."""
-        memory = self.memory
-        if memory.phase == "descend":
-            pose, rate = np.array([*memory.begin_w, memory.yaw]), np.array([0.0, 0.0, -memory.velocity, 0.0])
-            acceleration = np.zeros(4)
-        else:
-            assert self.path is not None
-            pose, rate, acceleration = self.path.at(memory.time)
+        memory, (pose, rate, acceleration) = self.memory, self._moving()
         speed = math.sqrt(float(rate[:3] @ rate[:3]))
         brake = max(speed / EASE, abs(float(rate[3])) / TURN_RATE)
         end = pose + 0.5 * brake * rate
@@ -346,6 +349,32 @@ class Manager(Orders):
         if brake > 1e-6:
             self.path.rate_w[0], self.path.acceleration_w[0] = rate, acceleration
         self._enter("hover")
+
+    def _steer(self, command: FlyTo) -> None:
+        """Fly to a place from where and how the path is now, in one quintic."""
+        memory, (pose, rate, acceleration) = self.memory, self._moving()
+        way, turn = np.array(command.position_w) - pose[:3], 0.0
+        if command.along and math.hypot(way[0], way[1]) > LEAST_WAY:
+            turn = wrap(math.atan2(way[1], way[0]) - float(pose[3]))
+        end = np.array([*command.position_w, float(pose[3]) + turn])
+        speed, pace = math.sqrt(float(rate[:3] @ rate[:3])), 1.875 * math.sqrt(float(way @ way)) / command.speed
+        seconds = max(pace, 2.0 * speed / EASE, 1.875 * abs(turn) / TURN_RATE, LEAST_SECONDS)
+        self.path = Path(
+            np.array([0.0, seconds]), np.array([pose, end]), np.array([rate, np.zeros(4)]),
+            np.array([acceleration, np.zeros(4)]),
+        )  # fmt: skip
+        memory.yaw = float(end[3])
+        if command.form is not None:
+            memory.form = command.form
+        self._enter("fly")
+
+    def _moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pose, rate and acceleration (4,) of what is asked for now, in the air."""
+        memory = self.memory
+        if memory.phase == "descend":
+            return np.array([*memory.begin_w, memory.yaw]), np.array([0.0, 0.0, -memory.velocity, 0.0]), np.zeros(4)
+        assert self.path is not None
+        return self.path.at(memory.time)
 
     def _enter(self, phase: str) -> None:
         self.memory.phase, self.memory.time, self.memory.believed = phase, 0.0, 0.0

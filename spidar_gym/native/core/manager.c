@@ -82,18 +82,54 @@ static void give_to_crawler(sp_manager *m, const sp_robot_state *state, const sp
     sp_copy(m->crawl.memory.joint_position, last->joint_position, SP_JOINTS);
 }
 
+/* Pose, rate and acceleration of what is asked for now, in the air. */
+static void moving(const sp_manager *m, double *pose, double *rate, double *acceleration)
+{
+    const sp_manager_memory *memory = &m->memory;
+    if (memory->phase != SP_MANAGER_DESCEND) {
+        sp_path_at(m->knots, m->knot_count, memory->time, pose, rate, acceleration);
+        return;
+    }
+    sp_copy(pose, memory->begin_w, 3);
+    pose[3] = memory->yaw;
+    sp_zero(rate, 4);
+    rate[2] = -memory->velocity;
+    sp_zero(acceleration, 4);
+}
+
+static double wrap(double angle) { return angle - SP_TWO_PI * floor((angle + SP_PI) / SP_TWO_PI); }
+
+/* Fly to a place from where and how the path is now, in one quintic. */
+static void steer(sp_manager *m, const sp_waypoint *command)
+{
+    sp_manager_memory *memory = &m->memory;
+    double way[3], turn = 0.0;
+    sp_knot begin, end;
+    memset(&begin, 0, sizeof begin);
+    memset(&end, 0, sizeof end);
+    moving(m, begin.pose_w, begin.rate_w, begin.acceleration_w);
+    for (int i = 0; i < 3; i++) way[i] = command->position_w[i] - begin.pose_w[i];
+    if (command->along && length(way[0], way[1]) > SP_MANAGER_LEAST_WAY)
+        turn = wrap(atan2(way[1], way[0]) - begin.pose_w[3]);
+    sp_copy(end.pose_w, command->position_w, 3);
+    end.pose_w[3] = begin.pose_w[3] + turn;
+    double pace = 1.875 * sp_norm(way) / command->speed, brake = 2.0 * sp_norm(begin.rate_w) / SP_PATH_EASE;
+    double swing = 1.875 * fabs(turn) / SP_PATH_TURN_RATE;
+    end.time = sp_max(sp_max(pace, brake), sp_max(swing, SP_MANAGER_LEAST_SECONDS));
+    m->knots[0] = begin;
+    m->knots[1] = end;
+    m->knot_count = 2;
+    memory->yaw = end.pose_w[3];
+    if (command->has_form) sp_copy(memory->form, command->form, SP_JOINTS);
+    enter(m, SP_MANAGER_FLY);
+}
+
 /* Come to rest from where and how the path is now. */
 static void hover(sp_manager *m)
 {
     sp_manager_memory *memory = &m->memory;
-    double pose[4], rate[4] = {0.0}, acceleration[4] = {0.0};
-    if (memory->phase == SP_MANAGER_DESCEND) {
-        sp_copy(pose, memory->begin_w, 3);
-        pose[3] = memory->yaw;
-        rate[2] = -memory->velocity;
-    } else {
-        sp_path_at(m->knots, m->knot_count, memory->time, pose, rate, acceleration);
-    }
+    double pose[4], rate[4], acceleration[4];
+    moving(m, pose, rate, acceleration);
     double brake = sp_max(sp_norm(rate) / SP_PATH_EASE, fabs(rate[3]) / SP_PATH_TURN_RATE);
     sp_knot *end = m->knots;
     memset(m->knots, 0, 2 * sizeof m->knots[0]);
@@ -278,6 +314,10 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
         break;
     case SP_MANAGER_HOVER:
         if (m->count == 0 || memory->time < path_end(m)) break;
+        if (m->commands[0].kind == SP_LOCOMOTION_FLY_TO && m->commands[0].at_once) {
+            steer(m, &m->commands[0]);
+            break;
+        }
         if (m->commands[0].kind == SP_LOCOMOTION_LAND) sp_copy(memory->form, m->lying, SP_JOINTS);
         else if (m->commands[0].has_form) sp_copy(memory->form, m->commands[0].form, SP_JOINTS);
         enter(m, SP_MANAGER_FORM);
@@ -402,13 +442,19 @@ int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
     int32_t phase = memory->phase;
     int airborne = sp_manager_airborne(m), rises = n > 0 && commands[0].kind == SP_LOCOMOTION_TAKE_OFF;
     int ends = (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD) && !rises;
+    double pose[4], rate[4], acceleration[4];
     if (n + 1 > SP_MAX_WAYPOINTS) return 0;
     for (int k = 0; k < n; k++) {
         int flies = commands[k].kind == SP_LOCOMOTION_FLY_TO || commands[k].kind == SP_LOCOMOTION_LAND;
         if (flies != airborne) return 0;
         airborne = commands[k].kind == SP_LOCOMOTION_FLY_TO || commands[k].kind == SP_LOCOMOTION_TAKE_OFF;
     }
-    m->count = ends && m->count > 0; /* a cycle is crawled to its end, a landing is completed */
+    if (phase == SP_MANAGER_CLIMB && n > 0 && commands[0].kind == SP_LOCOMOTION_FLY_TO) {
+        moving(m, pose, rate, acceleration);
+        ends = pose[2] < memory->floor + SP_MANAGER_LEVEL_TO;
+    }
+    /* A cycle is crawled to its end, a landing is completed, and nobody flies away before the legs are clear. */
+    m->count = ends && m->count > 0;
     for (int k = 0; k < n; k++) m->commands[m->count++] = commands[k];
     if (phase == SP_MANAGER_CRAWL) m->crawl.gait.count = m->crawl.gait.count > 0;
     if (phase == SP_MANAGER_SPOOL && (n == 0 || commands[0].kind == SP_LOCOMOTION_LAND)) {
@@ -420,9 +466,10 @@ int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
         memory->floor = memory->begin_w[2];
         memory->velocity = 0.0;
         enter(m, SP_MANAGER_UNLOAD);
-    } else if (phase == SP_MANAGER_FLY || phase == SP_MANAGER_FORM || phase == SP_MANAGER_CLIMB ||
-               phase == SP_MANAGER_HOVER || phase == SP_MANAGER_DESCEND) {
-        hover(m);
+    } else if (!ends && (phase == SP_MANAGER_FLY || phase == SP_MANAGER_FORM || phase == SP_MANAGER_CLIMB ||
+                         phase == SP_MANAGER_HOVER || phase == SP_MANAGER_DESCEND)) {
+        if (n > 0 && commands[0].kind == SP_LOCOMOTION_FLY_TO && commands[0].at_once) steer(m, &m->commands[0]);
+        else hover(m);
     }
     memory->rises = rises && (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD);
     return 1;

@@ -65,6 +65,8 @@
 #define SP_STRAIGHT 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.crawl.pose2.STRAIGHT */
 #define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
 #define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
+#define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
+#define SP_MANAGER_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.locomotion.manager.LEAST_SECONDS */
 #define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */

@@ -502,6 +502,7 @@ typedef struct {
     sp_pose2 pose; /* to crawl to, world */
     double position_w[3]; /* of the centre of mass, to fly to [m] */
     int32_t has_form, along; /* whether the next counts; whether it turns to where it flies first */
+    int32_t at_once; /* whether it turns to there from however it moves, and takes the form on the way */
     double form[16]; /* on the way [rad] */
     double speed, height, floor; /* of the flight [m/s]; of the take-off [m]; where the floor is expected [m] */
 } sp_waypoint;

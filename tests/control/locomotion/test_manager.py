@@ -296,3 +296,27 @@ def test_a_flight_that_is_interrupted_brakes_as_softly_as_a_path_does():
     assert np.abs(np.diff(velocity, axis=0)).max() < 2.0 / 40.0
     np.testing.assert_allclose(velocity[-1], 0.0, atol=1e-9)
     assert 1.0 < mission.state.position_w[0] < 3.9
+
+
+@pytest.mark.slow
+def test_steered_twice_a_second_it_flies_a_curve_without_a_jolt():
+    """As a policy does: a place a metre ahead on a circle, told anew every half second, while the legs move."""
+    mission = Mission(0, sense=True)
+    manager = mission.manager
+    manager.reset(mission.seen, [TakeOff(0.8)])
+    asked, tick = [], 0
+    for tick in range(1000):
+        mission.tick()
+        if manager.phase in ("hover", "fly") and tick % 20 == 0:
+            angle = 0.25 * (tick / 40.0)
+            place = (2.0 * math.sin(angle), 2.0 - 2.0 * math.cos(angle), 1.3)
+            form = FORMS["form2"] if tick % 400 < 200 else FORMS["form1"]
+            manager.interrupt([FlyTo(place, form, 0.8, at_once=True)])
+        if manager.phase == "fly":
+            asked.append(manager.reference(mission.state))
+    velocity = np.array([each.velocity_w for each in asked])
+    assert np.abs(np.diff(velocity, axis=0)).max() < 4.0 / 40.0
+    seen = mission.seen_so_far
+    assert np.array(seen.tilt)[seen.during("fly")].max() < 0.06
+    where = np.array(seen.position_w)[-200:, :2] - [0.0, 2.0]
+    assert np.abs(np.hypot(*where.T) - 2.0).max() < 0.4
