@@ -39,7 +39,7 @@ class ManagerConfig:
     """Time in which the rotors take over from the floor [s]."""
     climb_speed: float = 0.4
     """Largest speed of the climb after take-off [m/s]."""
-    descent_speed: float = 0.25
+    descent_speed: float = 0.22
     """Speed at which it comes down [m/s]."""
     descent_ease: float = 0.5
     """Acceleration with which the descent begins [m/s²]."""
