@@ -3,7 +3,7 @@
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from spidar_gym.control.crawl.observation import crawl_layout
@@ -79,41 +79,40 @@ class Chapter:
     """What the controller knows of a drawn robot."""
 
 
+HOVER_CHAPTER = Chapter(
+    HoverEnv,
+    hover_task.HoverTask,
+    ACTION_MODES,
+    hover_task.RANGES,
+    layout,
+    hover_task.FAILURES,
+    {
+        "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
+        "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
+        "wrench_desired": ("(6,)", "N, Nm", "force and torque in {CoG}"),
+        "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
+    },
+    "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a\n"
+    "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`). The option `start` of `reset` gives\n"
+    "offset, forms with their deadlines and the integrals' preload instead, as the benchmark's scenarios do.",
+    f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
+    f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
+    f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
+    list(PRESETS),
+    "ControllerConfig",
+    "{'forms': name, 'start': {...}, 'disturbances': {...}}",
+    "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+)
+"""Path-v0 flies as Hover-v0 does: its chapter is this one with what is the path's own."""
+
 CHAPTERS: dict[str, Chapter] = {
-    "spidar_gym/Hover-v0": Chapter(
-        HoverEnv, hover_task.HoverTask, ACTION_MODES, hover_task.RANGES, layout, hover_task.FAILURES,
-        {
-            "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
-            "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
-            "wrench_desired": ("(6,)", "N, Nm", "force and torque in {CoG}"),
-            "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
-        },
-        "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a\n"
-        "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`). The option `start` of `reset` gives\n"
-        "offset, forms with their deadlines and the integrals' preload instead, as the benchmark's scenarios do.",
-        f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
-        f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
-        f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
-        list(PRESETS), "ControllerConfig", "{'forms': name, 'start': {...}, 'disturbances': {...}}",
-        "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
-    ),
-    "spidar_gym/Path-v0": Chapter(
-        PathEnv, path_task.PathTask, ACTION_MODES, path_task.RANGES, path_layout, hover_task.FAILURES,
-        {
-            "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
-            "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
-            "wrench_desired": ("(6,)", "N, Nm", "force and torque in {CoG}"),
-            "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
-        },
-        "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the beginning of the\n"
-        "path, turned as that begins, plus a uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`).\n"
-        "The path leaves after a second. The option `start` of `reset` gives offset, forms with their deadlines, the\n"
-        "integrals' preload and the path's knots instead, as the benchmark's scenarios do.",
-        f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
-        f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
-        f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
-        list(PRESETS), "ControllerConfig", "{'forms': name, 'start': {...}, 'disturbances': {...}}",
-        "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+    "spidar_gym/Hover-v0": HOVER_CHAPTER,
+    "spidar_gym/Path-v0": replace(
+        HOVER_CHAPTER, env=PathEnv, task=path_task.PathTask, ranges=path_task.RANGES, layout=path_layout,
+        start="At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the beginning\n"
+        "of the path, turned as that begins, plus a uniform offset of ± 3 cm and ± 0.05 rad per axis (times\n"
+        "`perturbation`). The path leaves after a second. The option `start` of `reset` gives offset, forms with\n"
+        "their deadlines, the integrals' preload and the path's knots instead, as the benchmark's scenarios do.",
     ),
     "spidar_gym/Crawl-v0": Chapter(
         CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout, crawl_task.CRAWL_FAILURES,

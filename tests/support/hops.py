@@ -98,6 +98,14 @@ class Mission:
         seen.thrust.append(float(command.thrust.sum()))
         seen.vectoring.append(command.vectoring)
 
+    def until(self, phase, ticks=0):
+        """Tick until this phase, and that many ticks into it."""
+        while self.manager.phase != phase:
+            self.tick()
+            assert len(self.seen_so_far.time) < 4000, f"{phase} did not come"
+        for _ in range(ticks):
+            self.tick()
+
     def fly(self, commands, seconds=40.0, *, interrupt=None):
         """Do these commands, or others from a time on: `interrupt` is that time and them; what was seen."""
         self.manager.reset(self.seen, commands)

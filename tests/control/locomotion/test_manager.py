@@ -131,10 +131,7 @@ def test_it_takes_off_from_the_middle_of_a_crawl(at):
 def test_it_climbs_again_while_the_floor_takes_over():
     mission = Mission(0)
     mission.manager.reset(mission.seen, HOP)
-    while mission.manager.phase != "unload":
-        mission.tick()
-    for _ in range(16):
-        mission.tick()
+    mission.until("unload", 16)
     mission.manager.interrupt([TakeOff(0.5), Land()])
     seen = mission.seen_so_far
     while not mission.manager.done:
@@ -182,10 +179,7 @@ def test_what_gives_way_is_no_floor():
     """A gust that holds the robot up is taken for the floor, until it falls."""
     mission = Mission(0)
     mission.manager.reset(mission.seen, HOP)
-    while mission.manager.phase != "descend":
-        mission.tick()
-    for _ in range(60):
-        mission.tick()
+    mission.until("descend", 60)
     state, manager = mission.state, mission.manager
     for _ in range(12):
         falling(manager, state, velocity_w=np.zeros(3))
@@ -203,8 +197,7 @@ def test_what_gives_way_is_no_floor():
 def test_a_robot_that_tips_over_cuts_its_thrust():
     mission = Mission(0)
     mission.manager.reset(mission.seen, HOP)
-    while mission.manager.phase != "hover":
-        mission.tick()
+    mission.until("hover")
     state = mission.state
     tipped = np.array([math.cos(0.5), math.sin(0.5), 0.0, 0.0])
     command = falling(mission.manager, state, quat_wb=tipped)
