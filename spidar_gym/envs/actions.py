@@ -6,8 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spidar_gym.arrays import JointVector
+from spidar_gym.control.course.gates import CEILING
+from spidar_gym.control.course.target import SWEEP, WAY
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.control.locomotion.commands import SPEEDS
 from spidar_gym.errors import require_name
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.state import Command, Residual
@@ -181,3 +184,23 @@ def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -
     step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
     controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
     return command, step * CONTROL_RATE
+
+
+COURSE_MODES: dict[str, ActionMode] = {
+    "waypoint": ActionMode(
+        (
+            Channel("flies", 1, "above 0 in the air, else on the floor"),
+            Channel("way", 2, f"± {WAY:g} m from the torso, world axes x, y; the target stays inside the field"),
+            Channel("height", 1, f"of the CoG in the air, 0 … {CEILING:g} m"),
+            Channel("heading", 1, "on the floor, ± π rad"),
+            Channel("speed", 1, f"of the flight, {SPEEDS[0]:g} … {SPEEDS[1]:g} m/s"),
+            Channel("narrow", 1, "from form 1, legs stretched out, to form 3, legs below"),
+            Channel("sweep", 1, f"front legs to the front and hind legs to the back, ± {SWEEP:g} rad"),
+        ),
+        None,
+        "a target every 0.5 s, which a pilot has the manager of both gaits follow",
+    ),
+    "residual": replace(ACTION_MODES["residual"], doc="both of them, on the manager, whom a rule tells where to go"),
+    "direct": ACTION_MODES["direct"],
+}  # fmt: skip
+"""Action modes of the course."""

@@ -4,11 +4,14 @@ from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.control.locomotion.orders import ManagerConfig, Orders
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Core
+from spidar_gym.native.locomotion import CoreManager
 
 CONTROLS = ("python", "core")
 """Who controls: the readable controller, or the compiled core of the robot."""
@@ -64,12 +67,22 @@ def make_crawler(config: CrawlerConfig, control: str, fleet: Fleet | None = None
     return CoreCrawler(config, record=fleet.robots["crawl"][0:1].reshape(()), room=fleet.engine.rooms[0])
 
 
+def make_manager(config: ManagerConfig, control: str, fleet: Fleet | None = None) -> Manager | CoreManager:
+    """A manager of both gaits, or the first one's in the engine; `control` is one of `CONTROLS`."""
+    require_name("control", control, CONTROLS)
+    if control == "python":
+        return Manager(config)
+    if fleet is None:
+        return CoreManager(config)
+    return CoreManager(config, record=fleet.robots["manager"][0:1].reshape(()), room=fleet.engine.rooms[0])
+
+
 def is_compiled(control: str) -> bool:
     """Whether the core of the robot controls."""
     return control == "core"
 
 
-def forget(controller: FlightControl | CrawlControl) -> None:
+def forget(controller: FlightControl | CrawlControl | Orders) -> None:
     """Let a controller that looks at one in the engine read anew what is asked of it: a tick has passed."""
     if isinstance(controller, Core):
         controller.forget()

@@ -6,11 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field, layout, path_layout
+from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, ActionMode
+from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, ActionMode
+from spidar_gym.envs.course import task as course_task
+from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl import task as crawl_task
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
@@ -77,6 +81,10 @@ class Chapter:
     """Options of `reset`, as a call."""
     trim: str
     """What the controller knows of a drawn robot."""
+    zero: str = "All zero is exactly the preset in every\nmode but `direct`."
+    """What an action of zeros is."""
+    step: str = f"One step is one control period of {1000 / CONTROL_RATE:g} ms."
+    """How long a step is."""
 
 
 HOVER_CHAPTER = Chapter(
@@ -141,6 +149,31 @@ CHAPTERS: dict[str, Chapter] = {
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
         "controller keeps the nominal numbers.",
     ),
+    "spidar_gym/Course-v0": Chapter(
+        CourseEnv, course_task.CourseTask, COURSE_MODES, course_task.RANGES, course_layout, course_task.COURSE_FAILURES,
+        {
+            "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
+            "distance_m": ("float", "m", "their distance, a radian counting 0.5 m"),
+            "time_s": ("float", "s", "time so far, or until the robot lay at the goal"),
+            "flown_s, crawled_s": ("float", "s", "time in the air, taking off and landing included; of crawling"),
+            "charge": ("float", "", "of the battery's usable energy"),
+            "hit_n, most_hit_n": ("float", "N", "largest force on ducts and links, of the step and so far"),
+            "tilt_rad": ("float", "rad", "tilt of the torso"),
+            "thrust_fraction": ("float", "", "commanded Σλ over the weight"),
+            "phase": ("str", "", f"of the manager: {', '.join(PHASES)}"),
+            "gate": ("int", "", "how many gates and floors are behind it"),
+            "lies": ("bool", "", "whether it lies on the floor at rest"),
+        },
+        "Torso on its pegs, feet at home on the floor, rotors off, at the origin and looking along the course, which\n"
+        "is drawn. The option `course` of `reset` gives one instead, as the benchmark's scenarios do.",
+        f"`is_success`: the robot lies within {1000 * course_task.SUCCESS_POSITION:g} mm and "
+        f"{course_task.SUCCESS_YAW:g} rad of the goal.",
+        list(PRESETS), "ManagerConfig", "{'course': {...}, 'disturbances': {...}}",
+        "controller keeps the nominal numbers.",
+        "All zero is in `waypoint`\nto be on the floor here, in `residual` exactly what the rule does.",
+        f"With `waypoint` one step is {1000 * course_task.DECIDE / CONTROL_RATE:g} ms, else one control period of "
+        f"{1000 / CONTROL_RATE:g} ms.",
+    ),
 }  # fmt: skip
 """Every environment's chapter by id."""
 
@@ -175,12 +208,11 @@ def page(name: str) -> str:
         f"# {name}",
         "Written by `spidar assets` from the code; a test compares it with the spaces.",
         "## Description",
-        f"{task.__doc__} One step is one control period of {1000 / CONTROL_RATE:g} ms.",
+        f"{task.__doc__} {own.step}",
         f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or\n'
         f'remote, does so by the id: `gymnasium.make("{import_id(name)}")`.',
         "## Action Space",
-        "`Box(-1, 1, (n,), float32)`; what lies outside is clipped. All zero is exactly the preset in every\n"
-        "mode but `direct`.",
+        f"`Box(-1, 1, (n,), float32)`; what lies outside is clipped. {own.zero}",
         markdown_rows("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
         "\n".join(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "## Observation Space",
@@ -200,10 +232,11 @@ def page(name: str) -> str:
         "## Episode End",
         "Terminated with `info['failure']`:",
         "\n".join(f"- `{word}`: {meaning}." for word, meaning in own.failures.items()),
-        f"Truncated after {entry.horizon} steps ({entry.horizon / CONTROL_RATE:g} s). For another length give "
+        f"Truncated after {entry.horizon} steps ({task.horizon_s:g} s). For another length give "
         "`gym.make` either\n"
-        "`horizon_s=40.0` or `max_episode_steps=1600`; of both the shorter ends the episode, and there success is\n"
-        "judged. `max_episode_steps=-1` never truncates, and vectors take the same arguments.\n" + own.success,
+        f"`horizon_s={2.0 * task.horizon_s:g}` or `max_episode_steps={2 * entry.horizon}`; of both the shorter "
+        "ends the episode,\nand there success is judged. `max_episode_steps=-1` never truncates,\nand vectors take the "
+        "same arguments.\n" + own.success,
         "## Arguments",
         markdown_rows(
             "name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))
@@ -236,9 +269,12 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
     meanings = {
         "action_mode": "one of " + ", ".join(f"`{n}`" for n in own.modes),
         "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
+        "gait": "crawler: " + ", ".join(f"`{n}`" for n in CRAWL_PRESETS),
+        "manager": "a `ManagerConfig` of one's own in place of both",
         "controller": f"a `{own.controller}` of one's own in place of a preset",
         "allocator": "a subclass of `Allocator` of one's own in place of the QP",
         "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
+        "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",

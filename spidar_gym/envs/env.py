@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -13,11 +13,12 @@ from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.control.locomotion.orders import Orders
 from spidar_gym.envs import rules, single
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.options import own_robot
+from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_keys, require_within
 from spidar_gym.native.plant import Plant
@@ -27,19 +28,8 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import check_strength, randomize
 from spidar_gym.state import Command, RobotState
 
-
-@runtime_checkable
-class Task(Protocol):
-    """What every environment asks of its task, a frozen dataclass of options."""
-
-    @property
-    def horizon_s(self) -> float:
-        """Length of an episode [s]."""
-        ...
-
-
 TaskT = TypeVar("TaskT", bound=Task)
-ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl)
+ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl, Orders)
 ProgressT = TypeVar("ProgressT")
 
 
@@ -58,6 +48,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """Weight and formula of each term of the reward; the weights add up to 1."""
     failures: tuple[str, ...]
     """Why an episode may be over, in the engine's order."""
+    hold: int = 1
+    """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)
     """Names of the options of `reset`."""
 
@@ -132,7 +124,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._now: dict[str, Any] = {}
-        self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE))
+        self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
         """Steps after which the episode ends, unless it fails before."""
         self.ticks = 0
         """Steps since the reset."""
@@ -238,7 +230,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         return self._observation() if self.fleet is None else self.fleet.observations[0].copy(), info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One control period of 25 ms.
+        """`hold` control periods of 25 ms: one, unless the environment says otherwise.
 
         Args:
             action: In [−1, 1]; what lies outside is clipped.
@@ -260,17 +252,13 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         if self.fleet is not None:
             return self._step_native(self.fleet, action)
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
-        command = self._act(self._action)
         self.ticks += 1
-        now = self._now
-        self._command = command
-        now["state"] = self.plant.step(command)
-        if self.plant.diverged:
-            return np.zeros(len(self._bound), np.float32), 0.0, True, False, self._info("diverged")
-        if self._nominal.sense:
-            now["seen"] = self.estimator.update(self.plant.measure(), command.thrust)
-        failure = self._advance()
+        failure = self._control_period()
+        for _ in range(self.hold - 1):
+            failure = failure or self._control_period()
         info = self._info(failure)
+        if failure == "diverged":
+            return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
         reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in self.reward_terms.items())
         if self.render_mode == "human":
             self.render()
@@ -362,16 +350,27 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     # ---- controller and task in Python ----
 
+    def _control_period(self) -> str:
+        """Control and simulate one period; why the episode is over."""
+        self._command = command = self._act(self._action)
+        self._now["state"] = self.plant.step(command)
+        if self.plant.diverged:
+            return "diverged"
+        if self._nominal.sense:
+            self._now["seen"] = self.estimator.update(self.plant.measure(), command.thrust)
+        return self._advance()
+
     def _draw_robot(self, rng: np.random.Generator) -> None:
         """Become the robot of this episode, where robots are drawn."""
         if self._strength > 0.0:
             config, self.sampled_parameters = randomize(self._nominal, rng, self._strength)
             self.plant.configure(config)
 
-    def _place(self, rng: np.random.Generator, *pose: np.ndarray) -> None:
-        """Put the robot where an episode starts; the pose is that of `Plant.reset`."""
+    def _place(self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0) -> None:
+        """Put the robot where an episode starts; pose and energy are those of `Plant.reset`."""
         # A generator of its own, so that what the weather draws does not change what the next episode is.
-        self._now["state"] = self.plant.reset(*pose, disturbances=self._disturbances, rng=rng.spawn(1)[0])
+        own = {"disturbances": self._disturbances, "rng": rng.spawn(1)[0], "spent_wh": spent_wh}
+        self._now["state"] = self.plant.reset(*pose, **own)
 
     def _sense(self) -> None:
         """What is seen of the first state."""

@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.control.course.gates import Course
 from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.native.course import write_course
 from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import AT_ONCE, Engine
 from spidar_gym.native.engine_structs import engine_layouts
@@ -32,9 +34,9 @@ class Fleet:
         """Make them.
 
         Args:
-            kind: `hover` or `crawling`.
-            rules: `sp_hover_rules` or `sp_crawl_rules`, one for all or one for every robot: then each is simulated as
-                its own say, on floors of the same kind.
+            kind: `hover`, `crawling` or `coursing`.
+            rules: `sp_hover_rules`, `sp_crawl_rules` or `sp_course_rules`, one for all or one for every robot: then
+                each is simulated as its own say, on floors of the same kind.
             plant: The simulated robot, or the one that others are drawn around.
             robots: How many.
             threads: How many threads, the caller's included.
@@ -46,7 +48,7 @@ class Fleet:
         self.kind, self.rules, self.has_own_copies = kind, rules, not alike
         self.engine = engine = Engine(kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
         self.robots = engine.robots
-        """All that there is of the robots: records of `sp_hover` or `sp_crawling`."""
+        """All that there is of the robots: records of `sp_hover`, `sp_crawling` or `sp_coursing`."""
         info, size = layouts[f"{kind}_info"], int(common["size"].flat[0])
         self.actions = np.zeros((robots, int(common["mode"]["size"].flat[0])))
         self.observations, self.final_observations = (np.zeros((robots, size), np.float32) for _ in range(2))
@@ -94,6 +96,13 @@ class Fleet:
         goals = self.goals[robot, :count]
         for name in ("start", "deadline", "joint_target"):
             goals[name] = [getattr(goal, name) for goal in start.goals]
+
+    def go(self, robot: int, course: Course | None) -> None:
+        """Say which course a robot goes from its next episode on; None has it drawn."""
+        record = self.robots[robot]
+        record["is_given"] = course is not None
+        if course is not None:
+            write_course(record["course"], course)
 
     def ask_advice(self) -> None:
         """Let the controller say at every tick what it would command in place of a `direct` action, for imitation.

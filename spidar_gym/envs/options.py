@@ -1,11 +1,21 @@
 """Arguments of the environments: which ones there are, and what those that both take are made into."""
 
 import inspect
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.errors import require_instance, require_least, require_name
 from spidar_gym.sim.config import PlantConfig
+
+
+@runtime_checkable
+class Task(Protocol):
+    """What every environment asks of its task, a frozen dataclass of options."""
+
+    @property
+    def horizon_s(self) -> float:
+        """Length of an episode [s]."""
+        ...
 
 
 def split_options(

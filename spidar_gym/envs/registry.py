@@ -29,7 +29,7 @@ class OnlyOfOne(tuple[WrapperSpec, ...]):
         return 0
 
 
-HOVER, PATH, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Path-v0", "spidar_gym/Crawl-v0"
+HOVER, PATH, CRAWL, COURSE = (f"spidar_gym/{name}-v0" for name in ("Hover", "Path", "Crawl", "Course"))
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Entry:
     vector_entry_point: str
     """What makes many of it in native code, `module:name`."""
     horizon: int
-    """Ticks an episode: the task's `horizon_s` at 40 a second."""
+    """Steps of an episode: those of the task's `horizon_s`."""
     doc: str
     """What it is, in one line."""
 
@@ -58,6 +58,10 @@ ENVIRONMENTS: dict[str, Entry] = {
     CRAWL: Entry(
         "spidar_gym.envs.crawl.env:CrawlEnv", "spidar_gym.envs.vector:crawl_vector", 3000,
         "crawl to a pose on the floor",
+    ),
+    COURSE: Entry(
+        "spidar_gym.envs.course.env:CourseEnv", "spidar_gym.envs.vector:course_vector", 600,
+        "reach a pose behind walls, beams and slots: take off, fly, change form, land, crawl",
     ),
 }  # fmt: skip
 """Every environment of this package."""

@@ -1,15 +1,18 @@
-"""What the tasks of `hover/task.py` and `crawl/task.py` are to the engine: records of their numbers."""
+"""What the tasks of the environments, each `task.py`, are to the engine: records of their numbers."""
 
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.control.course.gates import KINDS
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import lying_pose
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.path import Path
+from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.envs.actions import AUTHORITIES, ActionMode
+from spidar_gym.envs.course import task as course
 from spidar_gym.envs.crawl import task as crawl
 from spidar_gym.envs.hover import task as hover
 from spidar_gym.envs.path import task as path
@@ -152,4 +155,27 @@ def crawl_rules(task: crawl.CrawlTask, controller: CrawlerConfig, settle_ticks: 
         "success_time",
     ):  # fmt: skip
         record[name] = getattr(crawl, name.upper())
+    return record
+
+
+def course_rules(task: course.CourseTask, manager: ManagerConfig, *, is_waypoint: bool, hold: int) -> np.ndarray:
+    """`sp_course_rules` but for what `common` fills."""
+    record = np.zeros((), engine_layouts()["course_rules"])
+    fill(record["manager"], manager)
+    floors = [len(KINDS) if floor == course.PLAIN else KINDS.index(floor) for floor in task.floors]
+    record["kinds"][: len(task.gates)] = [KINDS.index(gate) for gate in task.gates]
+    record["floors"][: len(floors)] = floors
+    record["kind_count"], record["floor_count"], record["count"] = len(task.gates), len(floors), task.count
+    record["size"] = [course.SIZES[kind] for kind in KINDS]
+    record["depth"] = [course.DEPTHS.get(kind, 0.0) for kind in KINDS]
+    record["charge"] = course.CHARGE if task.charge is None else task.charge
+    record["is_waypoint"], record["hold"] = is_waypoint, hold
+    record["weight"] = [weight for weight, _ in course.COURSE_REWARD_TERMS.values()]
+    for name in (
+        "first_gap", "gap", "goal_way", "floor_gap", "floor_length", "middle", "goal_side", "goal_yaw", "decide",
+        "goal_margin", "hit_margin", "most_power", "max_hit", "max_tilt", "lies", "still", "carried",
+        "turn_length",
+        "success_position", "success_yaw",
+    ):  # fmt: skip
+        record[name] = getattr(course, name.upper())
     return record

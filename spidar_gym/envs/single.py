@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.control.locomotion.orders import Orders
 from spidar_gym.envs.fleet import Fleet, told
 from spidar_gym.native.draws import take_back
 from spidar_gym.native.library import STATUS
@@ -68,7 +69,7 @@ def info(fleet: Fleet, terms: Iterable[str], failures: Sequence[str], robot: int
 
 
 def readable_info(
-    state: RobotState, command: Command | None, controller: FlightControl | CrawlControl, plant: Plant
+    state: RobotState, command: Command | None, controller: FlightControl | CrawlControl | Orders, plant: Plant
 ) -> dict[str, Any]:
     """What `info` gives in every environment, where controller and task are in Python.
 

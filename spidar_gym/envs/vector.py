@@ -13,13 +13,15 @@ from gymnasium.vector.utils import batch_space
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.batch import VectorTask
+from spidar_gym.envs.course.env import CourseEnv
+from spidar_gym.envs.course.task import parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.path.env import PathEnv
-from spidar_gym.envs.registry import CRAWL, HOVER, PATH, RegisteredSteps, environment
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
 from spidar_gym.native.engine_structs import N_DOFS, SEQUENCES
@@ -28,7 +30,9 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
 
 ValueT = TypeVar("ValueT")
-KINDS: dict[str, type[HoverEnv] | type[CrawlEnv]] = {HOVER: HoverEnv, PATH: PathEnv, CRAWL: CrawlEnv}
+KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
+    HOVER: HoverEnv, PATH: PathEnv, CRAWL: CrawlEnv, COURSE: CourseEnv,
+}  # fmt: skip
 """Class of a single robot's environment by id."""
 
 
@@ -160,12 +164,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         chosen = {name: self._each(name, given[name]) for name in names[1:] if name in given}
         ids = np.flatnonzero(mask)
         for k in ids.tolist():
-            if "disturbances" in chosen:
-                fleet.disturb(k, chosen["disturbances"][k])
-            if "forms" in chosen:
-                fleet.robots["forms"][k] = chosen["forms"][k]
-            if "start" in chosen:
-                fleet.begin_with(k, chosen["start"][k])
+            self._choose(k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
                 fleet.seed(k, generators[k])
         self._began = True
@@ -174,9 +173,22 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             self._judge.begin(ids)
         return fleet.observations.copy(), self._info(mask.copy())
 
+    def _choose(self, robot: int, options: dict[str, Any]) -> None:
+        """Say what options of `reset` are for a robot from its next episode on."""
+        fleet = self.fleet
+        if "disturbances" in options:
+            fleet.disturb(robot, options["disturbances"])
+        if "forms" in options:
+            fleet.robots["forms"][robot] = options["forms"]
+        if "start" in options:
+            fleet.begin_with(robot, options["start"])
+        if "course" in options:
+            fleet.go(robot, options["course"])
+
     def _each(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
         """What an option of `reset` is for each robot."""
-        parse = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": _start}[name]
+        ways = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": _start, "course": parse_course}
+        parse = ways[name]
         if not isinstance(value, list | tuple):
             return [parse(value)] * self.num_envs
         if len(value) != self.num_envs:
@@ -347,6 +359,11 @@ def path_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN4
     return NativeVectorEnv(PATH, num_envs, **options)
 
 
+def course_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
+    """What `gymnasium.make_vec("spidar_gym/Course-v0", …)` makes."""
+    return NativeVectorEnv(COURSE, num_envs, **options)
+
+
 def crawl_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
     """What `gymnasium.make_vec("spidar_gym/Crawl-v0", …)` makes."""
     return NativeVectorEnv(CRAWL, num_envs, **options)
@@ -368,4 +385,7 @@ def _start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
     return None if value is None else FlightStart.parse(value)
 
 
-__all__ = ["CRAWL", "HOVER", "PATH", "NativeVectorEnv", "crawl_vector", "hover_vector", "path_vector"]
+__all__ = [
+    "COURSE", "CRAWL", "HOVER", "PATH", "NativeVectorEnv", "course_vector", "crawl_vector", "hover_vector",
+    "path_vector",
+]  # fmt: skip

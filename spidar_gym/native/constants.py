@@ -10,6 +10,8 @@ from spidar_gym.control.allocation import allocator, blocks, cone, contact, prob
 from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.allocation.modes import ALLOCATIONS, PROJECTION
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Mode
+from spidar_gym.control.course import gates, pilot, rule, target
+from spidar_gym.control.course import observation as course_observation
 from spidar_gym.control.crawl import controller as crawl_controller
 from spidar_gym.control.crawl import footsteps, gait, pose2
 from spidar_gym.control.crawl.controller import CrawlerConfig
@@ -47,6 +49,8 @@ SIZES = {
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
     "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
+    "MAX_GATES": gates.MAX_GATES, "TILE_ROWS": gates.TILE_ROWS, "TILE_COLUMNS": gates.TILE_COLUMNS,
+    "COURSE_AHEAD": course_observation.AHEAD,
 }  # fmt: skip
 """Whole numbers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -67,6 +71,14 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", footsteps, ("MOST_STRIDE", "BISECTIONS")),
     ("", pose2, ("STRAIGHT",)),
     ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "LEAST_SECONDS", "ARRIVED")),
+    ("TARGET_", target, ("STRETCHED", "BELOW", "SWEEP", "TURNS", "WAY", "MARGIN")),
+    ("TARGET_", locomotion, ("SPEEDS",)),
+    ("PILOT_", pilot, ("FLY_LOWEST", "LEAST_RISE", "SAME_PLACE", "SAME_FORM", "SAME_SPEED", "SAME_STEP",
+                       "SAME_TURN", "THERE", "THERE_TURN")),
+    ("COURSE_", gates, ("HALF_WIDTH", "CEILING", "BEFORE", "BEYOND", "TILE", "ROOM", "REACH")),
+    ("COURSE_", course_observation, ("SEEN",)),
+    ("RULE_", rule, ("FLOWN", "CRAWLED", "PASSED", "OVER", "ABOVE", "THROUGH", "SLOW", "FAST", "CRAWLS", "NEAR", "LOW",
+                     "ALIGNED", "FORMED")),
     ("PATH_", path, ("EASE", "REST", "TURN_RATE", "KNOT_TIME", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
                      "LEAST_LIFT", "TRIAL")),
@@ -139,6 +151,8 @@ ENUMERATIONS = {
         Enumeration("phase", "Phases of the gait.", PHASES),
         Enumeration("locomotion_kind", "What the manager of both gaits is told.", locomotion.KINDS, "LOCOMOTION_"),
         Enumeration("manager_phase", "What it is doing.", orders.PHASES, "MANAGER_"),
+        Enumeration("gate_kind", "What a course is made of; what is passed comes first.", gates.KINDS, "GATE_",
+                    count="GATE_KINDS"),
         Enumeration("channel", "What the entries of a policy's action are, in this order.", CHANNELS, "CHANNEL_",
                     tuple(1 << k for k in range(len(CHANNELS)))),
         Enumeration("policy_target", "What a policy adds to; direct commands a flight.",

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS
+from spidar_gym.control.course.gates import MAX_GATES, TILE_COLUMNS, TILE_ROWS
 from spidar_gym.control.flight.path import AHEAD
 from spidar_gym.native.constants import (
     HISTORY,
@@ -244,6 +245,26 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("lying", "f8", (N_JOINTS,), "joint angles on the floor [rad]"),
         ("lying_height", "f8", (), "of the centre of mass over a floor on which it lies [m]"),
         ("snapshot", "snapshot", (), ""),
+    )),
+    CStruct("gate", "A part of a course, from side to side of the field.", (
+        ("kind", "i4", (), "sp_gate_kind"),
+        ("begin end", "f8", (), "along the course [m]"),
+        ("size middle", "f8", (), "height, clearance, width [m] or angle [rad]; the middle of a slot to the left [m]"),
+    )),
+    CStruct("course", "What a map tells of a course.", (
+        ("count dares", "i4", (), "of gates and floors; whether they may be smaller than what passes them"),
+        ("gates", "gate", (MAX_GATES,), "in the order in which they are passed"),
+        ("goal", "pose2", (), "where the torso is to lie, world"),
+        ("tiles", "f8", (TILE_ROWS * TILE_COLUMNS,), "their heights, row by row from right to left [m]"),
+    )),
+    CStruct("target", "Where to, and how.", (
+        ("flies", "i4", (), "whether in the air; else on the floor, after a landing if need be"),
+        ("x y z yaw", "f8", (), "world; of the CoG in the air, of the torso on the floor [m]; heading there [rad]"),
+        ("speed narrow sweep", "f8", (), "of the flight [m/s]; from form 1 to form 3; of the legs' first joints [rad]"),
+    )),
+    CStruct("pilot", "Which target is followed.", (
+        ("has_target", "i4", (), "whether there is one"),
+        ("last", "target", (), ""),
     )),
     CStruct("estimator", "The state estimator.", (
         ("config", "estimator_config", (), ""),

@@ -6,11 +6,12 @@ from types import ModuleType
 
 import numpy as np
 
+from spidar_gym.control.course.gates import KINDS
 from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes, struct_of
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
-from spidar_gym.sim import actuators, air, disturbances, energy, ground, scene, sensors
+from spidar_gym.sim import actuators, air, course, disturbances, energy, ground, scene, sensors
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import N_DUCTS, AeroConfig
 from spidar_gym.sim.body import BodyConfig
@@ -61,6 +62,7 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", disturbances, ("PUSH_SECONDS", "PUSH_EVERY")),
     ("", energy, ("CAPACITY_WH", "USABLE", "BASE_POWER", "THRUST_POWER", "SERVO_EFFICIENCY", "HOLDING_POWER",
                   "FULL_VOLTAGE", "EMPTY_VOLTAGE", "RESISTANCE")),
+    ("COURSE_", course, ("THICK", "SILL", "BEHIND")),
     ("", ground, ("TILE", "TILE_DEPTH", "NOWHERE")),
     ("", sensors, ("POSE_PERIOD", "IMU_PERIOD", "ENCODER_PERIOD", "DRIFT_SECONDS", "DROPOUT_SECONDS")),
 )  # fmt: skip
@@ -73,6 +75,8 @@ CRAWL_FAILURES = ("duct", "tilt", "astray", "diverged")
 """Why a crawl is over."""
 SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "duct", "time")
 """What keeps a crawl from being a success."""
+COURSE_FAILURES = ("hit", "out", "tilt", "empty", "diverged")
+"""Why a course is over."""
 MAX_OBSTACLES = 64
 """Blocks on the floor that there is room for."""
 PATHS = ("none", "legs", "lemniscate", "spline", "mixed")
@@ -94,6 +98,7 @@ ENGINE_ENUMERATIONS = (
     Enumeration("heading", "Where the robot looks on its path.", HEADINGS, "HEADING_"),
     Enumeration("flight_failure", "Why a flight is over.", FLIGHT_FAILURES, "FLIGHT_"),
     Enumeration("crawl_failure", "Why a crawl is over.", CRAWL_FAILURES, "CRAWL_"),
+    Enumeration("course_failure", "Why a course is over.", COURSE_FAILURES, "OFF_COURSE_"),
     Enumeration("shortfall", "What keeps a crawl from being a success.", SHORTFALLS, "SHORT_OF_",
                 tuple(1 << k for k in range(len(SHORTFALLS)))),
     Enumeration("autoreset", "What happens at the end of an episode.", AUTORESETS, "RESET_"),
@@ -194,6 +199,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("in_contact diverged has_air senses", "i4", (), "touching; no longer finite; something blows; measuring"),
         ("clearance", "f8", (), "least height of everything over the highest tile at the end of the last tick [m]"),
         ("hit", "f8", (), "largest force in the last tick on anything but feet and pegs, where there are boxes [N]"),
+        ("spent_wh", "f8", (), "that the battery lacks at the reset [Wh]"),
         ("noise", "f8", (N_ROTORS,), "of the thrusts [N]"),
         ("weather", "weather", (), ""),
         ("air_force_w", "f8", (3,), "of the air besides the thrust in still air, world [N]"),
@@ -364,6 +370,45 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("phase_code timeouts shortfalls_code", "i4", (), "sp_phase; phases; bits of sp_shortfall"),
         ("foot_contact", "b1", (N_LEGS,), ""),
         ("finished is_success", "b1", (), ""),
+    )),
+    CStruct("course_rules", "The task of a course.", (
+        ("rules", "rules", (), ""),
+        ("manager", "manager_config", (), ""),
+        ("kinds floors", "i4", (len(KINDS) + 1,), "sp_gate_kind that is drawn; SP_GATE_KINDS is a plain floor"),
+        ("kind_count floor_count", "i4", (), "how many they are"),
+        ("count", "i4", (2,), "least and largest number of gates"),
+        ("size", "f8", (len(KINDS), 2), "drawn in between, by sp_gate_kind [m], [rad]"),
+        ("depth", "f8", (len(KINDS),), "of gates along the course [m]"),
+        ("first_gap gap goal_way", "f8", (2,), "to the first gate, between two, from a floor's begin to the goal [m]"),
+        ("floor_gap floor_length middle goal_side goal_yaw", "f8", (), "[m], the last [rad]"),
+        ("charge", "f8", (2,), "of the battery at the start, drawn in between"),
+        ("is_waypoint hold decide", "i4", (), "whether an action is a target; ticks of a step; between decisions"),
+        ("weight", "f8", (4,), "of the terms of the reward: progress, goal, power, safety"),
+        ("goal_margin hit_margin most_power max_hit max_tilt", "f8", (), "[m], [N], [W], [N], [rad]"),
+        ("lies still carried", "f8", (), "so little higher than on its pegs [m], so slow [m/s], so light it lies"),
+        ("turn_length success_position success_yaw", "f8", (), "of a radian [m]; bounds of a success [m], [rad]"),
+    )),
+    CStruct("coursing", "A robot on a course: simulated, controlled, and what it is to do.", (
+        ("plant", "plant", (), ""),
+        ("episode", "episode", (), ""),
+        ("manager", "manager", (), ""),
+        ("pilot", "pilot", (), ""),
+        ("course", "course", (), ""),
+        ("is_given", "i4", (), "whether it is given, not drawn"),
+        ("error", "f8", (3,), "goal − torso, x, y [m], world, and yaw [rad]"),
+        ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
+        ("controls flown crawled lies", "i4", (), "ticks, in the air, of crawling; whether it lies"),
+        ("arrived", "f8", (), "since when it lies at the goal [s]; 0 if it does not"),
+        ("hit most_hit", "f8", (), "largest force on anything but feet and pegs, of the last step, of all [N]"),
+        ("tilt charge", "f8", (), "[rad]; of the battery, 0 … 1"),
+    )),
+    CStruct("coursing_info", "What is told of a course.", (
+        ("info", "info", (), ""),
+        ("goal_error", "f8", (3,), "[m], [m], [rad]"),
+        ("distance_m time_s flown_s crawled_s charge hit_n most_hit_n tilt_rad thrust_fraction", "f8", (), ""),
+        ("term", "f8", (4,), "of the reward: progress, goal, power, safety"),
+        ("phase_code gate", "i4", (), "sp_manager_phase; how many gates and floors are behind it"),
+        ("lies is_success", "b1", (), ""),
     )),
 )  # fmt: skip
 """In the order of their definition: those inside others first."""

@@ -4,12 +4,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from spidar_gym.control.crawl.memory import CrawlRecord
+from spidar_gym.control.flight.memory import FlightRecord
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, Orders
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import MAX_WAYPOINTS
 from spidar_gym.native.core_structs import core_layouts
+from spidar_gym.native.crawl import CoreCrawler
+from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Core, LastCommand, Room, Struct
 from spidar_gym.native.structs import fill
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
@@ -61,6 +65,28 @@ class CoreManager(Core[LastCommand], Orders):
             self.library.sp_manager_init(self.room.robot, self._manager.pointer, settings.pointer)
         self._memory = self._manager.inner("memory", "manager_memory")
         self._last: LocomotionCommand | None = None
+        flight, crawl = (self._manager[name] for name in ("flight", "crawl"))
+        self.flight = CoreFlightController(self.config.flight, self.model, record=flight, room=self.room)
+        """Who flies."""
+        self.crawler = CoreCrawler(self.config.crawl, self.model, record=crawl, room=self.room)
+        """Who crawls."""
+
+    @property
+    def last_step(self) -> FlightRecord | CrawlRecord | None:
+        """What the last tick of whoever controls now did; None before its first."""
+        return (self.crawler if self.on_ground else self.flight).last_step
+
+    def forget(self) -> None:
+        """The engine goes on with what this looks at: what was read of the last tick is past."""
+        super().forget()
+        self.flight.forget()
+        self.crawler.forget()
+
+    def close(self) -> None:
+        """Nothing can be asked of it any more."""
+        super().close()
+        self.flight.close()
+        self.crawler.close()
 
     @property
     def phase(self) -> str:
@@ -113,6 +139,8 @@ class CoreManager(Core[LastCommand], Orders):
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
         """One control tick; as `Manager.step`."""
         self.write_state(state)
+        self.flight.forget()
+        self.crawler.forget()
         return self._tick(
             self.library.sp_manager_step, self._manager.pointer, self._state.pointer, self.residual_pointer(residual),
             self.room.pointer,

@@ -122,6 +122,7 @@ class Plant:
         *,
         disturbances: Disturbances | None = None,
         rng: np.random.Generator | None = None,
+        spent_wh: float = 0.0,
     ) -> RobotState:
         """Put the robot somewhere at rest, servos at their setpoints.
 
@@ -133,6 +134,7 @@ class Plant:
             thrust: Thrust that the modules already deliver [N]; zero by default.
             disturbances: What happens to it; nothing by default.
             rng: Source of noise, wind and pushes; a copy of it draws.
+            spent_wh: Energy that its battery lacks [Wh].
 
         Raises:
             InvalidValueError: When something random is to happen and there is no generator.
@@ -142,6 +144,7 @@ class Plant:
         if rng is None and (random or disturbances.has_weather):
             raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
         fill(self.record["disturbances"], disturbances)
+        self.record["spent_wh"] = spent_wh
         if rng is not None:
             self.record["generator"] = from_numpy(rng)
         pose = self._pose[0]

@@ -14,8 +14,10 @@ import numpy as np
 from spidar_gym.arrays import JointVector, Vector3
 from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.crawl.footsteps import BISECTIONS, Move
+from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import FlightController
+from spidar_gym.control.flight.memory import FlightRecord
 from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, legs, wrap
 from spidar_gym.control.locomotion.commands import (
     CrawlTo,
@@ -134,6 +136,14 @@ class Manager(Orders):
         return self.memory.phase
 
     @property
+    def last_step(self) -> FlightRecord | CrawlRecord | None:
+        """What the last tick of whoever controls now did; None before its first."""
+        return (self.crawler if self.on_ground else self.flight).last_step
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
         if self.commands or self.memory.phase not in ("lie", "hover", "cut"):
@@ -148,7 +158,7 @@ class Manager(Orders):
         if valid_state(state):
             self._next(state)
             memory.time += self.dt
-        if memory.phase in ("lie", "crawl"):
+        if self.on_ground:
             command = self.crawler.step(state, residual)
         elif memory.phase == "cut":
             command = replace(self._last(), thrust=np.zeros(N_ROTORS))
@@ -387,7 +397,7 @@ class Manager(Orders):
 
     def _last(self) -> Command:
         """The last command."""
-        controller = self.crawler if self.memory.phase in ("lie", "crawl") else self.flight
+        controller = self.crawler if self.on_ground else self.flight
         memory = controller.memory
         thrust = np.linalg.norm(memory.forces_l, axis=1)
         limit = self.config.flight.joint_torque_limit

@@ -10,7 +10,9 @@ import numpy as np
 from spidar_gym.arrays import JointVector
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import lying_pose
+from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.memory import FlightRecord
 from spidar_gym.control.locomotion.commands import (
     FlyTo,
     LocomotionCommand,
@@ -101,6 +103,20 @@ class Orders(ABC):
     @abstractmethod
     def floor(self) -> float:
         """Height of the centre of mass where it lay last, or is expected to lie [m]."""
+
+    @property
+    @abstractmethod
+    def last_step(self) -> FlightRecord | CrawlRecord | None:
+        """What the last tick of whoever controls now did; None before its first."""
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the crawler controls."""
+        return self.phase in ("lie", "crawl")
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release what is held: nothing can be asked any more."""
 
     @abstractmethod
     def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:

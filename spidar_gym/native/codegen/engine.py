@@ -1,9 +1,7 @@
 """The engine's C text from Python: its numbers, enumerations, structs and tables."""
 
-import numpy as np
-
 from spidar_gym.native import draws
-from spidar_gym.native.codegen.header import define, enumeration, header, numbers, struct
+from spidar_gym.native.codegen.header import define, enumeration, header, struct
 from spidar_gym.native.codegen.ziggurat import ziggurat_header
 from spidar_gym.native.engine_structs import (
     ENGINE_ENUMERATIONS,
@@ -22,12 +20,7 @@ def engine_header() -> str:
     lines = [define(name, value, "engine_structs") for name, value in ENGINE_SIZES.items()]
     lines += [define(name, getattr(draws, name), draws.__name__) for name in DRAWS]
     for prefix, place, names in ENGINE_NUMBERS:
-        for name in names:
-            value, title = getattr(place, name), f"{prefix}{name}".upper()
-            if np.ndim(value):
-                lines.append(f"static const double SP_{title}[{len(value)}] = {{{numbers(value)}}};")
-            else:
-                lines.append(define(title, value, f"{place.__name__}.{name}"))
+        lines += [define(f"{prefix}{n}".upper(), getattr(place, n), f"{place.__name__}.{n}") for n in names]
     lines += ["", *(line for each in ENGINE_ENUMERATIONS for line in enumeration(each))]
     lines += [line for each in (*configuration_structs(), *ENGINE_STRUCTS) for line in struct(each)][:-1]
     doc = "numbers and structs of the simulated world."

@@ -83,8 +83,10 @@ def header(guard: str, doc: str, lines: Iterable[str], includes: Iterable[str] =
     return "\n".join([*front, *(f"#include {name}" for name in includes), "", *lines, "", "#endif", ""])
 
 
-def define(name: str, value: int | float, origin: str = "") -> str:
-    """A number of C, whole or as a hexadecimal float, and where Python has it."""
+def define(name: str, value: int | float | Sequence[float] | np.ndarray, origin: str = "") -> str:
+    """A number of C, whole or as a hexadecimal float, or some of them, and where Python has it."""
+    if isinstance(value, Sequence | np.ndarray):
+        return f"static const double SP_{name}[{len(value)}] = {{{numbers(value)}}};"
     text, comment = f"{value}u" if value > np.iinfo(np.int32).max else str(value), origin
     if isinstance(value, float):
         text, comment = hex_float(value), f"{value!r}, {origin}"

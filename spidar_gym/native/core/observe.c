@@ -107,3 +107,54 @@ int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const d
     at = put(v, at, previous_action, action_size);
     return finish(v, at, bound, observation);
 }
+
+/* The course's observation; its length. */
+int sp_observe_course(const sp_robot *robot, const sp_manager *m, const sp_pilot *pilot, const sp_course *course,
+                      const sp_robot_state *state, const sp_command *last, double charge, double time_left,
+                      const double *previous_action, int action_size, const double *bound, float *observation)
+{
+    double v[SP_MAX_OBSERVATION], R[9], x = state->position_w[0], y = state->position_w[1], z = state->position_w[2];
+    int at = 0, told = 0;
+    sp_from_quat(state->quat_wb, R);
+    double yaw = atan2(R[3], R[0]);
+    v[at++] = course->goal.x - x;
+    v[at++] = course->goal.y - y;
+    v[at++] = sp_course_floor(course, course->goal.x) + robot->peg_depth - z;
+    v[at++] = sin(course->goal.yaw - yaw);
+    v[at++] = cos(course->goal.yaw - yaw);
+    v[at++] = y;
+    v[at++] = z;
+    v[at++] = sin(yaw);
+    v[at++] = cos(yaw);
+    at = put(v, at, R + 6, 3);
+    at = put(v, at, state->velocity_w, 3);
+    at = put(v, at, state->omega_b, 3);
+    at = put(v, at, state->joint_position, SP_JOINTS);
+    at = put(v, at, state->joint_velocity, SP_JOINTS);
+    at = put(v, at, last->joint_position, SP_JOINTS);
+    at = put_turns(v, at, state->vectoring);
+    at = put(v, at, last->thrust, SP_ROTORS);
+    at = put_turns(v, at, last->vectoring);
+    for (int k = 0; k <= SP_MANAGER_CUT; k++) v[at++] = m->memory.phase == k;
+    v[at++] = pilot->has_target;
+    v[at++] = pilot->has_target && pilot->last.flies;
+    v[at++] = pilot->has_target ? pilot->last.x - x : 0.0;
+    v[at++] = pilot->has_target ? pilot->last.y - y : 0.0;
+    v[at++] = pilot->has_target ? pilot->last.z - z : 0.0;
+    v[at++] = charge;
+    v[at++] = time_left;
+    for (int k = 0; k < course->count && told < SP_COURSE_AHEAD; k++) {
+        const sp_gate *gate = &course->gates[k];
+        if (!(x < gate->end + SP_COURSE_SEEN)) continue;
+        for (int kind = 0; kind < SP_GATE_KINDS; kind++) v[at++] = gate->kind == kind;
+        v[at++] = gate->begin - x;
+        v[at++] = gate->end - x;
+        v[at++] = gate->size;
+        v[at++] = gate->middle - y;
+        told++;
+    }
+    sp_zero(v + at, (SP_COURSE_AHEAD - told) * (SP_GATE_KINDS + 4));
+    at += (SP_COURSE_AHEAD - told) * (SP_GATE_KINDS + 4);
+    at = put(v, at, previous_action, action_size);
+    return finish(v, at, bound, observation);
+}

@@ -121,6 +121,16 @@ int sp_manager_interrupt(sp_manager *manager, const sp_waypoint *commands, int n
 void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
                      sp_command *command);
 
+/* course.c */
+double sp_course_floor(const sp_course *course, double x);
+double sp_course_end(const sp_course *course);
+void sp_target_form(const sp_target *target, double *q);
+void sp_take_target(const double *action, const sp_course *course, const double *position_w, sp_target *target);
+void sp_pilot_follow(const sp_target *target, const sp_robot_state *state, const sp_course *course, sp_manager *manager,
+                     sp_pilot *pilot);
+sp_target sp_course_rule(const sp_course *course, const double *position_w, const double *q, int32_t phase, int flies,
+                         int crawls);
+
 /* estimate.c */
 void sp_estimator_init(sp_estimator *estimator, const sp_estimator_config *config);
 void sp_estimator_reset(const sp_robot *robot, sp_estimator *estimator, const sp_robot_state *state);
@@ -134,6 +144,9 @@ int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_co
                int action_size, const double *bound, float *observation);
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
                      const double *previous_action, int action_size, const double *bound, float *observation);
+int sp_observe_course(const sp_robot *robot, const sp_manager *manager, const sp_pilot *pilot, const sp_course *course,
+                      const sp_robot_state *state, const sp_command *last, double charge, double time_left,
+                      const double *previous_action, int action_size, const double *bound, float *observation);
 
 /* policy.c: called before the controller's step, which gets the residual, or NULL where the policy is switched off;
  * reset whenever it is switched on. */

@@ -163,4 +163,10 @@ int sp_reset_crawlings(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_crawlings(sp_engine *engine, const int32_t *ids, int n);
 int sp_lose_crawlings(sp_engine *engine, const int32_t *ids, int n);
 
+/* coursing.c */
+int sp_show_coursings(sp_engine *engine, const int32_t *ids, int n);
+int sp_reset_coursings(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_coursings(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_coursings(sp_engine *engine, const int32_t *ids, int n);
+
 #endif

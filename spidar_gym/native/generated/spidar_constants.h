@@ -25,6 +25,10 @@
 #define SP_PATH_AHEAD 4
 #define SP_MAX_WAYPOINTS 64
 #define SP_MANAGER_KNOTS 8
+#define SP_MAX_GATES 8
+#define SP_TILE_ROWS 14
+#define SP_TILE_COLUMNS 2
+#define SP_COURSE_AHEAD 3
 #define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
 #define SP_NO_NEXT_FORM 0x1.e000000000000p+5 /* 60.0, spidar_gym.control.flight.observation.NO_NEXT_FORM */
 #define SP_LEAST_QUATERNION 0x1.0000000000000p-2 /* 0.25, spidar_gym.state.LEAST_QUATERNION */
@@ -68,6 +72,43 @@
 #define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
 #define SP_MANAGER_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.locomotion.manager.LEAST_SECONDS */
 #define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
+static const double SP_TARGET_STRETCHED[4] = {0x0.0p+0, 0x0.0p+0, 0x0.0p+0, 0x0.0p+0};
+static const double SP_TARGET_BELOW[4] = {0x0.0p+0, 0x1.921fb54442d18p-1, 0x0.0p+0, 0x1.921fb54442d18p+0};
+#define SP_TARGET_SWEEP 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.course.target.SWEEP */
+static const double SP_TARGET_TURNS[4] = {-0x1.0000000000000p+0, 0x1.0000000000000p+0, -0x1.0000000000000p+0, 0x1.0000000000000p+0};
+#define SP_TARGET_WAY 0x1.4000000000000p+2 /* 5.0, spidar_gym.control.course.target.WAY */
+#define SP_TARGET_MARGIN 0x1.3333333333333p-2 /* 0.3, spidar_gym.control.course.target.MARGIN */
+static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.8000000000000p+0};
+#define SP_PILOT_FLY_LOWEST 0x1.999999999999ap-1 /* 0.8, spidar_gym.control.course.pilot.FLY_LOWEST */
+#define SP_PILOT_LEAST_RISE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.course.pilot.LEAST_RISE */
+#define SP_PILOT_SAME_PLACE 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.course.pilot.SAME_PLACE */
+#define SP_PILOT_SAME_FORM 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.control.course.pilot.SAME_FORM */
+#define SP_PILOT_SAME_SPEED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.course.pilot.SAME_SPEED */
+#define SP_PILOT_SAME_STEP 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.control.course.pilot.SAME_STEP */
+#define SP_PILOT_SAME_TURN 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.control.course.pilot.SAME_TURN */
+#define SP_PILOT_THERE 0x1.0624dd2f1a9fcp-7 /* 0.008, spidar_gym.control.course.pilot.THERE */
+#define SP_PILOT_THERE_TURN 0x1.eb851eb851eb8p-7 /* 0.015, spidar_gym.control.course.pilot.THERE_TURN */
+#define SP_COURSE_HALF_WIDTH 0x1.8000000000000p+1 /* 3.0, spidar_gym.control.course.gates.HALF_WIDTH */
+#define SP_COURSE_CEILING 0x1.8000000000000p+1 /* 3.0, spidar_gym.control.course.gates.CEILING */
+#define SP_COURSE_BEFORE 0x1.4000000000000p+1 /* 2.5, spidar_gym.control.course.gates.BEFORE */
+#define SP_COURSE_BEYOND 0x1.4000000000000p+1 /* 2.5, spidar_gym.control.course.gates.BEYOND */
+#define SP_COURSE_TILE 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.course.gates.TILE */
+#define SP_COURSE_ROOM 0x1.3333333333333p+1 /* 2.4, spidar_gym.control.course.gates.ROOM */
+#define SP_COURSE_REACH 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.course.gates.REACH */
+#define SP_COURSE_SEEN 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.course.observation.SEEN */
+#define SP_RULE_FLOWN 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.course.rule.FLOWN */
+#define SP_RULE_CRAWLED 0x1.599999999999ap+0 /* 1.35, spidar_gym.control.course.rule.CRAWLED */
+#define SP_RULE_PASSED 0x1.4000000000000p+0 /* 1.25, spidar_gym.control.course.rule.PASSED */
+#define SP_RULE_OVER 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.course.rule.OVER */
+#define SP_RULE_ABOVE 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.course.rule.ABOVE */
+#define SP_RULE_THROUGH 0x1.6666666666666p+0 /* 1.4, spidar_gym.control.course.rule.THROUGH */
+#define SP_RULE_SLOW 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.course.rule.SLOW */
+#define SP_RULE_FAST 0x1.999999999999ap-1 /* 0.8, spidar_gym.control.course.rule.FAST */
+#define SP_RULE_CRAWLS 0x1.6666666666666p+1 /* 2.8, spidar_gym.control.course.rule.CRAWLS */
+#define SP_RULE_NEAR 0x1.47ae147ae147bp-4 /* 0.08, spidar_gym.control.course.rule.NEAR */
+#define SP_RULE_LOW 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.course.rule.LOW */
+#define SP_RULE_ALIGNED 0x1.eb851eb851eb8p-6 /* 0.03, spidar_gym.control.course.rule.ALIGNED */
+#define SP_RULE_FORMED 0x1.eb851eb851eb8p-5 /* 0.06, spidar_gym.control.course.rule.FORMED */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */
@@ -128,6 +169,12 @@ typedef enum {
     SP_MANAGER_LIE = 0, SP_MANAGER_CRAWL = 1, SP_MANAGER_SPOOL = 2, SP_MANAGER_CLIMB = 3, SP_MANAGER_HOVER = 4,
     SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9
 } sp_manager_phase;
+
+/* What a course is made of; what is passed comes first. */
+typedef enum {
+    SP_GATE_WALL = 0, SP_GATE_BEAM = 1, SP_GATE_SLOT = 2, SP_GATE_PLATFORM = 3, SP_GATE_TILES = 4, SP_GATE_SLOPE = 5,
+    SP_GATE_KINDS
+} sp_gate_kind;
 
 /* What the entries of a policy's action are, in this order. */
 typedef enum {

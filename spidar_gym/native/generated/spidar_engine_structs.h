@@ -50,6 +50,9 @@ static const double SP_PUSH_EVERY[2] = {0x1.4000000000000p+2, 0x1.e000000000000p
 #define SP_FULL_VOLTAGE 0x1.9333333333333p+4 /* 25.2, spidar_gym.sim.energy.FULL_VOLTAGE */
 #define SP_EMPTY_VOLTAGE 0x1.6333333333333p+4 /* 22.2, spidar_gym.sim.energy.EMPTY_VOLTAGE */
 #define SP_RESISTANCE 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.energy.RESISTANCE */
+#define SP_COURSE_THICK 0x1.3333333333333p-2 /* 0.3, spidar_gym.sim.course.THICK */
+#define SP_COURSE_SILL 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.course.SILL */
+#define SP_COURSE_BEHIND 0x1.0000000000000p-1 /* 0.5, spidar_gym.sim.course.BEHIND */
 #define SP_TILE 0x1.0000000000000p-2 /* 0.25, spidar_gym.sim.ground.TILE */
 #define SP_TILE_DEPTH 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.ground.TILE_DEPTH */
 static const double SP_NOWHERE[6] = {0x0.0p+0, 0x0.0p+0, -0x1.9000000000000p+5, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7};
@@ -89,6 +92,12 @@ typedef enum {
 typedef enum {
     SP_CRAWL_DUCT = 0, SP_CRAWL_TILT = 1, SP_CRAWL_ASTRAY = 2, SP_CRAWL_DIVERGED = 3
 } sp_crawl_failure;
+
+/* Why a course is over. */
+typedef enum {
+    SP_OFF_COURSE_HIT = 0, SP_OFF_COURSE_OUT = 1, SP_OFF_COURSE_TILT = 2, SP_OFF_COURSE_EMPTY = 3,
+    SP_OFF_COURSE_DIVERGED = 4
+} sp_course_failure;
 
 /* What keeps a crawl from being a success. */
 typedef enum {
@@ -296,6 +305,7 @@ typedef struct {
     int32_t in_contact, diverged, has_air, senses; /* touching; no longer finite; something blows; measuring */
     double clearance; /* least height of everything over the highest tile at the end of the last tick [m] */
     double hit; /* largest force in the last tick on anything but feet and pegs, where there are boxes [N] */
+    double spent_wh; /* that the battery lacks at the reset [Wh] */
     double noise[8]; /* of the thrusts [N] */
     sp_weather weather;
     double air_force_w[3]; /* of the air besides the thrust in still air, world [N] */
@@ -493,5 +503,50 @@ typedef struct {
     uint8_t foot_contact[4];
     uint8_t finished, is_success;
 } sp_crawling_info;
+
+/* The task of a course. */
+typedef struct {
+    sp_rules rules;
+    sp_manager_config manager;
+    int32_t kinds[7], floors[7]; /* sp_gate_kind that is drawn; SP_GATE_KINDS is a plain floor */
+    int32_t kind_count, floor_count; /* how many they are */
+    int32_t count[2]; /* least and largest number of gates */
+    double size[6][2]; /* drawn in between, by sp_gate_kind [m], [rad] */
+    double depth[6]; /* of gates along the course [m] */
+    double first_gap[2], gap[2], goal_way[2]; /* to the first gate, between two, from a floor's begin to the goal [m] */
+    double floor_gap, floor_length, middle, goal_side, goal_yaw; /* [m], the last [rad] */
+    double charge[2]; /* of the battery at the start, drawn in between */
+    int32_t is_waypoint, hold, decide; /* whether an action is a target; ticks of a step; between decisions */
+    double weight[4]; /* of the terms of the reward: progress, goal, power, safety */
+    double goal_margin, hit_margin, most_power, max_hit, max_tilt; /* [m], [N], [W], [N], [rad] */
+    double lies, still, carried; /* so little higher than on its pegs [m], so slow [m/s], so light it lies */
+    double turn_length, success_position, success_yaw; /* of a radian [m]; bounds of a success [m], [rad] */
+} sp_course_rules;
+
+/* A robot on a course: simulated, controlled, and what it is to do. */
+typedef struct {
+    sp_plant plant;
+    sp_episode episode;
+    sp_manager manager;
+    sp_pilot pilot;
+    sp_course course;
+    int32_t is_given; /* whether it is given, not drawn */
+    double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
+    double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
+    int32_t controls, flown, crawled, lies; /* ticks, in the air, of crawling; whether it lies */
+    double arrived; /* since when it lies at the goal [s]; 0 if it does not */
+    double hit, most_hit; /* largest force on anything but feet and pegs, of the last step, of all [N] */
+    double tilt, charge; /* [rad]; of the battery, 0 … 1 */
+} sp_coursing;
+
+/* What is told of a course. */
+typedef struct {
+    sp_info info;
+    double goal_error[3]; /* [m], [m], [rad] */
+    double distance_m, time_s, flown_s, crawled_s, charge, hit_n, most_hit_n, tilt_rad, thrust_fraction;
+    double term[4]; /* of the reward: progress, goal, power, safety */
+    int32_t phase_code, gate; /* sp_manager_phase; how many gates and floors are behind it */
+    uint8_t lies, is_success;
+} sp_coursing_info;
 
 #endif

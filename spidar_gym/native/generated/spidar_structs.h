@@ -535,6 +535,34 @@ typedef struct {
     sp_snapshot snapshot;
 } sp_manager;
 
+/* A part of a course, from side to side of the field. */
+typedef struct {
+    int32_t kind; /* sp_gate_kind */
+    double begin, end; /* along the course [m] */
+    double size, middle; /* height, clearance, width [m] or angle [rad]; the middle of a slot to the left [m] */
+} sp_gate;
+
+/* What a map tells of a course. */
+typedef struct {
+    int32_t count, dares; /* of gates and floors; whether they may be smaller than what passes them */
+    sp_gate gates[8]; /* in the order in which they are passed */
+    sp_pose2 goal; /* where the torso is to lie, world */
+    double tiles[28]; /* their heights, row by row from right to left [m] */
+} sp_course;
+
+/* Where to, and how. */
+typedef struct {
+    int32_t flies; /* whether in the air; else on the floor, after a landing if need be */
+    double x, y, z, yaw; /* world; of the CoG in the air, of the torso on the floor [m]; heading there [rad] */
+    double speed, narrow, sweep; /* of the flight [m/s]; from form 1 to form 3; of the legs' first joints [rad] */
+} sp_target;
+
+/* Which target is followed. */
+typedef struct {
+    int32_t has_target; /* whether there is one */
+    sp_target last;
+} sp_pilot;
+
 /* The state estimator. */
 typedef struct {
     sp_estimator_config config;

@@ -1,0 +1,1 @@
+"""The course: one robot takes off, flies, changes its form, lands and crawls."""

@@ -1,0 +1,43 @@
+"""What a course is made of in the simulation: boxes from side to side of the field."""
+
+import math
+
+from spidar_gym.control.course.gates import CEILING, HALF_WIDTH, TILE, TILE_COLUMNS, Course, Gate
+
+Box = tuple[float, float, float, float, float, float, float]
+"""Centre, half of length, width and height [m], pitch [rad]: a row of `GroundConfig.boxes`."""
+THICK = 0.3
+"""Half of the thickness of the slab whose top a slope is [m]."""
+SILL, BEHIND = 0.05, 0.5
+"""Half height of what marks the field's end, and how far behind it that lies [m]."""
+
+
+def boxes(course: Course) -> list[Box]:
+    """The boxes of a course; the last marks the field's end, and is there on every one."""
+    found = [box for gate in course.gates for box in _of(gate, course.tiles)]
+    return [*found, (course.end + BEHIND, 0.0, SILL, SILL, HALF_WIDTH, SILL, 0.0)]
+
+
+def _of(gate: Gate, tiles: tuple[float, ...]) -> list[Box]:
+    size = gate.size
+    if gate.kind == "beam":
+        return [_box(gate, -HALF_WIDTH, HALF_WIDTH, size, CEILING)]
+    if gate.kind == "slot":
+        right, left = gate.middle - 0.5 * size, gate.middle + 0.5 * size
+        return [_box(gate, -HALF_WIDTH, right, 0.0, CEILING), _box(gate, left, HALF_WIDTH, 0.0, CEILING)]
+    if gate.kind == "tiles":
+        wide = 2.0 * HALF_WIDTH / TILE_COLUMNS
+        return [
+            (gate.begin + TILE * (k // TILE_COLUMNS + 0.5), wide * (k % TILE_COLUMNS + 0.5) - HALF_WIDTH, 0.5 * height,
+             0.5 * TILE, 0.5 * wide, 0.5 * height, 0.0)
+            for k, height in enumerate(tiles)
+        ]  # fmt: skip
+    if gate.kind == "slope":
+        c, s, half = math.cos(size), math.sin(size), 0.5 * (gate.end - gate.begin)
+        return [(gate.begin + half + THICK * s, 0.0, half * s / c - THICK * c, half / c, HALF_WIDTH, THICK, -size)]
+    return [_box(gate, -HALF_WIDTH, HALF_WIDTH, 0.0, size)]
+
+
+def _box(gate: Gate, right: float, left: float, bottom: float, top: float) -> Box:
+    middle = 0.5 * (gate.begin + gate.end), 0.5 * (right + left), 0.5 * (bottom + top)
+    return (*middle, 0.5 * (gate.end - gate.begin), 0.5 * (left - right), 0.5 * (top - bottom), 0.0)
