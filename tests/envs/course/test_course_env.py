@@ -205,7 +205,7 @@ def test_robots_side_by_side_are_those_one_by_one():
 def test_who_flies_into_a_wall_has_hit_it():
     env = make(course=Course((Gate("wall", 2.5, 2.7, 1.5),), Pose2(5.5)))
     env.reset(seed=0)
-    info = go(env, 60, target=Target(True, 5.0, 0.0, 0.8, speed=1.0))
+    info = go(env, 60, target=Target(True, 5.0, 0.0, 0.8, speed=1.0, narrow=1.0))
     assert info["failure"] == "hit"
     assert info["most_hit_n"] > MAX_HIT
     assert not info["is_success"]
