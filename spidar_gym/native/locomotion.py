@@ -4,13 +4,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, Orders
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import MAX_WAYPOINTS
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.native.library import Core, LastCommand, Room, Struct
+from spidar_gym.native.library import STATUS, Core, LastCommand, Room, Struct
 from spidar_gym.native.structs import fill
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
@@ -81,6 +82,17 @@ class CoreManager(Core[LastCommand], Orders):
     def floor(self) -> float:
         """Height of the centre of mass where it lay last, or is expected to lie [m]."""
         return float(self._memory["floor"])
+
+    @property
+    def asked_w(self) -> np.ndarray:
+        """Where the centre of mass was asked to be at the last tick in flight, shape (3,) [m]."""
+        return self._manager["reference"]["position_w"].copy()
+
+    @property
+    def status(self) -> AllocationStatus:
+        """How the allocation answered at the last tick."""
+        gait = "crawl" if self.phase in ("lie", "crawl") else "flight"
+        return STATUS[int(self._manager[gait]["allocation"]["status"])]
 
     def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
         """Forget everything; as `Manager.reset`."""

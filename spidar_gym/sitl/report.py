@@ -62,7 +62,7 @@ def read_runner_log(path: Path) -> RunnerLog:
     return RunnerLog(ticks["input"], ticks["output"], ticks["clock"])
 
 
-def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
+def driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
     """Rows of the drive, and for each the runner's tick whose command acted in it."""
     driving = np.flatnonzero(log.outputs["stage"] > Stage.WAITING)
     if not len(driving) or not math.isfinite(run.first_driven):
@@ -79,7 +79,7 @@ def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
 
 def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
     """The experiment's part of a flight, with the true errors against the runner's own reference."""
-    rows, at = _driven(run, log)
+    rows, at = driven(run, log)
     model, kept = Model(), list[dict[str, Any]]()
     for row, tick in zip(rows, at.tolist(), strict=True):
         time = row.time - run.first_driven - mission.begins
@@ -113,7 +113,7 @@ def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
 
 def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
     """The crawl, with the true errors and what the environment would have said of it."""
-    rows, at = _driven(run, log)
+    rows, at = driven(run, log)
     config = crawler_config(mission.preset)
     assert mission.way is not None
     first = rows[0].state

@@ -222,7 +222,7 @@ class Session:
             self._touched = min(self._touched, robot.time)
         self.run.rows.append(
             Row(
-                robot.time, robot.flight_state, robot.state, _tilt(robot.state),
+                robot.time, robot.flight_state, robot.state, tilt_of(robot.state),
                 plant.power, plant.energy_wh, plant.air_force, plant.data.qpos.copy(), plant.in_contact,
                 plant.touch() if crawls else None, plant.contact_forces() if crawls else np.zeros((0, 6)),
             )
@@ -245,7 +245,8 @@ class Session:
         return run.landing_at < np.inf and t > self._touched + LANDED
 
 
-def _tilt(state: RobotState) -> float:
+def tilt_of(state: RobotState) -> float:
+    """Angle between the torso's axis and the vertical [rad]."""
     _, x, y, _ = state.quat_wb
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
 

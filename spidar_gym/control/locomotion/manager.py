@@ -265,6 +265,8 @@ class Manager(Orders):
         wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
         if wanted is not None:
             self.memory.form = wanted
+        # Time begins anew with a phase: the way to where it hovers is not flown again.
+        self.path = Path(np.zeros(1), self.path.pose_w[-1:], np.zeros((1, 4)), np.zeros((1, 4)))
         self._enter("form")
 
     def _take_form(self, state: RobotState) -> None:
@@ -396,11 +398,11 @@ class Manager(Orders):
     def _limited(self, command: Command) -> Command:
         """Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt."""
         total = float(command.thrust.sum())
-        near = self.memory.phase in ("spool", "descend", "unload")
-        if not near or total <= 0.0:
+        if self.memory.phase not in ("spool", "descend", "unload") or total <= 0.0:
             return command
         slew, before = self.config.most_slew, self.memory.thrust
-        return replace(command, thrust=command.thrust * (min(max(total, before - slew), before + slew) / total))
+        share = min(max(total, before - slew), before + slew) / total
+        return replace(command, thrust=np.minimum(ROBOT.max_thrust, command.thrust * share))
 
 
 def _inverse_ease(share: float) -> float:
