@@ -293,9 +293,10 @@ def _header_lines() -> list[str]:
     lines += [line for each in ENUMERATIONS for line in enumeration(each)]
     names, rates = zip(*TOPICS.values(), strict=True)
     lines += [
-        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic; what is said of each of sp_fault and sp_manager_phase. */",
+        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
         *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
         *array("double", "SP_TOPIC_RATES", rates),
+        "/* What is said of each of sp_fault and sp_manager_phase. */",
         *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
         *array("char *const", "SP_MANAGER_PHASE_WORDS", [f'"{phase}"' for phase in PHASES]),
         "",

@@ -24,7 +24,7 @@ from spidar_gym.onboard.runner_structs import Stage
 from spidar_gym.paper.crawl import crawl_robot
 from spidar_gym.policies.rollout import columns
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sitl.missions import COURSE_SPEED, Mission
+from spidar_gym.sitl.missions import COURSE_CRAWL_SPEED, COURSE_SPEED, Mission
 from spidar_gym.sitl.report import RunnerLog, driven, timing
 from spidar_gym.sitl.session import Run, tilt_of
 from spidar_gym.so3 import quat_to_matrix
@@ -72,13 +72,16 @@ class CourseLog:
 
 
 def manager_config(mission: Mission) -> ManagerConfig:
-    """What the runner makes of a course: its presets at the course's joint speed and the robot's iteration cap."""
-
-    def onboard(config: Any) -> Any:  # noqa: ANN401 - of either controller
-        allocator = replace(config.allocator, max_iter=ONBOARD_ITERATIONS)
-        return replace(config, joint_speed=COURSE_SPEED, allocator=allocator)
-
-    return ManagerConfig(onboard(controller_config(mission.preset)), onboard(crawler_config(mission.crawler)))
+    """What the runner makes of a course: its presets at the course's joint speeds and the robot's iteration cap."""
+    flight, crawl = controller_config(mission.preset), crawler_config(mission.crawler)
+    return ManagerConfig(
+        replace(
+            flight, joint_speed=COURSE_SPEED, allocator=replace(flight.allocator, max_iter=ONBOARD_ITERATIONS)
+        ),
+        replace(
+            crawl, joint_speed=COURSE_CRAWL_SPEED, allocator=replace(crawl.allocator, max_iter=ONBOARD_ITERATIONS)
+        ),
+    )  # fmt: skip
 
 
 def _row(model: Model, state: RobotState, fell: float) -> dict[str, Any]:

@@ -62,7 +62,11 @@ def _meddle(message: Message, rng: np.random.Generator) -> list[Message]:
 
 
 def _low(message: Message, rng: np.random.Generator) -> list[Message]:
-    return [replace(message, values={"data": int(FlightState.LOW_BATTERY)})] if message.topic == "flight_state" else [message]
+    return (
+        [replace(message, values={"data": int(FlightState.LOW_BATTERY)})]
+        if message.topic == "flight_state"
+        else [message]
+    )
 
 
 def _shift(message: Message, rng: np.random.Generator) -> list[Message]:
@@ -86,9 +90,7 @@ FAULTS: dict[str, Fault] = {
     "joints_nan": Fault("joint angles are NaN", "lands", _set("joint_states", "position", np.nan)),
     "gyro_far": Fault("the gyroscope says 100 rad/s", "lands", _set("imu", "gyro", 100.0)),
     "out_of_order": Fault("poses are stamped half a second earlier", "lands", _old),
-    "low_battery": Fault(
-        "the flight state is LOW_BATTERY", "lands", _low, sees=True, only_course=True
-    ),
+    "low_battery": Fault("the flight state is LOW_BATTERY", "lands", _low, sees=True, only_course=True),
     "lossy": Fault("one message of ten is lost", "flies on", _lose),
     "contended": Fault("another node commands the rotors", "lands", _meddle),
     "stall": Fault("the runner stalls for 200 ms", "flies on", process="stall"),

@@ -95,8 +95,8 @@ FLY_OVER = (
     CrawlTo(Pose2(2.65, 0.0, 0.0)),
 )  # fmt: skip
 """The course of `spidar sitl course`: up, over there in the narrow form and on in the flat one, down, and a crawl."""
-COURSE_SPEED = 0.6
-"""Joint speed of a course [rad/s]: at the paper's 0.2 a form takes eight seconds."""
+COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
+"""Joint speed of a course in flight, where at the paper's 0.2 a form takes eight seconds, and of its crawls [rad/s]."""
 
 
 def order_line(command: LocomotionCommand) -> str:
@@ -116,7 +116,7 @@ def order_line(command: LocomotionCommand) -> str:
 
 def course_mission(
     commands: Iterable[LocomotionCommand] = FLY_OVER, preset: str = "tuned", crawler: str = "robust_overlapped", *,
-    speed: float = COURSE_SPEED, seconds: float = 120.0, odometry: bool = False,
+    seconds: float = 120.0, odometry: bool = False,
     orders: tuple[tuple[float, str], ...] = (),
 ) -> Mission:  # fmt: skip
     """Both gaits, from the floor to the floor.
@@ -125,7 +125,6 @@ def course_mission(
         commands: What it consists of.
         preset: Controller in flight.
         crawler: Crawler.
-        speed: Joint speed [rad/s].
         seconds: How long it takes at most [s].
         odometry: Whether the runner takes the robot's own estimate.
         orders: What it is told while it runs, as in `Mission`.
@@ -137,7 +136,8 @@ def course_mission(
     crawler_config(crawler)
     told = tuple(commands)
     require_order(told, airborne=False)
-    lines = [f"course {preset} {crawler}", *_switches(odometry, False), f"speed {speed:g}", _fence(told)]
+    lines = [f"course {preset} {crawler}", *_switches(odometry, False)]
+    lines += [f"speed {COURSE_SPEED:g} {COURSE_CRAWL_SPEED:g}", _fence(told)]
     text = "\n".join([*lines, *map(order_line, told), ""])
     return Mission("course", preset, text, seconds, crawler=crawler, commands=told, orders=orders)
 

@@ -147,6 +147,7 @@ def play_faults(
     return rows
 
 
-def faults_of(link: str) -> tuple[str, ...]:
-    """Faults that a link allows."""
-    return tuple(name for name, fault in FAULTS.items() if link == "ros" or not fault.ros)
+def faults_of(link: str, *, course: bool = False) -> tuple[str, ...]:
+    """Faults that a link allows, in a hover or in a course."""
+    allowed = {name: fault for name, fault in FAULTS.items() if link == "ros" or not fault.ros}
+    return tuple(name for name, fault in allowed.items() if course or not fault.only_course)

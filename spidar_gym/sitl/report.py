@@ -191,6 +191,15 @@ def timing(log: RunnerLog) -> dict[str, float]:
     return {**figures, "period_max_ms": 1e3 * float(periods.max()) if len(periods) else 0.0, "ticks": len(compute)}
 
 
+def within_bounds(outputs: np.ndarray) -> bool:
+    """Whether rotors and joints can do what a drive's answers command (`sp_loop_output`)."""
+    thrust, joints = outputs["command"]["thrust"], np.abs(outputs["command"]["joint_position"])
+    return bool(
+        np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
+        and joints.max() <= ROBOT.joint_limit + 1e-6
+    )  # fmt: skip
+
+
 def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     """What a fault led to.
 
@@ -203,12 +212,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     drive = log.outputs["stage"] > Stage.WAITING
     holds = [len(list(ticks)) for stage, ticks in groupby(log.outputs["stage"].tolist()) if stage == Stage.HOLDING]
     held = max(holds, default=0) / CONTROL_RATE
-    thrust = log.outputs["command"]["thrust"][drive]
-    joints = np.abs(log.outputs["command"]["joint_position"][drive])
-    bounded = bool(
-        np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
-        and joints.max() <= ROBOT.joint_limit + 1e-6
-    )  # fmt: skip
+    thrust, bounded = log.outputs["command"]["thrust"][drive], within_bounds(log.outputs[drive])
     actions = log.outputs["action"]
     landing = np.flatnonzero(actions == Action.FORCE_LANDING)
     silent = not len(landing) or bool((actions[landing[0] :] != Action.PUBLISH).all() and actions[-1] == Action.SILENT)

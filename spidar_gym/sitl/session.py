@@ -87,8 +87,10 @@ class Run:
     """How late the simulated robot itself was at worst, while the runner drove or waited [s]."""
 
 
-STAGES = {"waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING, "released": Stage.RELEASED,
-          "forcing the landing": Stage.LANDING, "ending the course": Stage.ENDING, "resting": Stage.RESTING}  # fmt: skip
+STAGES = {
+    "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING, "released": Stage.RELEASED,
+    "forcing the landing": Stage.LANDING, "ending the course": Stage.ENDING, "resting": Stage.RESTING,
+}  # fmt: skip
 """What the runner says of the stages."""
 
 
@@ -196,10 +198,9 @@ class Session:
         robot, run = self.robot, self.run
         messages = robot.step()
         run.first_driven = min(run.first_driven, robot.first_driven)
-        if self.injector is not None and run.fault_at == np.inf and robot.time > run.first_driven:
-            if not self.injector.phase or self.phase == self.injector.phase:
-                begun = robot.time if self.injector.phase else run.first_driven
-                run.fault_at = self.injector.start = begun + self.injector.after
+        fault, driven = self.injector, robot.time > run.first_driven
+        if fault is not None and driven and run.fault_at == np.inf and fault.phase in ("", self.phase):
+            run.fault_at = fault.start = (robot.time if fault.phase else run.first_driven) + fault.after
         if self.stage == Stage.RESTING:
             self._rested = min(self._rested, robot.time)
         if self._orders and robot.time > run.first_driven + self._orders[0][0]:

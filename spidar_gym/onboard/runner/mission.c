@@ -93,6 +93,7 @@ static const char *read_kind(sp_mission *m, char **words, int count)
 static const char *read_order(sp_mission *m, char **words, int count)
 {
     int airborne = m->order_count > 0;
+    if (m->kind != SP_MISSION_COURSE) return "crawl_to, take_off, fly_to, land for a course";
     if (airborne) airborne = m->orders[m->order_count - 1].kind == SP_LOCOMOTION_FLY_TO ||
                              m->orders[m->order_count - 1].kind == SP_LOCOMOTION_TAKE_OFF;
     if (m->order_count == SP_MAX_WAYPOINTS) return "at most 64 orders at once";
@@ -134,13 +135,19 @@ static const char *read_limit(sp_mission *m, char **words, int count)
         l->pose_age = v[0], l->imu_age = v[1], l->joint_age = v[2], l->state_age = v[3];
         return NULL;
     }
-    if (!sp_numbers(words, count, 1, v)) return "one number after settle, tilt, speed, end";
+    if (strcmp(name, "speed") == 0) {
+        if (!sp_numbers(words, count, count == 3 ? 2 : 1, v)) return "speed and one number, or a second one of a crawl [rad/s]";
+        if (count == 2) v[1] = v[0];
+        for (int i = 0; i < 2; i++)
+            if (!(v[i] > 0.0 && v[i] <= MAX_SPEED)) return "speed within 0 … 1.62 rad/s, what the servos can do";
+        m->controller.joint_speed = v[0], m->crawler.joint_speed = v[1];
+        return NULL;
+    }
+    if (!sp_numbers(words, count, 1, v)) return "one number after settle, tilt, end";
     if (strcmp(name, "settle") == 0) l->settle = v[0];
     else if (strcmp(name, "tilt") == 0) l->tilt = v[0];
-    else if (strcmp(name, "end") == 0) m->end = v[0];
-    else m->controller.joint_speed = m->crawler.joint_speed = v[0];
+    else m->end = v[0];
     if (!(v[0] > 0.0)) return "a number above 0";
-    if (strcmp(name, "speed") == 0 && v[0] > MAX_SPEED) return "speed within 0 … 1.62 rad/s, what the servos can do";
     return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: from there the flight controller lands by itself";
 }
 
@@ -217,10 +224,9 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
         text += length + (text[length] != 0);
     }
     if (valid == NULL && kinds == 0) valid = NO_KIND;
-    int flies = m->form_count + m->window_count > 0 || m->end > 0.0;
-    if (valid == NULL && ((m->kind != SP_MISSION_FLIGHT && flies) || (m->kind != SP_MISSION_CRAWL && m->move_count > 0) ||
-                          (m->kind != SP_MISSION_COURSE && m->order_count > 0)))
-        valid = "form, unrestricted, end for a flight; move for a crawl; crawl_to, take_off, fly_to, land for a course";
+    int flies = m->form_count + m->window_count > 0 || m->end > 0.0, crawls = m->move_count > 0;
+    if (valid == NULL && ((m->kind != SP_MISSION_FLIGHT && flies) || (m->kind != SP_MISSION_CRAWL && crawls)))
+        valid = "form, unrestricted, end for a flight; move for a crawl";
     if (valid == NULL) return 1;
     snprintf(reason, size, "mission, line %d; valid: %s", number_of_line, valid);
     return 0;
