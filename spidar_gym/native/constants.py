@@ -66,7 +66,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", crawl_controller, ("EFFORT_SHARE",)),
     ("", footsteps, ("MOST_STRIDE", "BISECTIONS")),
     ("", pose2, ("STRAIGHT",)),
-    ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "LEAST_SECONDS", "ARRIVED")),
+    ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "LEAST_SECONDS", "ARRIVED", "PATIENCE")),
     ("PATH_", path, ("EASE", "REST", "TURN_RATE", "KNOT_TIME", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
                      "LEAST_LIFT", "TRIAL")),

@@ -71,7 +71,7 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
         "largest_thrust_n": float(outputs["command"]["thrust"][drive].max(initial=0.0)),
         "bounded": bounded,
         "silent_after_landing": silent,
-        "as_specified": happened == reaction and bounded and silent and soft and held <= 0.1 + 1e-9,
+        "as_specified": happened in reaction.split(" or ") and bounded and silent and soft and held <= 0.1 + 1e-9,
     }
 
 

@@ -25,7 +25,7 @@ class Fault:
     seconds: float = np.inf
     """How long it lasts [s]."""
     process: str = ""
-    """What happens to the processes: `kill` (runner), `stall`, `long_stall`, `master`."""
+    """What happens to the processes, or the robot: `kill` (runner), `stall`, `long_stall`, `master`, `rotor`."""
     ros: bool = False
     """Whether it needs ROS."""
     sees: bool = False
@@ -96,6 +96,7 @@ FAULTS: dict[str, Fault] = {
     "stall": Fault("the runner stalls for 200 ms", "flies on", process="stall"),
     "long_stall": Fault("the runner stalls for 700 ms", "board lands", process="long_stall"),
     "killed": Fault("the runner is killed", "board lands", process="kill"),
+    "rotor_dies": Fault("an outer rotor thrusts no more", "flies on", process="rotor", only_course=True),
     "master": Fault("the ROS master is killed", "flies on", process="master", ros=True),
 }
 """Faults by name."""
@@ -110,6 +111,8 @@ def course_reaction(name: str, phase: str) -> str:
     runner commands the board's) and `board lands` (it has not heard the runner).
     """
     fault = FAULTS[name]
+    if name == "rotor_dies":  # which nobody tells the runner: it flies on what is left, until it tilts too far
+        return "goes on or forced landing"
     if fault.reaction != "lands":
         return {"flies on": "goes on"}.get(fault.reaction, fault.reaction)
     if name == "contended":

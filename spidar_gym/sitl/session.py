@@ -33,6 +33,8 @@ AFTER_FAULT = 6.0
 """How long is watched after a fault [s]."""
 LANDED = 2.0
 """How long is watched after a forced landing has touched the floor [s]."""
+OUTER = 2
+"""Module whose rotor dies, the outer one of leg 1."""
 LATE = 0.06
 """A robot in real time that was later than this [s] was not one: its run ends there."""
 
@@ -186,8 +188,9 @@ class Session:
         """
         robot, t = self.robot, self.robot.time
         bring_up(robot)
-        # A course that has not come to its end is not disarmed in mid-air.
-        over = finished or (t > self.run.first_driven + self.mission.seconds and not self.mission.is_course)
+        over = finished or t > self.run.first_driven + self.mission.seconds
+        if self.mission.is_course:  # in ARM_ON `land` disarms: only where the robot lies
+            over = finished and self.phase == "lie"
         over = over and (self.injector is None or not self.mission.is_course)
         if over and self._landing_asked == np.inf and not robot.board.landing:
             self._landing_asked = t
@@ -214,7 +217,10 @@ class Session:
 
     def due(self) -> str:
         """What happens to the processes now."""
-        return "" if self.injector is None else self.injector.due(self.robot.time)
+        what = "" if self.injector is None else self.injector.due(self.robot.time)
+        if what == "rotor":
+            self.robot.dead_rotor, what = OUTER, ""
+        return what
 
     def _record(self) -> None:
         robot, plant = self.robot, self.robot.plant

@@ -219,7 +219,9 @@ static void take_form(sp_manager *m, const sp_robot_state *state)
         told = sp_max(told, fabs(m->flight.memory.joint_position[j] - memory->form[j]));
         off = sp_max(off, fabs(state->joint_position[j] - memory->form[j]));
     }
-    if (told > 1e-6 || off > SP_MANAGER_ARRIVED) return;
+    if (told > 1e-6) return;
+    memory->believed += m->flight.dt;
+    if (off > SP_MANAGER_ARRIVED && memory->believed < SP_MANAGER_PATIENCE) return;
     sp_path_at(m->knots, m->knot_count, memory->time, here, rate, acceleration);
     if (command->kind == SP_LOCOMOTION_LAND) {
         sp_copy(memory->begin_w, here, 3);

@@ -68,6 +68,7 @@
 #define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
 #define SP_MANAGER_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.locomotion.manager.LEAST_SECONDS */
 #define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
+#define SP_MANAGER_PATIENCE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.PATIENCE */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */

@@ -1,6 +1,7 @@
 """Pins the manager of both gaits: take-off, flight, landing, crawl, what happens in between, what it refuses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -133,6 +134,23 @@ def test_a_climb_that_ends_in_a_landing_is_not_flown_again_while_the_legs_move()
     assert np.abs(np.diff(asked)).max() < 0.45 / 40.0, "no faster than it climbed"
     assert np.array(mission.seen_so_far.tilt).max() < 0.05
     assert mission.seen_so_far.touchdown < 0.35
+
+
+def test_a_leg_that_hangs_keeps_no_robot_in_the_air():
+    """A form that a joint does not reach is waited for two seconds; then it lands in what it has."""
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, [TakeOff(0.6), Land()])
+    mission.until("form")
+    ticks = 0
+    while mission.manager.phase == "form":
+        q = mission.state.joint_position.copy()
+        q[3] += 0.2
+        mission.seen = replace(mission.state, joint_position=q)
+        mission.tick()
+        ticks += 1
+        assert ticks < 400
+    assert mission.manager.phase == "descend"
+    assert ticks >= 80
 
 
 def test_evening_out_of_the_thrust_asks_for_no_more_than_a_rotor_has():
