@@ -32,8 +32,9 @@ MAGIC = "SPIDAR01"
 """First characters of a log."""
 MAX_FORMS, MAX_WINDOWS, MAX_MOVES = 64, 8, 16
 """Forms, windows and moves that a mission has room for."""
-ORDER_TEXT, REASON = 1024, 160
-"""Characters of the orders that come in a tick, and of the sentence that refuses them."""
+ORDER_TEXT, MOST_ORDERS, REASON = 1024, 16, 160
+"""Characters of the orders that come in a tick, how many they are at most, for whether a crawl is within reach takes
+time to find out, and characters of the sentence that refuses them."""
 N_NAMES = N_JOINTS + 2 * N_ROTORS
 """Names of `joint_states`: joints, then gimbals."""
 TOPICS = {
@@ -281,7 +282,7 @@ def _header_lines() -> list[str]:
     """Text of spidar_runner.h but for its digest."""
     sizes = {
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES,
-        "ORDER_TEXT": ORDER_TEXT, "REASON": REASON,
+        "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON,
     }  # fmt: skip
     bounds = {
         "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],

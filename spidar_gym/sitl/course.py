@@ -38,7 +38,7 @@ NEAR_FLOOR = ("spool", "descend", "unload")
 SETTLING = 40
 """Ticks that a robot lies before a course in process begins."""
 PERIOD = 1.0 / CONTROL_RATE
-"""Of a tick [s]."""
+"""Length of a tick [s]."""
 LONGEST = 90.0
 """No course takes longer than this in process [s]."""
 

@@ -174,15 +174,16 @@ def test_orders_that_cannot_be_done_are_refused_and_nothing_has_changed(library,
 
 def test_more_orders_are_done_behind_the_others_and_64_are_enough(library, course):
     loop, inputs = at_phase(library, course, "crawl")
-    hop = "take_off 1\nland\n"
-    out, _ = told(loop, inputs[0], hop * 31)
-    assert out["heard"] == TAKEN
-    assert out["to_do"] == 63
-    out, reason = told(loop, inputs[1], hop)
-    assert (out["heard"], out["to_do"]) == (REFUSED, 63)
-    assert reason == "at most 64 orders at once"
-    out, _ = told(loop, inputs[2], "now\n" + hop * 31)
-    assert (out["heard"], out["to_do"]) == (TAKEN, 62)
+    eight = "take_off 1\nland\n" * 8
+    for k, to_do in enumerate((17, 33, 49)):
+        out, reason = told(loop, inputs[k], eight)
+        assert (out["heard"], out["to_do"], reason) == (TAKEN, to_do, "")
+    out, reason = told(loop, inputs[3], eight)
+    assert (out["heard"], out["to_do"], reason) == (REFUSED, 49, "at most 64 orders at once")
+    out, reason = told(loop, inputs[4], eight + "take_off 1")
+    assert (out["heard"], reason) == (REFUSED, "at most 16 orders in a message")
+    out, _ = told(loop, inputs[5], "now\n" + eight)
+    assert (out["heard"], out["to_do"]) == (TAKEN, 16)
 
 
 @pytest.mark.parametrize("mission", ["hover", "course"])

@@ -73,6 +73,7 @@ static void hear(sp_loop *l, const char *text)
         sp_say_why(l, why);
         return;
     }
+    memset(l->reason, 0, sizeof l->reason);
     l->answer.heard = SP_HEARD_TAKEN;
     l->told = 1;
 }

@@ -181,7 +181,7 @@ const char *sp_refuse_orders(const sp_manager *m, const sp_robot_state *state, c
 
 const char *sp_take_orders(sp_manager *m, const sp_mission *mission, const sp_robot_state *state, const char *text)
 {
-    sp_waypoint orders[SP_MAX_WAYPOINTS];
+    sp_waypoint orders[SP_MOST_ORDERS];
     char all[SP_ORDER_TEXT], *line = all, *words[SP_WORDS];
     int n = 0, now = 0, first = 1;
     memset(orders, 0, sizeof orders);
@@ -196,7 +196,7 @@ const char *sp_take_orders(sp_manager *m, const sp_mission *mission, const sp_ro
         if (count == 0) continue;
         if (first && count == 1 && strcmp(words[0], "now") == 0) now = 1;
         else if (!sp_is_order(words[0])) return "now as the first line, then crawl_to, take_off, fly_to, land";
-        else if (n == SP_MAX_WAYPOINTS) return "at most 64 orders at once";
+        else if (n == SP_MOST_ORDERS) return "at most 16 orders in a message";
         else {
             const char *valid = sp_read_order(mission, words, count, &orders[n++]);
             if (valid != NULL) return valid;
