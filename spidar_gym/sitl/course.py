@@ -25,7 +25,7 @@ from spidar_gym.paper.crawl import crawl_robot
 from spidar_gym.policies.rollout import columns
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sitl.missions import COURSE_CRAWL_SPEED, COURSE_SPEED, Mission
-from spidar_gym.sitl.report import RunnerLog, driven, timing
+from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing
 from spidar_gym.sitl.session import Run, tilt_of
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, RobotState
@@ -102,14 +102,19 @@ def driven_course(run: Run, log: RunnerLog) -> CourseLog:
     """
     rows, at = driven(run, log)
     model, kept, fell = Model(), list[dict[str, Any]](), 0.0
-    for row, tick in zip(rows, at.tolist(), strict=True):
+    # In real time the two tick apart, and what is asked moves on by a centimetre in between.
+    ticks, times = drive_times(run, log)
+    begins = np.array([row.time - PERIOD for row in rows])
+    where = log.outputs["reference"]["position_w"][ticks]
+    asked_w = np.stack([np.interp(begins, times, where[:, i]) for i in range(3)], axis=1)
+    for row, tick, asked in zip(rows, at.tolist(), asked_w, strict=True):
         answer = log.outputs[tick]
         kept.append(
             {
                 **_row(model, row.state, fell),
                 "time": row.time - run.first_driven,
                 "phase": PHASES[answer["manager_phase"]],
-                "asked_w": answer["reference"]["position_w"],
+                "asked_w": asked,
                 "in_contact": row.in_contact,
                 "thrust": float(answer["command"]["thrust"].sum()),
                 "status": str(STATUS[answer["status"]]),

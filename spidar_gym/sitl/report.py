@@ -62,16 +62,24 @@ def read_runner_log(path: Path) -> RunnerLog:
     return RunnerLog(ticks["input"], ticks["output"], ticks["clock"])
 
 
-def driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
-    """Rows of the drive, and for each the runner's tick whose command acted in it."""
+def drive_times(run: Run, log: RunnerLog) -> tuple[np.ndarray, np.ndarray]:
+    """Ticks of the drive, and when they were by the robot's clock [s].
+
+    Raises:
+        SpidarError: When there was none.
+    """
     driving = np.flatnonzero(log.outputs["stage"] > Stage.WAITING)
     if not len(driving) or not math.isfinite(run.first_driven):
         raise SpidarError("the runner never drove; valid: a run whose runner says `driving`")
     times = log.inputs["time"][driving]
     # Over ROS the two clocks begin at different times; the robot stamps with whole steps of its own.
     stamp = float(log.inputs["measurement"]["encoder_time"][driving[0]])
-    apart = stamp - DT * round((stamp - float(times[0]) + run.first_driven) / DT)
-    times = times - apart
+    return driving, times - (stamp - DT * round((stamp - float(times[0]) + run.first_driven) / DT))
+
+
+def driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
+    """Rows of the drive, and for each the runner's tick whose command acted in it."""
+    driving, times = drive_times(run, log)
     rows = [row for row in run.rows if run.first_driven < row.time <= times[-1] + 1.0 / CONTROL_RATE]
     at = np.searchsorted(times, [row.time - 1.0 / CONTROL_RATE + 1e-9 for row in rows], side="right") - 1
     return rows, driving[np.clip(at, 0, len(driving) - 1)]
