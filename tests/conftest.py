@@ -53,6 +53,11 @@ def crawl(onboard, library, runner, folder):
     return onboard.walk(library, runner, folder)
 
 
-@pytest.fixture(params=["hover", "crawl"])
+@pytest.fixture(scope="session")
+def course(onboard, library, runner, folder):
+    return onboard.go(library, runner, folder)
+
+
+@pytest.fixture(params=["hover", "crawl", "course"])
 def stream(request):
     return request.getfixturevalue(request.param)

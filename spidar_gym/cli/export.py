@@ -4,7 +4,7 @@ from pathlib import Path
 
 from spidar_gym.onboard.export import export
 from spidar_gym.onboard.policy import RATE
-from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.missions import course_mission, crawl_mission, flight_mission, hover_mission
 
 
 def export_(
@@ -19,6 +19,6 @@ def export_(
         residual: Artifact of a learned policy that adds to the controller; it goes into the folder.
         residual_rate: Largest change of every entry of its action in a second [1/s]; from −1 to 1 it is 2.
     """
-    plans = (flight_mission(), crawl_mission(), hover_mission())
+    plans = (flight_mission(), crawl_mission(), hover_mission(), course_mission())
     missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
     print(f"{len(export(out, residual=residual, rate=residual_rate, extra=missions))} files in {out}")

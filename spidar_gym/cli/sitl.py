@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -21,10 +21,14 @@ from spidar_gym.errors import SpidarError, require_above, require_least, require
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.sitl import report
+from spidar_gym.sitl.course import course_figures, course_in_process, course_report
+from spidar_gym.sitl.course_faults import course_fault_lines, play_course_faults
 from spidar_gym.sitl.link_socket import SocketLink
-from spidar_gym.sitl.missions import Mission, crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.missions import Mission, course_mission, crawl_mission, flight_mission, hover_mission
 from spidar_gym.sitl.play import (
+    IN_PHASE,
     LINKS,
+    Played,
     build_for,
     evaluate,
     faults_of,
@@ -34,6 +38,7 @@ from spidar_gym.sitl.play import (
 )
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
+from spidar_gym.text import format_table
 
 sitl_app = tyro.extras.SubcommandApp()
 LinkArg = Annotated[str, choice(LINKS)]
@@ -68,8 +73,9 @@ class Options:
 OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
 
 
-def _play(mission: Mission, out: Path, options: Options) -> None:
-    folder, json = output_folder(out), options.json
+def _played(mission: Mission, out: Path, options: Options) -> tuple[Played, Path]:
+    """A mission played to its end, and the folder that has its text and log."""
+    folder = output_folder(out)
     runner = build_for(options.link, options.residual)
     with progress(unit="tick", desc=f"{mission.name} over {options.link}") as bar:
         played = play(
@@ -80,21 +86,30 @@ def _play(mission: Mission, out: Path, options: Options) -> None:
         print(line, file=sys.__stderr__)
     if played.run.board:
         raise SpidarError(f"the landing was forced after {played.run.landing_at:.2f} s: {played.run.board}")
+    return played, folder
+
+
+def _say_figures(folder: Path, name: str, figures: dict[str, Any], table: str, json: bool) -> None:
+    """Write and print figures, and the runner's timing among them."""
+    print(published(folder, name, {name: figures}, table, json))
+    if json:
+        return
+    t = figures["timing"]
+    print(f"\nrunner: {t['ticks']} ticks, computing {t['compute_median_us']:.0f} µs (worst {t['compute_max_us']:.0f})")
+    if "wait_median_us" in t:
+        print(f"ticks begin {t['wait_median_us']:.0f} µs after they are due (p99 {t['wait_p99_us']:.0f}, worst "
+              f"{t['wait_max_us']:.0f}); longest period {t['period_max_ms']:.1f} ms")  # fmt: skip
+
+
+def _play(mission: Mission, out: Path, options: Options) -> None:
+    played, folder = _played(mission, out, options)
     log, figures, table = evaluate(played)
-    print(published(folder, mission.name, {mission.name: figures}, table, json))
-    if not json:
-        t = figures["timing"]
-        print(
-            f"\nrunner: {t['ticks']} ticks, computing {t['compute_median_us']:.0f} µs (worst {t['compute_max_us']:.0f})"
-        )
-        if "wait_median_us" in t:
-            print(f"ticks begin {t['wait_median_us']:.0f} µs after they are due (p99 {t['wait_p99_us']:.0f}, worst "
-                  f"{t['wait_max_us']:.0f}); longest period {t['period_max_ms']:.1f} ms")  # fmt: skip
+    _say_figures(folder, mission.name, figures, table, options.json)
     if isinstance(log, CrawlLog):
         drawn("figure", lambda: viz.crawl_figure(log, folder / "crawl.png"))
     else:
         drawn("figure", lambda: viz.flight_figure(log, folder / "flight.png"))
-    if not json:
+    if not options.json:
         print(f"written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
 
 
@@ -129,6 +144,28 @@ def crawl(
     require_name("preset", preset, CRAWL_PRESETS)
     CrawlTask(distance=distance)  # refuses what cannot be crawled
     _play(crawl_mission(preset, Pose2(distance), **options.mission), out, options)
+
+
+@sitl_app.command
+def course(robots: int = 16, out: Path = Path("out/sitl-course"), options: OptionsArg = Options()) -> None:
+    """Arm, and let the runner take off, fly over in the narrow form, land and crawl on; beside the same in process.
+
+    Args:
+        robots: How many robots go the course in process: the spread that the runner's is held against.
+        out: Folder for course.json, mission.txt and run.log, which `runner replay` repeats bit for bit.
+    """
+    require_least(1, robots=robots)
+    if options.residual is not None:
+        raise SpidarError("a course has no learned residual; valid: flight or crawl with --residual")
+    mission = course_mission(odometry=options.odometry)
+    played, folder = _played(mission, out, options)
+    with progress(total=robots, unit="robot", desc="course in process") as bar:
+        others = []
+        for seed in range(robots):
+            others.append(course_figures(course_in_process(mission, seed), mission))
+            bar.update()
+    figures, table = course_report(played.run, played.log, mission, others)
+    _say_figures(folder, mission.name, figures, table, options.json)
 
 
 @sitl_app.command
@@ -185,24 +222,38 @@ def _serve_ros(robot: Robot, operate: bool, seconds: float, master: str | None) 
 def faults(
     link: LinkArg = "ros",
     only: tuple[str, ...] = (),
+    course: Flag = False,
+    phases: tuple[str, ...] = (),
     seed: int = 0,
     out: Path = Path("out/sitl-faults"),
     json: JsonArg = False,
 ) -> None:
-    """Put every fault into a hover: what the runner and the flight controller make of it; a table of reactions.
+    """Put every fault into a hover, or into every phase of a course; a table of reactions.
 
     Args:
         link: ros: in real time (20 s a fault); socket: in lock-step, without the fault of ROS itself.
         only: Names of the faults; all that the link allows if none is given.
+        course: Into the phases of a course, in place of a hover.
+        phases: Which of them; all if none is given.
         seed: Seed of the robot's noise and of what is drawn.
-        out: Folder for faults.json.
+        out: Folder for faults.json, or course_faults.json.
     """
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
-    names = only or faults_of(link)
+    course = course or bool(phases)
+    names = only or faults_of(link, course=course)
     for name in names:
-        require_name(f"fault over {link}", name, faults_of(link))
+        require_name(f"fault over {link}", name, faults_of(link, course=course))
+    for phase in phases:
+        require_name("phase", phase, IN_PHASE)
     folder = output_folder(out)
+    if course:
+        pairs = [(name, phase) for phase in phases or tuple(IN_PHASE) for name in names]
+        with progress(total=len(pairs), unit="fault", desc=f"faults of a course over {link}") as bar:
+            found = play_course_faults(link, pairs, seed=seed, on_fault=bar.update)
+        table = format_table(course_fault_lines(found))
+        print(published(folder, "course_faults", {"course_faults": found}, table, json))
+        return
     with progress(total=len(names), unit="fault", desc=f"faults over {link}") as bar:
         rows = play_faults(link, names, seed=seed, on_fault=bar.update)
     print(published(folder, "faults", {"faults": rows}, report.fault_table(rows), json))

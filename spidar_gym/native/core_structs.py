@@ -230,7 +230,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("yaw", "f8", (), "heading in flight [rad]"),
         ("form", "f8", (N_JOINTS,), "that is asked for [rad]"),
         ("floor velocity", "f8", (), "height of the centre of mass on the floor [m]; rate of the descent [m/s]"),
-        ("believed thrust", "f8", (), "for how long something is like a floor [s]; Σλ of the last tick [N]"),
+        ("believed thrust", "f8", (), "how long there is a floor, or a form asked for [s]; Σλ of the last tick [N]"),
         ("failures rises", "i4", (), "landings in a row that failed; whether it takes off at the next tick"),
     )),
     CStruct("manager", "The manager of both gaits.", (

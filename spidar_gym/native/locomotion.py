@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.flight.memory import FlightRecord
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
@@ -14,7 +15,7 @@ from spidar_gym.native.constants import MAX_WAYPOINTS
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
-from spidar_gym.native.library import Core, LastCommand, Room, Struct
+from spidar_gym.native.library import STATUS, Core, LastCommand, Room, Struct
 from spidar_gym.native.structs import fill
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
@@ -107,6 +108,17 @@ class CoreManager(Core[LastCommand], Orders):
     def floor(self) -> float:
         """Height of the centre of mass where it lay last, or is expected to lie [m]."""
         return float(self._memory["floor"])
+
+    @property
+    def asked_w(self) -> np.ndarray:
+        """Where the centre of mass was asked to be at the last tick in flight, shape (3,) [m]."""
+        return self._manager["reference"]["position_w"].copy()
+
+    @property
+    def status(self) -> AllocationStatus:
+        """How the allocation answered at the last tick."""
+        gait = "crawl" if self.phase in ("lie", "crawl") else "flight"
+        return STATUS[int(self._manager[gait]["allocation"]["status"])]
 
     def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
         """Forget everything; as `Manager.reset`."""

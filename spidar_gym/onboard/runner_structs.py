@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES
+from spidar_gym.control.locomotion.commands import FIELD, HEIGHTS, SPEEDS, STEEPEST
+from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.native.codegen.header import (
     array,
     define,
@@ -18,10 +20,10 @@ from spidar_gym.native.codegen.header import (
     model_header,
     struct,
 )
-from spidar_gym.native.constants import MAX_ACTION, Enumeration, snake
+from spidar_gym.native.constants import MAX_ACTION, MAX_WAYPOINTS, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
-from spidar_gym.robot import N_JOINTS, N_ROTORS
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
 
 RUNNER = Path(__file__).resolve().parent / "runner"
@@ -30,6 +32,9 @@ MAGIC = "SPIDAR01"
 """First characters of a log."""
 MAX_FORMS, MAX_WINDOWS, MAX_MOVES = 64, 8, 16
 """Forms, windows and moves that a mission has room for."""
+ORDER_TEXT, MOST_ORDERS, REASON = 1024, 16, 160
+"""Characters of the orders that come in a tick, how many they are at most, for whether a crawl is within reach takes
+time to find out, and characters of the sentence that refuses them."""
 N_NAMES = N_JOINTS + 2 * N_ROTORS
 """Names of `joint_states`: joints, then gimbals."""
 TOPICS = {
@@ -53,6 +58,14 @@ class FlightState(IntEnum):
     FORCE_LANDING = 17
 
 
+class MissionKind(IntEnum):
+    """What a mission is."""
+
+    FLIGHT = 0
+    CRAWL = 1
+    COURSE = 2
+
+
 class LogKind(IntEnum):
     """What a log is of."""
 
@@ -69,6 +82,16 @@ class Stage(IntEnum):
     HOLDING = 2
     LANDING = 3
     RELEASED = 4
+    ENDING = 5
+    RESTING = 6
+
+
+class Heard(IntEnum):
+    """What became of the orders that came with a tick."""
+
+    NOTHING = 0
+    TAKEN = 1
+    REFUSED = 2
 
 
 class Action(IntEnum):
@@ -95,6 +118,7 @@ FAULTS = {
     "CONTENDED": "another node commands the rotors",
     "NO_ALLOCATION": "no allocation for too long",
     "BAD_COMMAND": "a command is out of bounds",
+    "LOW_BATTERY": "the battery is low",
 }
 """What can be wrong, and how the runner says it."""
 
@@ -107,7 +131,8 @@ def _of(kind: type[IntEnum], prefix: str = "") -> Enumeration:
 
 
 ENUMERATIONS = (
-    _of(FlightState, "STATE_"), _of(LogKind, "LOG_"), _of(Stage), _of(Action),
+    _of(FlightState, "STATE_"), _of(MissionKind, "MISSION_"), _of(LogKind, "LOG_"), _of(Stage), _of(Heard, "HEARD_"),
+    _of(Action),
     Enumeration("fault", "What is wrong.", tuple(FAULTS), count="FAULTS"),
     Enumeration("topic", "Topics that the runner listens to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
 )  # fmt: skip
@@ -133,17 +158,19 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("landing_ticks", "i4", (), "the landing is commanded for so long before silence"),
     )),
     CStruct("mission", "What the runner does once it drives, and the limits within which it goes on.", (
-        ("crawls", "i4", (), "0 flies in HOVER, 1 crawls in ARM_ON"),
+        ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, a crawl and a course in ARM_ON"),
         ("odometry", "i4", (), "1 takes the lab's estimate `uav/cog/odom`, 0 estimates from mocap and inertial unit"),
         ("residual", "i4", (), "1 lets the exported residual add"),
-        ("form_count window_count move_count", "i4", (), ""),
+        ("form_count window_count move_count order_count unused", "i4", (), ""),
         ("limits", "limits", (), ""),
         ("controller", "controller_config", (), ""),
         ("crawler", "crawler_config", (), ""),
+        ("manager", "manager_config", (), "of a course, but for the two above, which it has"),
         ("estimator", "estimator_config", (), ""),
         ("forms", "form", (MAX_FORMS,), ""),
         ("windows", "window", (MAX_WINDOWS,), ""),
         ("moves", "move", (MAX_MOVES,), ""),
+        ("orders", "waypoint", (MAX_WAYPOINTS,), "of a course"),
         ("end", "f8", (), "of the flight, since the take-over; it goes on hovering [s]"),
     )),
     CStruct("log_head", "Head of a log; see runner.h for what follows it.", (
@@ -187,6 +214,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("thrust", "f8", (N_ROTORS,), "what somebody else told the rotors last [N]"),
         ("odometry", "odometry", (), ""),
         ("measurement", "measurement", (), ""),
+        ("orders", "u1", (ORDER_TEXT,), "lines for a course that is under way, up to a zero; empty for none"),
     )),
     CStruct("loop_output", "What the runner answers.", (
         ("action", "i4", (), "sp_action"),
@@ -195,6 +223,8 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("status", "i4", (), "sp_status of the allocation"),
         ("iterations finished", "i4", (), "of the solver; whether the mission is over"),
         ("phase timeouts", "i4", (), "of the gait: sp_phase, and how many ended by time-out"),
+        ("manager_phase to_do", "i4", (), "of a course: sp_manager_phase, and how many orders are not done"),
+        ("heard unused", "i4", (), "sp_heard"),
         ("mission_time", "f8", (), "since the take-over [s]"),
         ("command", "command", (), ""),
         ("state", "robot_state", (), ""),
@@ -217,6 +247,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("sense", "sense", (), ""),
         ("flight", "flight", (), ""),
         ("crawl", "crawl", (), ""),
+        ("manager", "manager", (), "of a course"),
         ("policy", "policy", (), ""),
         ("goal", "f8", (3,), "of a crawl: x, y [m], yaw [rad], world"),
         ("reference", "reference", (), ""),
@@ -225,7 +256,10 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("last good_since taken_over", "f8", (), "[s]"),
         ("held", "f8", (), "how long old commands have been in force [s]"),
         ("trim", "f8", (6,), "what the robot's own stack adds to the weight to hover [N, Nm]"),
+        ("left", "f8", (), "of the thrust with which a rest began, a share"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
+        ("ending told", "i4", (), "sp_fault that ends a course; whether it was ever told anything"),
+        ("reason", "u1", (REASON,), "why orders were refused last"),
     )),
     CStruct("sim_hello", "The first thing that the simulator says.", (
         ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
@@ -246,16 +280,26 @@ def log_layouts() -> dict[str, np.dtype]:
 
 def _header_lines() -> list[str]:
     """Text of spidar_runner.h but for its digest."""
-    sizes = {"MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES}
+    sizes = {
+        "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES,
+        "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON,
+    }  # fmt: skip
+    bounds = {
+        "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
+        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST, "DUCT_REACH": ROBOT.duct_offset_y + ROBOT.duct_radius,
+    }  # fmt: skip
     lines = [define(name, value) for name, value in sizes.items()]
+    lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
     lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
     lines += [line for each in ENUMERATIONS for line in enumeration(each)]
     names, rates = zip(*TOPICS.values(), strict=True)
     lines += [
-        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic; what is said of each of sp_fault. */",
+        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
         *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
         *array("double", "SP_TOPIC_RATES", rates),
+        "/* What is said of each of sp_fault and sp_manager_phase. */",
         *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
+        *array("char *const", "SP_MANAGER_PHASE_WORDS", [f'"{phase}"' for phase in PHASES]),
         "",
     ]
     return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]

@@ -25,7 +25,7 @@ import numpy as np
 
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
 from spidar_gym.robot.description import model_hash
-from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, Message
+from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, ORDERS, Message
 from spidar_gym.sitl.ros_types import FILL, KINDS, READ, RosMessage, message_types
 
 PACKAGES = "/usr/lib/python3/dist-packages"
@@ -263,7 +263,7 @@ class _Node:
         self._rospy.init_node(
             "spidar_robot", argv=[], anonymous=True, disable_rosout=True, disable_rostime=True, disable_signals=True
         )
-        for topic in FEEDBACK:
+        for topic in (*FEEDBACK, ORDERS):
             self._advertise(topic.name)
         for topic in COMMANDS:
             self._rospy.Subscriber(

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.errors import SpidarError
-from spidar_gym.onboard.runner_structs import TOPICS, Action, log_layouts, runner_hash
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.onboard.runner_structs import ORDER_TEXT, TOPICS, Action, log_layouts, runner_hash
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.board import FORCE_LANDING
-from spidar_gym.sitl.messages import FEEDBACK, STATE_NAMES, Message
+from spidar_gym.sitl.messages import FEEDBACK, ORDERS, STATE_NAMES, Message
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ODOMETRY_FIELDS = {"position_w": "position", "quat_wb": "quat", "velocity_w": "velocity", "omega_b": "omega"}
@@ -48,6 +48,7 @@ class SocketLink:
         self._input = np.zeros((), log_layouts()["loop_input"])
         self._poses: list[Message] = []
         self._imu: list[Message] = []
+        self._orders: list[bytes] = []
         self.answer = np.zeros((), log_layouts()["loop_output"])
         """The runner's last answer."""
         self.parting = ""
@@ -95,7 +96,7 @@ class SocketLink:
         except OSError:
             peer.close()
             return
-        self._peer, self._poses, self._imu = peer, [], []
+        self._peer, self._poses, self._imu, self._orders = peer, [], [], []
         self._input[...] = np.zeros((), self._input.dtype)
         self._input["flight_state"], self._input["flight_state_time"] = -1, -np.inf
         self.answer = np.zeros((), self.answer.dtype)
@@ -120,6 +121,11 @@ class SocketLink:
             record["has_odometry"], odometry["time"] = 1, message.stamp
             for field, name in ODOMETRY_FIELDS.items():
                 odometry[field] = values[name]
+        elif message.topic == ORDERS.name:
+            text = str(values["data"]).encode()
+            if len(text) >= ORDER_TEXT:
+                raise InvalidValueError("orders", f"{len(text)} bytes", f"at most {ORDER_TEXT - 1}")
+            self._orders.append(text)
         elif message.topic == "four_axes/command":
             record["has_thrust"], record["thrust"] = 1, values["thrust"]
 
@@ -139,6 +145,10 @@ class SocketLink:
             m["gyro_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["gyro"]
             m["specific_force_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["acc"]
         self._poses, self._imu = [], []
+        self._input["orders"] = 0
+        if self._orders:  # one message a tick, as the runner's own queue in ROS
+            text = self._orders.pop(0)
+            self._input["orders"][: len(text)] = list(text)
         try:
             self.answer = self._ask(self._peer)
         except (OSError, SpidarError) as error:

@@ -56,6 +56,8 @@ COMMANDS = (
     Topic("teleop_command/halt", "std_msgs/Empty", 0.0, "stop at once"),
 )
 """What the robot hears."""
+ORDERS = Topic("runner/orders", "std_msgs/String", 0.0, "lines of a course; the first is `now` where they interrupt")
+"""What the runner hears besides the robot."""
 
 
 @dataclass(frozen=True)
@@ -68,4 +70,5 @@ class Message:
     """The robot's clock [s]."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """By field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat` (w, x, y,
-    z), and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand); `data` (numbers); `cmd` (FlightConfigCmd)."""
+    z), and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand); `data` (numbers, text); `cmd`
+    (FlightConfigCmd)."""

@@ -1,4 +1,4 @@
-"""The missions of the paper's experiments, as the text that the runner reads."""
+"""The missions of the paper's experiments and courses of both gaits, as the text that the runner reads."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,10 +9,12 @@ from spidar_gym.control.crawl.footsteps import Move, plan_cycles
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff, require_order
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.envs.crawl.task import PAPER_WAY
 from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
+from spidar_gym.robot import FORMS
 
 PREPARE = 8.0
 """From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
@@ -23,7 +25,7 @@ class Mission:
     """What the runner is told, and what that means for whoever evaluates it."""
 
     name: str
-    """flight, crawl or hover."""
+    """flight, crawl, hover or course."""
     preset: str
     """Controller."""
     text: str
@@ -33,12 +35,23 @@ class Mission:
     begins: float = 0.0
     """When the experiment begins, since the take-over [s]."""
     way: Pose2 | None = None
-    """Where a crawl ends, seen from its start; None where nothing crawls."""
+    """Where a crawl ends, seen from its start; None where nothing crawls, or where more happens than that."""
+    crawler: str = ""
+    """Crawler of a course; empty for every other mission."""
+    commands: tuple[LocomotionCommand, ...] = ()
+    """What a course consists of."""
+    orders: tuple[tuple[float, str], ...] = ()
+    """What it is told while it runs: when since the take-over [s], and the lines."""
 
     @property
-    def crawls(self) -> bool:
-        """Whether it stays on the ground."""
-        return self.way is not None
+    def is_course(self) -> bool:
+        """Whether the runner does all of it, from the floor to the floor."""
+        return bool(self.crawler)
+
+    @property
+    def from_floor(self) -> bool:
+        """Whether the runner takes over on the floor."""
+        return self.way is not None or self.is_course
 
 
 def _form(start: float, q: Iterable[float]) -> str:
@@ -75,6 +88,73 @@ def crawl_mission(
     # Whoever waits longer than twice the nominal time waits for nothing.
     seconds = 15.0 + 2.0 * nominal_time(config.gait, [Move(way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
     return Mission("crawl", preset, "\n".join([*lines, ""]), seconds, way=way)
+
+
+FLY_OVER = (
+    TakeOff(1.0), FlyTo((1.2, 0.0, 1.3), FORMS["form3"], 0.5), FlyTo((2.4, 0.0, 1.1), FORMS["form1"], 0.5), Land(),
+    CrawlTo(Pose2(2.65, 0.0, 0.0)),
+)  # fmt: skip
+"""The course of `spidar sitl course`: up, over there in the narrow form and on in the flat one, down, and a crawl."""
+COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
+"""Joint speed of a course in flight, where at the paper's 0.2 a form takes eight seconds, and of its crawls [rad/s]."""
+
+
+def order_line(command: LocomotionCommand) -> str:
+    """A command as the line that the runner reads."""
+    if isinstance(command, CrawlTo):
+        return f"crawl_to {command.pose.x!r} {command.pose.y!r} {command.pose.yaw!r}"
+    if isinstance(command, TakeOff):
+        return f"take_off {command.height!r}"
+    if isinstance(command, Land):
+        return f"land {command.floor!r} {command.slope!r}"
+    x, y, z = command.position_w
+    words = [f"fly_to {x!r} {y!r} {z!r} {command.speed!r}", *["along"] * command.along, *["at_once"] * command.at_once]
+    words += [] if command.room is None else [f"room {command.room!r}"]
+    words += [] if command.form is None else ["form", *(f"{float(angle)!r}" for angle in command.form)]
+    return " ".join(words)
+
+
+def course_mission(
+    commands: Iterable[LocomotionCommand] = FLY_OVER, preset: str = "tuned", crawler: str = "robust_overlapped", *,
+    seconds: float = 120.0, odometry: bool = False,
+    orders: tuple[tuple[float, str], ...] = (),
+) -> Mission:  # fmt: skip
+    """Both gaits, from the floor to the floor.
+
+    Args:
+        commands: What it consists of.
+        preset: Controller in flight.
+        crawler: Crawler.
+        seconds: How long it takes at most [s].
+        odometry: Whether the runner takes the robot's own estimate.
+        orders: What it is told while it runs, as in `Mission`.
+
+    Raises:
+        InvalidValueError: For commands that cannot follow on one another.
+    """
+    controller_config(preset)
+    crawler_config(crawler)
+    told = tuple(commands)
+    require_order(told, airborne=False)
+    lines = [f"course {preset} {crawler}", *_switches(odometry, False)]
+    lines += [f"speed {COURSE_SPEED:g} {COURSE_CRAWL_SPEED:g}", _fence(told)]
+    text = "\n".join([*lines, *map(order_line, told), ""])
+    return Mission("course", preset, text, seconds, crawler=crawler, commands=told, orders=orders)
+
+
+def _fence(commands: Iterable[LocomotionCommand]) -> str:
+    """Two metres more than a course needs on every side, above too; a floor that is a little lower than expected."""
+    places, top = [np.zeros(3)], 0.0
+    for command in commands:
+        if isinstance(command, CrawlTo):
+            places.append(np.array([command.pose.x, command.pose.y, 0.0]))
+        elif isinstance(command, FlyTo):
+            places.append(np.array(command.position_w))
+        elif isinstance(command, TakeOff):
+            top = max(top, command.height)
+    low, high = np.min(places, axis=0) - 2.0, np.max(places, axis=0) + 2.0
+    corners = [low[0], low[1], -0.2, high[0], high[1], max(high[2], top + 2.0)]
+    return "fence " + " ".join(f"{float(x):g}" for x in corners)
 
 
 def _switches(odometry: bool, residual: bool) -> list[str]:

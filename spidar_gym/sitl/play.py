@@ -15,7 +15,7 @@ from spidar_gym.onboard.build import build_runner
 from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines, crawl_robot
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
 from spidar_gym.sitl.faults import FAULTS, Injector
-from spidar_gym.sitl.missions import Mission, hover_mission
+from spidar_gym.sitl.missions import COURSE_SPEED, Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.session import LATE, Run, Session, ros_session, socket_session
@@ -27,6 +27,11 @@ TRIES = 5
 """How often a run in real time begins anew where the machine stalled."""
 FAULT_AFTER = 3.0
 """When a fault begins, since the take-over [s]."""
+IN_PHASE = {
+    "lie": 1.0, "crawl": 3.0, "spool": 0.7, "climb": 1.0, "hover": 1.0, "form": 0.5, "fly": 0.5, "descend": 1.0,
+    "unload": 0.2,
+}  # fmt: skip
+"""When a fault in a phase of a course begins, since the phase has begun [s]."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +49,11 @@ class Played:
 def make_robot(mission: Mission, seed: int = 0) -> Robot:
     """The robot of the in-process experiments with noise: real sensors, delay, unequal rotors."""
     rng = np.random.Generator(np.random.PCG64(seed))
-    if not mission.crawls:
+    if not mission.from_floor:
         return Robot(noisy_robot(rng), seed=seed)
-    config = CRAWL_PRESETS[mission.preset]
-    return Robot(crawl_robot(rng), crawls=True, gait=config.gait, joint_speed=config.joint_speed, seed=seed)
+    config = CRAWL_PRESETS[mission.crawler or mission.preset]
+    speed = COURSE_SPEED if mission.is_course else config.joint_speed
+    return Robot(crawl_robot(rng), crawls=True, gait=config.gait, joint_speed=speed, seed=seed)
 
 
 def play(
@@ -56,6 +62,7 @@ def play(
     *,
     seed: int = 0,
     fault: str | None = None,
+    phase: str = "",
     runner: Path | None = None,
     log: Path | None = None,
     on_tick: Callable[[], object] = lambda: None,
@@ -67,6 +74,7 @@ def play(
         link: `ros` or `socket`.
         seed: Of the robot and its noise.
         fault: Name of a fault, from 3 s after the take-over on.
+        phase: Phase of a course in which it begins in place of that.
         runner: The runner's program; that of the present sources by default.
         log: Where the runner's log goes; nowhere in the end by default.
         on_tick: Called 40 times a second of the robot, for progress.
@@ -80,7 +88,10 @@ def play(
     injector = None
     if fault is not None:
         require_name("fault", fault, FAULTS)
-        injector = Injector(FAULTS[fault], FAULT_AFTER, np.random.Generator(np.random.PCG64(seed)))
+        if phase:
+            require_name("phase", phase, IN_PHASE)
+        after = IN_PHASE[phase] if phase else FAULT_AFTER
+        injector = Injector(FAULTS[fault], after, np.random.Generator(np.random.PCG64(seed)), phase)
     runner, late = runner or build_for(link), []
     with scratch_folder() as scratch:
         text, written = scratch / "mission.txt", log or scratch / "run.log"
@@ -114,7 +125,7 @@ def build_for(link: str, residual: Path | None = None) -> Path:
 def evaluate(played: Played) -> tuple[FlightLog | CrawlLog, dict[str, Any], str]:
     """The experiment's part of a drive, its figures with the runner's timing, its table as `spidar paper` prints it."""
     run, log, mission = played.run, played.log, played.mission
-    if mission.crawls:
+    if mission.way is not None:
         experiment = crawl_log(run, log, mission)
         figures, lines = crawl_figures(experiment), crawl_lines
     else:
@@ -136,6 +147,7 @@ def play_faults(
     return rows
 
 
-def faults_of(link: str) -> tuple[str, ...]:
-    """Faults that a link allows."""
-    return tuple(name for name, fault in FAULTS.items() if link == "ros" or not fault.ros)
+def faults_of(link: str, *, course: bool = False) -> tuple[str, ...]:
+    """Faults that a link allows, in a hover or in a course."""
+    allowed = {name: fault for name, fault in FAULTS.items() if link == "ros" or not fault.ros}
+    return tuple(name for name, fault in allowed.items() if course or not fault.only_course)

@@ -62,16 +62,24 @@ def read_runner_log(path: Path) -> RunnerLog:
     return RunnerLog(ticks["input"], ticks["output"], ticks["clock"])
 
 
-def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
-    """Rows of the drive, and for each the runner's tick whose command acted in it."""
+def drive_times(run: Run, log: RunnerLog) -> tuple[np.ndarray, np.ndarray]:
+    """Ticks of the drive, and when they were by the robot's clock [s].
+
+    Raises:
+        SpidarError: When there was none.
+    """
     driving = np.flatnonzero(log.outputs["stage"] > Stage.WAITING)
     if not len(driving) or not math.isfinite(run.first_driven):
         raise SpidarError("the runner never drove; valid: a run whose runner says `driving`")
     times = log.inputs["time"][driving]
     # Over ROS the two clocks begin at different times; the robot stamps with whole steps of its own.
     stamp = float(log.inputs["measurement"]["encoder_time"][driving[0]])
-    apart = stamp - DT * round((stamp - float(times[0]) + run.first_driven) / DT)
-    times = times - apart
+    return driving, times - (stamp - DT * round((stamp - float(times[0]) + run.first_driven) / DT))
+
+
+def driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
+    """Rows of the drive, and for each the runner's tick whose command acted in it."""
+    driving, times = drive_times(run, log)
     rows = [row for row in run.rows if run.first_driven < row.time <= times[-1] + 1.0 / CONTROL_RATE]
     at = np.searchsorted(times, [row.time - 1.0 / CONTROL_RATE + 1e-9 for row in rows], side="right") - 1
     return rows, driving[np.clip(at, 0, len(driving) - 1)]
@@ -79,7 +87,7 @@ def _driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
 
 def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
     """The experiment's part of a flight, with the true errors against the runner's own reference."""
-    rows, at = _driven(run, log)
+    rows, at = driven(run, log)
     model, kept = Model(), list[dict[str, Any]]()
     for row, tick in zip(rows, at.tolist(), strict=True):
         time = row.time - run.first_driven - mission.begins
@@ -113,7 +121,7 @@ def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
 
 def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
     """The crawl, with the true errors and what the environment would have said of it."""
-    rows, at = _driven(run, log)
+    rows, at = driven(run, log)
     config = crawler_config(mission.preset)
     assert mission.way is not None
     first = rows[0].state
@@ -191,6 +199,15 @@ def timing(log: RunnerLog) -> dict[str, float]:
     return {**figures, "period_max_ms": 1e3 * float(periods.max()) if len(periods) else 0.0, "ticks": len(compute)}
 
 
+def within_bounds(outputs: np.ndarray) -> bool:
+    """Whether rotors and joints can do what a drive's answers command (`sp_loop_output`)."""
+    thrust, joints = outputs["command"]["thrust"], np.abs(outputs["command"]["joint_position"])
+    return bool(
+        np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
+        and joints.max() <= ROBOT.joint_limit + 1e-6
+    )  # fmt: skip
+
+
 def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     """What a fault led to.
 
@@ -203,12 +220,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     drive = log.outputs["stage"] > Stage.WAITING
     holds = [len(list(ticks)) for stage, ticks in groupby(log.outputs["stage"].tolist()) if stage == Stage.HOLDING]
     held = max(holds, default=0) / CONTROL_RATE
-    thrust = log.outputs["command"]["thrust"][drive]
-    joints = np.abs(log.outputs["command"]["joint_position"][drive])
-    bounded = bool(
-        np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
-        and joints.max() <= ROBOT.joint_limit + 1e-6
-    )  # fmt: skip
+    thrust, bounded = log.outputs["command"]["thrust"][drive], within_bounds(log.outputs[drive])
     actions = log.outputs["action"]
     landing = np.flatnonzero(actions == Action.FORCE_LANDING)
     silent = not len(landing) or bool((actions[landing[0] :] != Action.PUBLISH).all() and actions[-1] == Action.SILENT)

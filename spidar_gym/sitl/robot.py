@@ -75,6 +75,8 @@ class Robot:
         self.vectoring, self.joints = first.vectoring.copy(), form.copy()
         self.torque_limit = np.full(N_JOINTS, ROBOT.max_joint_torque)
         self.steps, self._encoder = 0, -1.0
+        self.dead_rotor = 0
+        """Module that thrusts no more, whatever it is told, 1 … 8; 0 for none."""
         self.driven_at = -math.inf
         """When a runner commanded last [s]."""
         self.first_driven = math.inf
@@ -148,6 +150,8 @@ class Robot:
         if self.board.landing and self.steps % TICK == 0:
             self._torques = self._torque_map(R_wb)
         thrust = self.board.tick(self.time, DT, R_wb, self.state.omega_b, self._torques)
+        if self.dead_rotor:
+            thrust[self.dead_rotor - 1] = 0.0
         self.state = self.plant.step(Command(thrust, self.vectoring, self.joints, self.torque_limit))
         self.steps += 1
         measurement = self.plant.measure()

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import spidar_gym
-from spidar_gym.sitl.messages import COMMANDS, FEEDBACK
+from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, ORDERS
 
 MESSAGES = Path(spidar_gym.__file__).parent / "onboard" / "msg"
 """The lab's message types, `spinal`, in our own words."""
-KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS)}
+KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS, ORDERS)}
 """Topic → ROS type."""
 RosMessage = Any
 """A message of a class that rospy makes at run time."""
@@ -63,6 +63,7 @@ FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
     "nav_msgs/Odometry": _fill_odometry,
     "std_msgs/UInt8": _copy("data", "data"),
     "std_msgs/Float32": _copy("data", "data"),
+    "std_msgs/String": _copy("data", "data"),
     "std_msgs/Empty": lambda message, values: None,
     "spinal/FourAxisCommand": _copy("base_thrust", "thrust"),
     "spinal/FlightConfigCmd": _copy("cmd", "cmd"),

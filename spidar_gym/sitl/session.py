@@ -5,19 +5,20 @@ import signal
 import subprocess
 import threading
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import SpidarError
-from spidar_gym.onboard.runner_structs import FlightState
+from spidar_gym.onboard.runner_structs import FlightState, Stage
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import LONG_STALL, STALL, Injector
 from spidar_gym.sitl.link_socket import SocketLink
-from spidar_gym.sitl.messages import Message
+from spidar_gym.sitl.messages import ORDERS, Message
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.robot import DT, TICK, Robot
 from spidar_gym.state import RobotState
@@ -32,6 +33,8 @@ AFTER_FAULT = 6.0
 """How long is watched after a fault [s]."""
 LANDED = 2.0
 """How long is watched after a forced landing has touched the floor [s]."""
+OUTER = 2
+"""Module whose rotor dies, the outer one of leg 1."""
 LATE = 0.06
 """A robot in real time that was later than this [s] was not one: its run ends there."""
 
@@ -59,9 +62,9 @@ class Row:
     in_contact: bool
     """Whether anything touches the floor."""
     touch: Touch | None
-    """What touches it, where the robot crawls."""
+    """What touches it, where the runner begins on the floor."""
     contacts: np.ndarray
-    """Contact points and forces, (k, 6) [m, N], where the robot crawls."""
+    """Contact points and forces, (k, 6) [m, N], likewise."""
 
 
 @dataclass
@@ -86,6 +89,13 @@ class Run:
     """How late the simulated robot itself was at worst, while the runner drove or waited [s]."""
 
 
+STAGES = {
+    "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING, "released": Stage.RELEASED,
+    "forcing the landing": Stage.LANDING, "ending the course": Stage.ENDING, "resting": Stage.RESTING,
+}  # fmt: skip
+"""What the runner says of the stages."""
+
+
 class Runner:
     """The runner's process; its words are read as they come."""
 
@@ -107,6 +117,15 @@ class Runner:
     def said(self, words: str) -> bool:
         """Whether it has said these words."""
         return any(words in line for line in self.words)
+
+    def last_of(self, words: Iterable[str], default: str) -> str:
+        """Which of these words it has said last, as a line's first behind the time."""
+        known = set(words)
+        for line in reversed(self.words):
+            found = line.partition(" s: ")[2].partition(",")[0]
+            if found in known:
+                return found
+        return default
 
     @property
     def alive(self) -> bool:
@@ -156,7 +175,10 @@ class Session:
         """
         self.robot, self.mission, self.injector, self._on_tick = robot, mission, injector, on_tick
         self.run = Run()
-        self._landing_asked = self._touched = np.inf
+        self.phase, self.stage = PHASES[0], Stage.WAITING
+        """What the runner says of itself, as far as it has been heard."""
+        self._landing_asked = self._touched = self._rested = np.inf
+        self._orders = list(mission.orders)
 
     def operate(self, *, finished: bool) -> None:
         """What the operator does now.
@@ -167,6 +189,9 @@ class Session:
         robot, t = self.robot, self.robot.time
         bring_up(robot)
         over = finished or t > self.run.first_driven + self.mission.seconds
+        if self.mission.is_course:  # in ARM_ON `land` disarms: only where the robot lies
+            over = finished and self.phase == "lie"
+        over = over and (self.injector is None or not self.mission.is_course)
         if over and self._landing_asked == np.inf and not robot.board.landing:
             self._landing_asked = t
             robot.receive(Message("teleop_command/land", t))
@@ -175,10 +200,14 @@ class Session:
         """5 ms of the robot; what reaches the runner of what it says."""
         robot, run = self.robot, self.run
         messages = robot.step()
-        if robot.first_driven < run.first_driven:
-            run.first_driven = robot.first_driven
-            if self.injector is not None:
-                run.fault_at = self.injector.start = run.first_driven + self.injector.after
+        run.first_driven = min(run.first_driven, robot.first_driven)
+        fault, driven = self.injector, robot.time > run.first_driven
+        if fault is not None and driven and run.fault_at == np.inf and fault.phase in ("", self.phase):
+            run.fault_at = fault.start = (robot.time if fault.phase else run.first_driven) + fault.after
+        if self.stage == Stage.RESTING:
+            self._rested = min(self._rested, robot.time)
+        if self._orders and robot.time > run.first_driven + self._orders[0][0]:
+            messages.append(Message(ORDERS.name, robot.time, {"data": self._orders.pop(0)[1]}))
         if robot.board.landing and run.landing_at == np.inf:
             run.landing_at, run.board = robot.time, robot.board.reason
         if robot.steps % TICK == 0:
@@ -188,16 +217,19 @@ class Session:
 
     def due(self) -> str:
         """What happens to the processes now."""
-        return "" if self.injector is None else self.injector.due(self.robot.time)
+        what = "" if self.injector is None else self.injector.due(self.robot.time)
+        if what == "rotor":
+            self.robot.dead_rotor, what = OUTER, ""
+        return what
 
     def _record(self) -> None:
         robot, plant = self.robot, self.robot.plant
-        crawls = self.mission.crawls
+        crawls = self.mission.from_floor
         if plant.in_contact and robot.time > self.run.landing_at:
             self._touched = min(self._touched, robot.time)
         self.run.rows.append(
             Row(
-                robot.time, robot.flight_state, robot.state, _tilt(robot.state),
+                robot.time, robot.flight_state, robot.state, tilt_of(robot.state),
                 plant.power, plant.energy_wh, plant.air_force, plant.data.qpos.copy(), plant.in_contact,
                 plant.touch() if crawls else None, plant.contact_forces() if crawls else np.zeros((0, 6)),
             )
@@ -213,12 +245,15 @@ class Session:
             return t > robot.stack.since + GIVE_BACK
         if t > min(run.first_driven, PATIENCE) + self.mission.seconds + PATIENCE:
             return True
+        if self.stage in (Stage.ENDING, Stage.RESTING) and run.landing_at == np.inf:  # it brings the robot to rest
+            return t > self._rested + LANDED
         if run.landing_at == np.inf and t > run.fault_at + AFTER_FAULT:
             return True
         return run.landing_at < np.inf and t > self._touched + LANDED
 
 
-def _tilt(state: RobotState) -> float:
+def tilt_of(state: RobotState) -> float:
+    """Angle between the torso's axis and the vertical [rad]."""
     _, x, y, _ = state.quat_wb
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
 
@@ -251,6 +286,8 @@ def socket_session(
                 asleep = robot.time + (LONG_STALL if what == "long_stall" else STALL)
             if robot.steps % TICK == 0 and robot.time >= asleep - 1e-9:
                 answers = link.tick(robot.time) or []
+                session.phase = PHASES[link.answer["manager_phase"]]
+                session.stage = Stage(link.answer["stage"])
     finally:
         link.close()
         session.run.status = runner.finish()
@@ -289,6 +326,8 @@ def ros_session(
             if robot.time >= wake:
                 runner.signal(signal.SIGCONT)
                 wake = np.inf
+            session.phase = runner.last_of(PHASES, PHASES[0])
+            session.stage = STAGES[runner.last_of(STAGES, "waiting")]
             if not runner.alive and session.run.first_driven == np.inf:
                 raise SpidarError(f"the runner refused: {' '.join(runner.words[-1:])}")
             ahead = start + robot.time - clock.monotonic()

@@ -10,7 +10,7 @@ TICKS = 20
 """Of a log that is spoilt."""
 
 
-def test_missions(tries, rng, library, hover, crawl):
+def test_missions(tries, rng, library, hover, crawl, course):
     """What can be read is driven: the wait, the take-over, and half a second."""
     found = Counter()
     for _ in range(tries(123_000)):
@@ -19,7 +19,7 @@ def test_missions(tries, rng, library, hover, crawl):
             assert re.match(r"mission, line \d+; valid: ", mission)
             found["refused"] += 1
             continue
-        stream = crawl if mission["crawls"] else hover
+        stream = (hover, crawl, course)[mission["kind"]]
         loop = Loop.begin(library, mission)
         if isinstance(loop, str):
             assert "; valid: " in loop

@@ -13,6 +13,7 @@ from support.networks import made
 
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
+from spidar_gym.control.locomotion.commands import Land
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
@@ -21,7 +22,10 @@ from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.paper.flight import PAPER_FLIGHT
 from spidar_gym.policies.artifact import write_artifact
-from spidar_gym.sitl.missions import crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.course import driven_course
+from spidar_gym.sitl.course_faults import course_fault_figures, phase_mission
+from spidar_gym.sitl.faults import course_reaction
+from spidar_gym.sitl.missions import course_mission, crawl_mission, flight_mission, hover_mission
 from spidar_gym.sitl.play import build_for, fault_figures, faults_of, play
 from spidar_gym.sitl.report import fault_table, read_runner_log
 
@@ -73,9 +77,21 @@ def check_crawl(ours):
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
-    """The paper's flight and crawl through the runner: figures, and the folders that hold the logs."""
-    folders = {kind: tmp_path_factory.mktemp(kind) for kind in ("flight", "crawl")}
+    """The paper's flight and crawl and a course through the runner: figures, and the folders that hold the logs."""
+    folders = {kind: tmp_path_factory.mktemp(kind) for kind in ("flight", "crawl", "course")}
     return {k: (sitl("sitl", k, "--link", "socket", "--out", out, "--json")[k], out) for k, out in folders.items()}
+
+
+def check_course(ours):
+    """Acceptance: it lands softly where it flew to, and is among the same courses in process."""
+    assert all(ours["within_spread"].values()), ours
+    assert ours["touchdown_m_s"] < 0.35
+    assert ours["largest_step_n"] <= 5.0 + 1e-9
+    assert max(ours["rmse_position_m"]) < 0.02
+    assert ours["largest_tilt_rad"] < 0.05
+    assert np.abs(ours["landing_error_m"]).max() < 0.02
+    assert np.abs(ours["final_error_m"]).max() < 0.02
+    assert ours["unsolved"] == 0
 
 
 @pytest.mark.slow
@@ -99,7 +115,15 @@ def test_the_papers_crawl_through_the_runner_is_a_success(driven):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["flight", "crawl"])
+def test_a_course_through_the_runner_is_among_the_same_courses_in_process(driven):
+    ours, folder = driven["course"]
+    check_course(ours)
+    assert len(ours["in_process"]) == 16
+    assert {p.name for p in folder.iterdir()} == {"course.json", "mission.txt", "run.log"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["flight", "crawl", "course"])
 def test_a_drive_replays_byte_for_byte(driven, runner, kind, tmp_path):
     log = driven[kind][1] / "run.log"
     done = subprocess.run([runner, "replay", log, tmp_path / "o"], capture_output=True, text=True, check=False)
@@ -170,6 +194,36 @@ def test_every_fault_ends_as_specified(runner, tmp_path):
         check_reaction(row)
 
 
+@pytest.mark.slow
+def test_faults_in_phases_of_a_course_end_as_specified(runner, tmp_path):
+    """A sample; `spidar sitl faults --course` plays all of them in every phase."""
+    names, phases = ("pose_stops", "low_battery", "killed", "stall"), ("crawl", "climb", "unload")
+    words = ("--link", "socket", "--only", *names, "--phases", *phases, "--out", tmp_path, "--json")
+    rows = sitl("sitl", "faults", *words)["course_faults"]
+    assert {(row["fault"], row["phase"]) for row in rows} == {(n, p) for n in names for p in phases}
+    for row in rows:
+        assert row["as_specified"], row
+        assert row["peak_tilt_rad"] < 0.2
+
+
+def test_what_is_specified_for_a_course_depends_on_what_is_seen_and_on_the_floor():
+    assert course_reaction("pose_stops", "fly") == "forced landing"
+    assert course_reaction("pose_stops", "crawl") == course_reaction("low_battery", "spool") == "rests"
+    assert course_reaction("low_battery", "fly") == course_reaction("state_stops", "climb") == "lands"
+    assert course_reaction("killed", "lie") == "board lands"
+    assert course_reaction("contended", "lie") == "forced landing"
+    assert course_reaction("lossy", "unload") == "goes on"
+
+
+def test_a_wrong_report_of_a_course_would_be_noticed(runner):
+    played = play(phase_mission("spool"), fault="low_battery", phase="spool", runner=runner)
+    assert course_fault_figures("low_battery", "spool", played.run, played.log)["as_specified"]
+    assert not course_fault_figures("none", "spool", played.run, played.log)["as_specified"]
+    assert not course_fault_figures("low_battery", "climb", played.run, played.log)["as_specified"]
+    with pytest.raises(SpidarError, match="the course ended"):
+        driven_course(played.run, played.log)
+
+
 def test_a_wrong_report_would_be_noticed(runner):
     played = play(hover_mission(seconds=60.0), fault="none", runner=runner)
     assert fault_figures("none", played.run, played.log)["as_specified"]
@@ -185,8 +239,12 @@ def test_bad_words_are_refused(tmp_path, capfd):
         play(hover_mission(), "carrier pigeon")
     with pytest.raises(UnknownNameError, match="pose_stops"):
         play(hover_mission(), fault="gremlins")
+    with pytest.raises(UnknownNameError, match="descend"):
+        play(hover_mission(), fault="none", phase="nap")
     with pytest.raises(UnknownNameError, match="as_flown"):
         flight_mission("gentle")
+    with pytest.raises(InvalidValueError, match="TakeOff first"):
+        course_mission([Land()])
     with pytest.raises(InvalidValueError):
         crawl_mission(way=replace(crawl_mission().way, x=-50.0, y=1e9))
     (tmp_path / "x").write_bytes(b"nothing")
@@ -196,6 +254,8 @@ def test_bad_words_are_refused(tmp_path, capfd):
         ["flight", "--link", "x"], ["flight", "--preset", "x"], ["flight", "--seed", "-1"],
         ["crawl", "--distance", "-1"],
         ["faults", "--only", "gremlins"], ["faults", "--link", "socket", "--only", "master"],
+        ["faults", "--only", "low_battery"], ["faults", "--phases", "nap"], ["course", "--robots", "0"],
+        ["course", "--residual", "net.zip"],
     )  # fmt: skip
     for words in wrong:
         with pytest.raises(SystemExit):
@@ -247,6 +307,12 @@ def test_the_papers_flight_through_ros_in_real_time(tmp_path):
 @pytest.mark.slow
 def test_the_papers_crawl_through_ros_in_real_time(tmp_path):
     check_crawl(sitl_in_real_time("crawl", "--out", tmp_path)["crawl"])
+
+
+@ros
+@pytest.mark.slow
+def test_a_course_through_ros_in_real_time(tmp_path):
+    check_course(sitl_in_real_time("course", "--out", tmp_path)["course"])
 
 
 @ros

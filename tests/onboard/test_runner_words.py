@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.needs import needs_compiler
-from support.runner import HOLD, LAND, NAMES, RATES, TOPICS, ZEROS, junk, nan_pose, read_mission, said
+from support.runner import CRAWL, FLIGHT, HOLD, LAND, NAMES, RATES, TOPICS, ZEROS, junk, nan_pose, read_mission, said
 
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
@@ -36,7 +36,7 @@ def test_every_kind_of_line_is_read(library, end):
     ]  # fmt: skip
     m = read_mission(library, end.join(lines))
     assert not isinstance(m, str), m
-    assert [int(m[name]) for name in ("crawls", "odometry", "residual")] == [0, 1, 1]
+    assert [int(m[name]) for name in ("kind", "odometry", "residual")] == [FLIGHT, 1, 1]
     assert [int(m[f"{name}_count"]) for name in ("form", "window", "move")] == [2, 2, 0]
     np.testing.assert_array_equal(m["forms"]["start"][:2], [0.0, 2.5])
     np.testing.assert_allclose(m["forms"]["joint_target"][1], 0.05 * np.arange(16) - 0.4, atol=1e-12)
@@ -49,7 +49,7 @@ def test_every_kind_of_line_is_read(library, end):
     assert [float(limits[name]) for name in ("settle", "tilt")] == [2.0, 0.5]
     assert [float(m["controller"]["joint_speed"]), float(m["end"])] == [0.7, 12.5]
     crawl = read_mission(library, end.join(["crawl robust", "move 0.1 -0.2 0.3 4", "move 0.2 0 0 0", "speed 0.4"]))
-    assert [int(crawl["crawls"]), int(crawl["move_count"])] == [1, 2]
+    assert [int(crawl["kind"]), int(crawl["move_count"])] == [CRAWL, 2]
     assert crawl["moves"][0].item()[:2] == ((0.1, -0.2, 0.3), 4)
     assert crawl["crawler"]["joint_speed"] == 0.4
     assert limits["hold_ticks"] == crawl["limits"]["hold_ticks"] == HOLD
@@ -71,11 +71,11 @@ def test_presets_are_the_simulators_with_the_robots_iteration_cap(library, kind,
 
 
 REFUSED = {
-    "": "line 0; valid: flight PRESET or crawl PRESET first",
-    "# nothing\n\n": "flight PRESET or crawl PRESET first",
-    "end 3\nflight paper": "line 1; valid: flight PRESET or crawl PRESET first",
-    "flight paper\nflight paper": "line 2; valid: one flight or one crawl",
-    "flight paper\ncrawl robust": "line 2; valid: one flight or one crawl",
+    "": "line 0; valid: flight PRESET, crawl PRESET or course FLIGHT CRAWL first",
+    "# nothing\n\n": "flight PRESET, crawl PRESET or course FLIGHT CRAWL first",
+    "end 3\nflight paper": "line 1; valid: flight PRESET, crawl PRESET or course FLIGHT CRAWL first",
+    "flight paper\nflight paper": "line 2; valid: one flight, crawl or course",
+    "flight paper\ncrawl robust": "line 2; valid: one flight, crawl or course",
     "flight": "flight and one of paper, as_flown, tuned",
     "flight robust": "line 1; valid: flight and one of paper, as_flown, tuned",
     "crawl tuned": "crawl and one of published, overlapped, robust",
@@ -107,14 +107,15 @@ REFUSED = {
     "flight paper\nages 0.1 0.1 0.1": "ages of pose, inertial unit, joints, flight state",
     "flight paper\nages 0.1 0.1 0.1 0.6": "ages within 0 … 0.5 s",
     "flight paper\nages 0.1 0 0.1 0.1": "ages within 0 … 0.5 s",
-    "flight paper\nsettle": "one number after settle, tilt, speed, end",
+    "flight paper\nsettle": "one number after settle, tilt, end",
     "flight paper\nsettle 0": "a number above 0",
     "flight paper\ntilt -1": "a number above 0",
     "flight paper\ntilt 1.01": "tilt within 0 … 1 rad",
-    "flight paper\nspeed fast": "one number after settle, tilt, speed, end",
-    "flight paper\nend 1 2": "one number after settle, tilt, speed, end",
-    "flight paper\nhover 3": "line 2; valid: flight, crawl, form, move, unrestricted, estimate, residual, fence, ages,",
-    "flight paper\nFORM 3": "flight, crawl, form, move",
+    "flight paper\nspeed fast": "speed and one number, or a second one of a crawl [rad/s]",
+    "course tuned robust\nspeed 0.5 1.7": "speed within 0 … 1.62 rad/s",
+    "flight paper\nend 1 2": "one number after settle, tilt, end",
+    "flight paper\nhover 3": "line 2; valid: flight, crawl, course, form, move, crawl_to, take_off, fly_to, land,",
+    "flight paper\nFORM 3": "flight, crawl, course, form, move",
     "flight paper\nend" + " 1" * 30: "line 2; valid: fewer words",
     "flight paper\n#" + "x" * 1100: "line 2; valid: a line of at most 1023 characters",
 }

@@ -7,22 +7,25 @@ from dataclasses import replace
 import numpy as np
 
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.build import arguments, compile_runner
 from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT
-from spidar_gym.sitl.missions import crawl_mission, hover_mission
+from spidar_gym.robot import FORMS, GIMBAL_NAMES, JOINT_NAMES, ROBOT
+from spidar_gym.sitl.missions import course_mission, crawl_mission, hover_mission
 from spidar_gym.sitl.play import play
 
-WAITING, DRIVING, HOLDING, LANDING, RELEASED = range(5)
+WAITING, DRIVING, HOLDING, LANDING, RELEASED, ENDING, RESTING = range(7)
 SILENT, PUBLISH, FORCE_LANDING = range(3)
 (FINE, LATE, NO_STATE, NO_POSE, NO_IMU, NO_JOINTS, NOT_FINITE, OUT_OF_RANGE, OUT_OF_ORDER, JUMPED, TILTED, OUTSIDE,
- CONTENDED, NO_ALLOCATION, BAD_COMMAND) = range(15)  # fmt: skip
+ CONTENDED, NO_ALLOCATION, BAD_COMMAND, LOW_BATTERY) = range(16)  # fmt: skip
 HOLD, LAND = 4, 10
 """Ticks."""
-ARM_ON, HOVER = 2, 5
+ARM_ON, HOVER, LOW = 2, 5, 16
+FLIGHT, CRAWL, COURSE = range(3)
+NOTHING, TAKEN, REFUSED = range(3)
 NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
 TOPICS = ("joint_states", "imu", "mocap/pose", "uav/cog/odom", "flight_state")
 RATES = (50.0, 200.0, 100.0, 100.0, 40.0)
@@ -102,7 +105,7 @@ class Stream:
         raw = path.read_bytes()[log_layouts()["log_head"].itemsize + self.mission.nbytes :]
         self.answers = [raw[at + size[0] : at + size[0] + size[1]] for at in range(0, len(raw), sum(size))]
         """What it answered, byte for byte."""
-        self.wanted = ARM_ON if self.mission["crawls"] else HOVER
+        self.wanted = HOVER if self.mission["kind"] == FLIGHT else ARM_ON
         self.hovers = int(np.argmax(self.inputs["flight_state"] == self.wanted))
         self.drives = int(np.argmax(played.log.outputs["stage"] == DRIVING))
 
@@ -128,6 +131,16 @@ def walk(library, runner, folder):
     return played(library, runner, folder, "crawl", replace(crawl_mission(way=Pose2(0.05, 0.0, 0.0)), seconds=6.0))
 
 
+SHORT = (
+    TakeOff(0.5), FlyTo((0.4, 0.0, 0.9), FORMS["form2"], 0.5), Land(), CrawlTo(Pose2(0.5, 0.0, 0.0)),
+)  # fmt: skip
+"""A course with every phase in it."""
+
+
+def go(library, runner, folder):
+    return played(library, runner, folder, "course", course_mission(SHORT))
+
+
 def nan_pose(record, k):
     record["measurement"]["pose_position_w"] = np.nan
 
@@ -138,10 +151,11 @@ def said(*words):
 
 def junk(rng):
     """A mission of words that it knows, numbers, and rubbish."""
-    words = ["flight", "crawl", "form", "move", "unrestricted", "estimate", "residual", "fence", "ages", "settle",
+    words = ["flight", "crawl", "course", "crawl_to", "take_off", "fly_to", "land", "along", "room", "form", "move",
+             "unrestricted", "estimate", "residual", "fence", "ages", "settle",
              "tilt", "speed", "end", "paper", "robust", "tuned", "odometry", "on", "0", "1", "-1", "1e300", "-1e-300",
              "nan", "0.1", "inf", "0x1p3", "#", "\t", "\r", "…", "2147483648", "%s%n", ZEROS]  # fmt: skip
-    head = [["flight paper"], ["crawl published"], []][rng.integers(3)]
+    head = [["flight paper"], ["crawl published"], ["course tuned robust", "take_off 1"], []][rng.integers(4)]
     lines = [" ".join(rng.choice(words, rng.integers(0, 26))) for _ in range(rng.integers(0, 12))]
     if rng.random() < 0.5:
         lines = ["move " + " ".join(rng.choice(["1e300", "0.2", "-1e9", "3", "0", "1e-300"], 4)) for _ in range(3)]

@@ -37,8 +37,8 @@ LEVEL_FROM, LEVEL_TO = 0.05, 0.35
 """Between these heights over where it lay, a robot that lay on a slope comes level [m]."""
 LEAST_WAY, LEAST_SECONDS = 0.05, 0.5
 """A way shorter than this gives no heading [m]; no flight is shorter than this [s]."""
-ARRIVED = 0.05
-"""A form is taken when every joint is this close [rad]."""
+ARRIVED, PATIENCE = 0.05, 2.0
+"""A form is taken when every joint is this close [rad]; a leg that hangs is waited for so long [s]."""
 _STILL = np.zeros(3)
 
 
@@ -63,7 +63,7 @@ class ManagerMemory:
     velocity: float = 0.0
     """Rate of the descent [m/s]."""
     believed: float = 0.0
-    """For how long something has been as the floor would be [s]."""
+    """For how long something has been as the floor would be, or a form has been asked for in full [s]."""
     thrust: float = 0.0
     """Σλ of the last tick [N]."""
     failures: int = 0
@@ -275,12 +275,16 @@ class Manager(Orders):
         wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
         if wanted is not None:
             self.memory.form = wanted
+        # Time begins anew with a phase: the way to where it hovers is not flown again.
+        self.path = Path(np.zeros(1), self.path.pose_w[-1:], np.zeros((1, 4)), np.zeros((1, 4)))
         self._enter("form")
 
     def _take_form(self, state: RobotState) -> None:
         memory = self.memory
-        told = self.flight.memory.joint_position
-        if np.abs(told - memory.form).max() > 1e-6 or np.abs(state.joint_position - memory.form).max() > ARRIVED:
+        if np.abs(self.flight.memory.joint_position - memory.form).max() > 1e-6:
+            return
+        memory.believed += self.dt
+        if np.abs(state.joint_position - memory.form).max() > ARRIVED and memory.believed < PATIENCE:
             return
         command = self.commands[0]
         assert self.path is not None
@@ -349,8 +353,7 @@ class Manager(Orders):
     def _hover(self) -> None:
         """Come to rest from where and how the path is now."""
         memory, (pose, rate, acceleration) = self.memory, self._moving()
-        speed = math.sqrt(float(rate[:3] @ rate[:3]))
-        brake = max(speed / EASE, abs(float(rate[3])) / TURN_RATE)
+        brake = max(math.sqrt(float(rate[:3] @ rate[:3])) / EASE, abs(float(rate[3])) / TURN_RATE)
         end = pose + 0.5 * brake * rate
         memory.yaw = float(end[3])
         rows = (pose, end) if brake > 1e-6 else (end,)
@@ -373,9 +376,7 @@ class Manager(Orders):
             np.array([0.0, seconds]), np.array([pose, end]), np.array([rate, np.zeros(4)]),
             np.array([acceleration, np.zeros(4)]),
         )  # fmt: skip
-        memory.yaw = float(end[3])
-        if command.form is not None:
-            memory.form = command.form
+        memory.yaw, memory.form = float(end[3]), memory.form if command.form is None else command.form
         self._enter("fly")
 
     def _moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -406,11 +407,11 @@ class Manager(Orders):
     def _limited(self, command: Command) -> Command:
         """Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt."""
         total = float(command.thrust.sum())
-        near = self.memory.phase in ("spool", "descend", "unload")
-        if not near or total <= 0.0:
+        if self.memory.phase not in ("spool", "descend", "unload") or total <= 0.0:
             return command
         slew, before = self.config.most_slew, self.memory.thrust
-        return replace(command, thrust=command.thrust * (min(max(total, before - slew), before + slew) / total))
+        share = min(max(total, before - slew), before + slew) / total
+        return replace(command, thrust=np.minimum(ROBOT.max_thrust, command.thrust * share))
 
 
 def _inverse_ease(share: float) -> float:

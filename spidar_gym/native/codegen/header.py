@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.estimator import EstimatorConfig
+from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.native.constants import (
     ENUMERATIONS,
@@ -221,4 +222,5 @@ def presets_header() -> str:
         lines += [f"#define SP_{kind.upper()}_PRESETS(X) {table}",
                   f'#define SP_{kind.upper()}_NAMES "{", ".join(presets)}"', ""]  # fmt: skip
     lines.append(f"static const sp_estimator_config SP_ESTIMATOR = {initializer(EstimatorConfig())};")
+    lines += ["", f"static const sp_manager_config SP_MANAGER = {initializer(ManagerConfig())};"]
     return header("SPIDAR_PRESETS", "the presets, the very numbers of the simulator.", lines, ('"spidar_structs.h"',))

@@ -146,6 +146,17 @@ static void hover(sp_manager *m)
     enter(m, SP_MANAGER_HOVER);
 }
 
+/* Remain where the path ends: time begins anew with a phase, and the way there is not flown again. */
+static void stay(sp_manager *m)
+{
+    sp_knot *here = m->knots;
+    double pose[4];
+    sp_copy(pose, m->knots[m->knot_count - 1].pose_w, 4);
+    memset(here, 0, sizeof *here);
+    sp_copy(here->pose_w, pose, 4);
+    m->knot_count = 1;
+}
+
 /* When the present flight is over. */
 static double path_end(const sp_manager *m) { return m->knots[m->knot_count - 1].time; }
 
@@ -208,7 +219,9 @@ static void take_form(sp_manager *m, const sp_robot_state *state)
         told = sp_max(told, fabs(m->flight.memory.joint_position[j] - memory->form[j]));
         off = sp_max(off, fabs(state->joint_position[j] - memory->form[j]));
     }
-    if (told > 1e-6 || off > SP_MANAGER_ARRIVED) return;
+    if (told > 1e-6) return;
+    memory->believed += m->flight.dt;
+    if (off > SP_MANAGER_ARRIVED && memory->believed < SP_MANAGER_PATIENCE) return;
     sp_path_at(m->knots, m->knot_count, memory->time, here, rate, acceleration);
     if (command->kind == SP_LOCOMOTION_LAND) {
         sp_copy(memory->begin_w, here, 3);
@@ -320,6 +333,7 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
         }
         if (m->commands[0].kind == SP_LOCOMOTION_LAND) sp_copy(memory->form, m->lying, SP_JOINTS);
         else if (m->commands[0].has_form) sp_copy(memory->form, m->commands[0].form, SP_JOINTS);
+        stay(m);
         enter(m, SP_MANAGER_FORM);
         break;
     case SP_MANAGER_FORM: take_form(m, state); break;
@@ -367,14 +381,14 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
 }
 
 /* Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt. */
-static void limit(const sp_manager *m, sp_command *command)
+static void limit(const sp_robot *robot, const sp_manager *m, sp_command *command)
 {
     int32_t phase = m->memory.phase;
     double total = 0.0, slew = m->config.most_slew, before = m->memory.thrust;
     for (int i = 0; i < SP_ROTORS; i++) total += command->thrust[i];
     if ((phase != SP_MANAGER_SPOOL && phase != SP_MANAGER_DESCEND && phase != SP_MANAGER_UNLOAD) || total <= 0.0) return;
     double share = sp_min(sp_max(total, before - slew), before + slew) / total;
-    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] *= share;
+    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(robot->max_thrust, command->thrust[i] * share);
 }
 
 /* ---- what it is told ---- */
@@ -492,7 +506,7 @@ void sp_manager_step(sp_manager *m, const sp_robot_state *state, const sp_residu
     } else {
         refer(m, state, &m->reference);
         sp_flight_step(&m->flight, state, &m->reference, residual, NULL, room, command);
-        limit(m, command);
+        limit(room->robot, m, command);
     }
     memory->thrust = 0.0;
     for (int i = 0; i < SP_ROTORS; i++) memory->thrust += command->thrust[i];

@@ -67,11 +67,6 @@
 #define SP_MOST_STRIDE 0x1.4000000000000p+4 /* 20.0, spidar_gym.control.crawl.footsteps.MOST_STRIDE */
 #define SP_BISECTIONS 24 /* spidar_gym.control.crawl.footsteps.BISECTIONS */
 #define SP_STRAIGHT 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.crawl.pose2.STRAIGHT */
-#define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
-#define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
-#define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
-#define SP_MANAGER_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.locomotion.manager.LEAST_SECONDS */
-#define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
 static const double SP_TARGET_STRETCHED[4] = {0x0.0p+0, 0x0.0p+0, 0x0.0p+0, 0x0.0p+0};
 static const double SP_TARGET_BELOW[4] = {0x0.0p+0, 0x1.921fb54442d18p-1, 0x0.0p+0, 0x1.921fb54442d18p+0};
 #define SP_TARGET_SWEEP 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.course.target.SWEEP */
@@ -109,6 +104,12 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_RULE_LOW 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.course.rule.LOW */
 #define SP_RULE_ALIGNED 0x1.eb851eb851eb8p-6 /* 0.03, spidar_gym.control.course.rule.ALIGNED */
 #define SP_RULE_FORMED 0x1.eb851eb851eb8p-5 /* 0.06, spidar_gym.control.course.rule.FORMED */
+#define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
+#define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
+#define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
+#define SP_MANAGER_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.locomotion.manager.LEAST_SECONDS */
+#define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
+#define SP_MANAGER_PATIENCE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.PATIENCE */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */

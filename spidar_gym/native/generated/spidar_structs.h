@@ -516,7 +516,7 @@ typedef struct {
     double yaw; /* heading in flight [rad] */
     double form[16]; /* that is asked for [rad] */
     double floor, velocity; /* height of the centre of mass on the floor [m]; rate of the descent [m/s] */
-    double believed, thrust; /* for how long something is like a floor [s]; Σλ of the last tick [N] */
+    double believed, thrust; /* how long there is a floor, or a form asked for [s]; Σλ of the last tick [N] */
     int32_t failures, rises; /* landings in a row that failed; whether it takes off at the next tick */
 } sp_manager_memory;
 

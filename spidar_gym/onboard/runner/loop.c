@@ -1,4 +1,4 @@
-/* The stages: wait, drive, hold for at most 100 ms, force the landing, silence. */
+/* The stages: wait, drive, hold for at most 100 ms, force the landing, silence; course.c has more of them. */
 #include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
@@ -7,7 +7,9 @@
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
 #define TRIM_SECONDS 0.5
 
-static const char *const STAGES[] = {"waiting", "driving", "holding", "forcing the landing", "released"};
+static const char *const STAGES[] = {
+    "waiting", "driving", "holding", "forcing the landing", "released", "ending the course", "resting",
+};
 
 const char *sp_fault_words(int32_t fault)
 {
@@ -16,7 +18,7 @@ const char *sp_fault_words(int32_t fault)
 
 const char *sp_stage_words(int32_t stage)
 {
-    return STAGES[stage >= 0 && stage <= SP_RELEASED ? stage : 0];
+    return STAGES[stage >= 0 && stage <= SP_RESTING ? stage : 0];
 }
 
 /* The crawl from a state, with the mission's moves ahead; 0 where one is out of reach. */
@@ -36,9 +38,11 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     sp_flight_init(&l->flight, &mission->controller);
     sp_crawl_init(&SP_ROBOT, &l->crawl, &mission->crawler);
     int kind = sp_policy_kind(), flies = kind == SP_POLICY_FLIGHT || kind == SP_POLICY_DIRECT;
-    if (mission->residual && (mission->crawls ? kind != SP_POLICY_CRAWL : !flies))
+    int fits = mission->kind == SP_MISSION_CRAWL ? kind == SP_POLICY_CRAWL : mission->kind == SP_MISSION_FLIGHT && flies;
+    if (mission->residual && !fits)
         return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
-    if (!mission->crawls) return NULL;
+    if (mission->kind == SP_MISSION_FLIGHT) return NULL;
+    if (mission->kind == SP_MISSION_COURSE) return sp_course_init(l);
     sp_robot_state nominal;
     memset(&nominal, 0, sizeof nominal);
     nominal.quat_wb[0] = 1.0;
@@ -101,7 +105,8 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     double R[9], lever[3];
     sp_from_quat(x->quat_wb, R);
     double yaw = atan2(R[3], R[0]);
-    if (l->mission.crawls) {
+    if (l->mission.kind == SP_MISSION_COURSE) return sp_course_begin(l, x) == NULL;
+    if (l->mission.kind == SP_MISSION_CRAWL) {
         if (!begin_crawl(l, x)) return 0;
         const sp_pose2 goal = l->crawl.gait.planned;
         l->goal[0] = goal.x, l->goal[1] = goal.y, l->goal[2] = goal.yaw;
@@ -177,6 +182,17 @@ static void fly(sp_loop *l, double t, sp_command *command)
     sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(), command);
 }
 
+sp_fault sp_answer(sp_loop *l, const sp_allocation *a, const sp_command *command)
+{
+    l->answer.status = a->status;
+    l->answer.iterations = a->iterations;
+    sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
+    sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
+    if (!command_within_limits(command)) return SP_BAD_COMMAND;
+    l->command = *command;
+    return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
+}
+
 /* One tick of the controller; what is wrong with it. */
 static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
 {
@@ -184,7 +200,7 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
     const sp_allocation *a;
     sp_command command;
     sp_residual residual;
-    if (l->mission.crawls) {
+    if (l->mission.kind == SP_MISSION_CRAWL) {
         int with_policy = l->mission.residual;
         if (with_policy) sp_policy_crawl(&SP_ROBOT, &l->policy, &l->crawl, x, l->goal, &residual);
         sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, sp_own_room(), &command);
@@ -196,19 +212,11 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
         fly(l, input->time - l->taken_over, &command);
         a = &l->flight.allocation;
     }
-    l->answer.status = a->status;
-    l->answer.iterations = a->iterations;
-    sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
-    sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
     sp_copy(l->answer.policy_action, l->policy.action, SP_MAX_ACTION);
-    if (!command_within_limits(&command)) return SP_BAD_COMMAND;
-    l->command = command;
-    return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
+    return sp_answer(l, a, &command);
 }
 
-/* Old commands may be in force for 100 ms; good ticks give back as much as they last, so that a fault which comes and goes
- * ends in the landing too. */
-static void hold_or_land(sp_loop *l, double time, sp_fault fault)
+void sp_hold(sp_loop *l, double time, sp_fault fault)
 {
     double since = l->has_last ? sp_clip(time - l->last, 0.0, 1.0) : PERIOD;
     if (fault == SP_FINE) l->held = sp_max(0.0, l->held - sp_min(since, PERIOD));
@@ -218,34 +226,47 @@ static void hold_or_land(sp_loop *l, double time, sp_fault fault)
     if (fault != SP_FINE && l->held > l->mission.limits.hold_ticks * PERIOD + 0.5 * PERIOD) l->stage = SP_LANDING;
 }
 
+/* Whether commands of the runner are in force. */
+static int drives(int32_t stage)
+{
+    return stage == SP_DRIVING || stage == SP_HOLDING || stage == SP_ENDING || stage == SP_RESTING;
+}
+
 /* From one stage to the next. */
 static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
 {
     const sp_limits *limits = &l->mission.limits;
-    int wanted = input->flight_state == (l->mission.crawls ? SP_STATE_ARM_ON : SP_STATE_HOVER);
+    const int flight = l->mission.kind == SP_MISSION_FLIGHT, course = l->mission.kind == SP_MISSION_COURSE;
+    const int low = course && input->flight_state == SP_STATE_LOW_BATTERY; /* the runner has it land */
+    const int wanted = low || input->flight_state == (flight ? SP_STATE_HOVER : SP_STATE_ARM_ON);
     double age = input->time - input->flight_state_time;
     if (fault == SP_FINE && !(age <= limits->state_age && age >= -SP_AHEAD)) fault = SP_NO_STATE;
+    if (fault == SP_FINE && low) fault = SP_LOW_BATTERY;
     if (l->stage == SP_WAITING) {
         l->fault = fault;
         if (fault != SP_FINE || !wanted || !l->sense.started || !l->has_last) {
             l->good_since = input->time;
             return;
         }
-        if (!l->mission.crawls && input->has_thrust) learn_trim(l, input);
+        if (flight && input->has_thrust) learn_trim(l, input);
         if (!(input->time - l->good_since >= limits->settle - 1e-9)) return;
         if (!take_over(l, input)) {
             l->fault = SP_BAD_COMMAND;
             l->stage = SP_RELEASED;
         }
     }
-    if (l->stage == SP_DRIVING || l->stage == SP_HOLDING) {
+    if (drives(l->stage)) {
         if (!wanted) { /* the robot's own stack, or the operator, has taken it back */
             l->stage = SP_RELEASED;
             return;
         }
         if (fault == SP_FINE && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
-        if (fault == SP_FINE) fault = control_tick(l, input);
-        hold_or_land(l, input->time, fault);
+        if (course) {
+            sp_course_tick(l, input, fault);
+        } else {
+            if (fault == SP_FINE) fault = control_tick(l, input);
+            sp_hold(l, input->time, fault);
+        }
     }
     if (l->stage == SP_LANDING && ++l->landing > limits->landing_ticks) l->stage = SP_RELEASED;
 }
@@ -256,16 +277,18 @@ void sp_loop_tick(sp_loop *l, const sp_loop_input *input, sp_loop_output *output
                                      l->stage == SP_WAITING ? input->thrust : l->command.thrust);
     if (fault == SP_FINE && l->sense.started) fault = check_limits(l, input->time);
     if (!sp_finite(&input->time, 1)) fault = SP_NOT_FINITE;
+    l->answer.heard = SP_HEARD_NOTHING;
+    if (input->orders[0] != 0) sp_say_why(l, "orders while the runner drives a course");
     next_stage(l, input, fault);
     l->last = input->time;
     l->has_last = 1;
     sp_loop_output *a = &l->answer;
     a->stage = l->stage;
     a->fault = l->fault;
-    a->action = l->stage == SP_DRIVING || l->stage == SP_HOLDING ? SP_PUBLISH
-                : l->stage == SP_LANDING                         ? SP_FORCE_LANDING
-                                                                 : SP_SILENT;
+    a->action = drives(l->stage) ? SP_PUBLISH : l->stage == SP_LANDING ? SP_FORCE_LANDING : SP_SILENT;
     a->finished = l->finished;
+    a->manager_phase = l->manager.memory.phase;
+    a->to_do = l->manager.count;
     a->mission_time = l->stage == SP_WAITING ? 0.0 : input->time - l->taken_over;
     a->command = l->command;
     a->state = l->sense.state;

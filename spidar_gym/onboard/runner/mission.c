@@ -9,7 +9,6 @@
 #include "spidar_model.h"
 #include "spidar_presets.h"
 
-#define WORDS 24
 #define MAX_SPEED 1.62 /* of a joint without load [rad/s] [ROBOTIS] */
 
 typedef struct {
@@ -20,7 +19,7 @@ typedef struct {
 static const preset CONTROLLERS[] = {SP_CONTROLLER_PRESETS(ROW)};
 static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
 
-static const char NO_KIND[] = "flight PRESET or crawl PRESET first";
+static const char NO_KIND[] = "flight PRESET, crawl PRESET or course FLIGHT CRAWL first";
 static const sp_limits LIMITS = {
     1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
 };
@@ -33,8 +32,7 @@ static int number(const char *word, double *value)
     return *word != 0 && *end == 0 && sp_finite(value, 1);
 }
 
-/* Words 1 … n as numbers; 0 where one is none or their number is another. */
-static int numbers(char **words, int count, int n, double *values)
+int sp_numbers(char **words, int count, int n, double *values)
 {
     if (count != n + 1) return 0;
     for (int i = 0; i < n; i++)
@@ -53,7 +51,7 @@ static const void *find(const preset *presets, size_t count, const char *name)
 static const char *read_form(sp_mission *m, char **words, int count)
 {
     double v[1 + SP_JOINTS];
-    if (!numbers(words, count, 1 + SP_JOINTS, v) || v[0] < 0.0) return "form SECONDS and 16 angles [rad]";
+    if (!sp_numbers(words, count, 1 + SP_JOINTS, v) || v[0] < 0.0) return "form SECONDS and 16 angles [rad]";
     if (m->form_count == SP_MAX_FORMS || (m->form_count > 0 && v[0] < m->forms[m->form_count - 1].start))
         return "at most 64 forms, in the order of their times";
     for (int j = 0; j < SP_JOINTS; j++)
@@ -68,7 +66,7 @@ static const char *read_form(sp_mission *m, char **words, int count)
 static const char *read_move(sp_mission *m, char **words, int count)
 {
     double v[4];
-    if (!numbers(words, count, 4, v) || v[3] < 0.0 || v[3] > 100.0 || v[3] != floor(v[3]))
+    if (!sp_numbers(words, count, 4, v) || v[3] < 0.0 || v[3] > 100.0 || v[3] != floor(v[3]))
         return "move X Y [m] YAW [rad] CYCLES (0: as many as it takes)";
     if (m->move_count == SP_MAX_MOVES) return "at most 16 moves";
     sp_move *move = &m->moves[m->move_count++];
@@ -78,15 +76,32 @@ static const char *read_move(sp_mission *m, char **words, int count)
 
 static const char *read_kind(sp_mission *m, char **words, int count)
 {
-    int crawls = strcmp(words[0], "crawl") == 0;
-    const char *name = count == 2 ? words[1] : "";
-    const void *config = crawls ? find(CRAWLERS, sizeof CRAWLERS / sizeof *CRAWLERS, name)
-                                : find(CONTROLLERS, sizeof CONTROLLERS / sizeof *CONTROLLERS, name);
-    if (config == NULL) return crawls ? "crawl and one of " SP_CRAWLER_NAMES : "flight and one of " SP_CONTROLLER_NAMES;
-    m->crawls = crawls;
-    if (crawls) m->crawler = *(const sp_crawler_config *)config;
-    else m->controller = *(const sp_controller_config *)config;
+    const int course = strcmp(words[0], "course") == 0, flies = course || strcmp(words[0], "flight") == 0;
+    const int crawls = course || !flies, whole = count == 2 + course;
+    const void *controller = find(CONTROLLERS, sizeof CONTROLLERS / sizeof *CONTROLLERS, whole ? words[1] : "");
+    const void *crawler = find(CRAWLERS, sizeof CRAWLERS / sizeof *CRAWLERS, whole ? words[count - 1] : "");
+    if (course && (controller == NULL || crawler == NULL))
+        return "course, one of " SP_CONTROLLER_NAMES ", and one of " SP_CRAWLER_NAMES;
+    if (flies && controller == NULL) return "flight and one of " SP_CONTROLLER_NAMES;
+    if (crawls && crawler == NULL) return "crawl and one of " SP_CRAWLER_NAMES;
+    m->kind = course ? SP_MISSION_COURSE : flies ? SP_MISSION_FLIGHT : SP_MISSION_CRAWL;
+    if (flies) m->controller = *(const sp_controller_config *)controller;
+    if (crawls) m->crawler = *(const sp_crawler_config *)crawler;
     return NULL;
+}
+
+static const char *read_order(sp_mission *m, char **words, int count)
+{
+    int airborne = m->order_count > 0;
+    if (m->kind != SP_MISSION_COURSE) return "crawl_to, take_off, fly_to, land for a course";
+    if (airborne) airborne = m->orders[m->order_count - 1].kind == SP_LOCOMOTION_FLY_TO ||
+                             m->orders[m->order_count - 1].kind == SP_LOCOMOTION_TAKE_OFF;
+    if (m->order_count == SP_MAX_WAYPOINTS) return "at most 64 orders at once";
+    sp_waypoint *order = &m->orders[m->order_count];
+    const char *valid = sp_read_order(m, words, count, order);
+    if (valid == NULL) valid = sp_cannot_follow(order->kind, &airborne);
+    if (valid == NULL) m->order_count++;
+    return valid;
 }
 
 static const char *read_switch(sp_mission *m, char **words, int count)
@@ -106,7 +121,7 @@ static const char *read_limit(sp_mission *m, char **words, int count)
     sp_limits *l = &m->limits;
     const char *name = words[0];
     if (strcmp(name, "fence") == 0) {
-        if (!numbers(words, count, 6, v)) return "fence, then x y z of its low and of its high corner [m]";
+        if (!sp_numbers(words, count, 6, v)) return "fence, then x y z of its low and of its high corner [m]";
         sp_copy(l->fence_low, v, 3);
         sp_copy(l->fence_high, v + 3, 3);
         for (int i = 0; i < 3; i++)
@@ -114,26 +129,32 @@ static const char *read_limit(sp_mission *m, char **words, int count)
         return NULL;
     }
     if (strcmp(name, "ages") == 0) {
-        if (!numbers(words, count, 4, v)) return "ages of pose, inertial unit, joints, flight state [s]";
+        if (!sp_numbers(words, count, 4, v)) return "ages of pose, inertial unit, joints, flight state [s]";
         for (int i = 0; i < 4; i++)
             if (!(v[i] > 0.0 && v[i] <= 0.5)) return "ages within 0 … 0.5 s: then the flight controller lands by itself";
         l->pose_age = v[0], l->imu_age = v[1], l->joint_age = v[2], l->state_age = v[3];
         return NULL;
     }
-    if (!numbers(words, count, 1, v)) return "one number after settle, tilt, speed, end";
+    if (strcmp(name, "speed") == 0) {
+        if (!sp_numbers(words, count, count == 3 ? 2 : 1, v)) return "speed and one number, or a second one of a crawl [rad/s]";
+        if (count == 2) v[1] = v[0];
+        for (int i = 0; i < 2; i++)
+            if (!(v[i] > 0.0 && v[i] <= MAX_SPEED)) return "speed within 0 … 1.62 rad/s, what the servos can do";
+        m->controller.joint_speed = v[0], m->crawler.joint_speed = v[1];
+        return NULL;
+    }
+    if (!sp_numbers(words, count, 1, v)) return "one number after settle, tilt, end";
     if (strcmp(name, "settle") == 0) l->settle = v[0];
     else if (strcmp(name, "tilt") == 0) l->tilt = v[0];
-    else if (strcmp(name, "end") == 0) m->end = v[0];
-    else m->controller.joint_speed = m->crawler.joint_speed = v[0];
+    else m->end = v[0];
     if (!(v[0] > 0.0)) return "a number above 0";
-    if (strcmp(name, "speed") == 0 && v[0] > MAX_SPEED) return "speed within 0 … 1.62 rad/s, what the servos can do";
     return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: from there the flight controller lands by itself";
 }
 
 static const char *read_window(sp_mission *m, char **words, int count)
 {
     double v[2];
-    if (!numbers(words, count, 2, v) || !(v[0] >= 0.0 && v[0] < v[1])) return "unrestricted START END [s]";
+    if (!sp_numbers(words, count, 2, v) || !(v[0] >= 0.0 && v[0] < v[1])) return "unrestricted START END [s]";
     if (m->window_count == SP_MAX_WINDOWS) return "at most 8 windows";
     m->windows[m->window_count].start = v[0];
     m->windows[m->window_count++].end = v[1];
@@ -144,28 +165,38 @@ static const struct {
     const char *word;
     const char *(*read)(sp_mission *, char **, int);
 } LINES[] = {
-    {"flight", read_kind}, {"crawl", read_kind}, {"form", read_form}, {"move", read_move},
+    {"flight", read_kind}, {"crawl", read_kind}, {"course", read_kind}, {"form", read_form}, {"move", read_move},
+    {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order}, {"land", read_order},
     {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"fence", read_limit},
     {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
 };
 
-/* NULL, or what would have been valid; `kinds` counts the lines that say flight or crawl. */
-static const char *read_line(sp_mission *m, char *line, int *kinds)
+int sp_split(char *line, char **words)
 {
-    char *words[WORDS], *rest = NULL;
+    char *rest = NULL;
     int count = 0;
-    size_t k = 0;
     line[strcspn(line, "#\r\n")] = 0;
     for (char *w = strtok_r(line, " \t", &rest); w != NULL; w = strtok_r(NULL, " \t", &rest)) {
-        if (count == WORDS) return "fewer words";
+        if (count == SP_WORDS) return -1;
         words[count++] = w;
     }
+    return count;
+}
+
+/* NULL, or what would have been valid; `kinds` counts the lines that say flight, crawl or course. */
+static const char *read_line(sp_mission *m, char *line, int *kinds)
+{
+    char *words[SP_WORDS];
+    size_t k = 0;
+    int count = sp_split(line, words);
+    if (count < 0) return "fewer words";
     if (count == 0) return NULL;
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
-        return "flight, crawl, form, move, unrestricted, estimate, residual, fence, ages, settle, tilt, speed, end";
+        return "flight, crawl, course, form, move, crawl_to, take_off, fly_to, land, unrestricted, estimate, residual, "
+               "fence, ages, settle, tilt, speed, end";
     *kinds += LINES[k].read == read_kind;
-    if (*kinds > 1) return "one flight or one crawl";
+    if (*kinds > 1) return "one flight, crawl or course";
     const char *valid = LINES[k].read(m, words, count);
     return valid == NULL && *kinds == 0 ? NO_KIND : valid;
 }
@@ -180,6 +211,7 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
     m->controller = *(const sp_controller_config *)CONTROLLERS[0].config;
     m->crawler = *(const sp_crawler_config *)CRAWLERS[0].config;
     m->estimator = SP_ESTIMATOR;
+    m->manager = SP_MANAGER;
     while (*text != 0 && valid == NULL) {
         size_t length = strcspn(text, "\n");
         number_of_line++;
@@ -192,7 +224,8 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
         text += length + (text[length] != 0);
     }
     if (valid == NULL && kinds == 0) valid = NO_KIND;
-    if (valid == NULL && (m->crawls ? m->form_count + m->window_count > 0 || m->end > 0.0 : m->move_count > 0))
+    int flies = m->form_count + m->window_count > 0 || m->end > 0.0, crawls = m->move_count > 0;
+    if (valid == NULL && ((m->kind != SP_MISSION_FLIGHT && flies) || (m->kind != SP_MISSION_CRAWL && crawls)))
         valid = "form, unrestricted, end for a flight; move for a crawl";
     if (valid == NULL) return 1;
     snprintf(reason, size, "mission, line %d; valid: %s", number_of_line, valid);

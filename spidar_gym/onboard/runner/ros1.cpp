@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <deque>
 #include <exception>
 #include <string>
 #include <vector>
@@ -22,6 +23,7 @@
 #include <spinal/FlightConfigCmd.h>
 #include <spinal/FourAxisCommand.h>
 #include <spinal/Imu.h>
+#include <std_msgs/String.h>
 #include <std_msgs/UInt8.h>
 
 #include "runner.h"
@@ -133,7 +135,12 @@ public:
         m.pose_count = m.imu_count = 0;
         input_.has_odometry = input_.has_thrust = 0;
         changed_ = false;
+        std::memset(input_.orders, 0, sizeof input_.orders);
         ros::getGlobalCallbackQueue()->callAvailable();
+        if (!orders_.empty()) { /* one message a tick */
+            std::memcpy(input_.orders, orders_.front().data(), orders_.front().size());
+            orders_.pop_front();
+        }
         if (changed_)
             for (int k = 0; k < SP_JOINTS; k++) m.joint_position[k] = NAN;
         /* In a dry run the robot's own flight stack goes on commanding: not a quarrel, as nothing of ours arrives. */
@@ -171,6 +178,7 @@ private:
     std::vector<const char *> words_;
     std::vector<double *> positions_, efforts_; /* where each of them goes; NULL nowhere */
     std::string model_, rival_;
+    std::deque<std::string> orders_; /* for the next ticks */
     bool changed_; /* whether a message since the last tick had other names than at start */
 
     double seconds(const ros::Time &t) const { return (double)((int64_t)t.sec - base_) + 1e-9 * (double)t.nsec; }
@@ -195,6 +203,7 @@ private:
         else subscribers_[2] = in_.subscribe("mocap/pose", 32, &Robot::on_pose, this, fast);
         subscribers_[3] = in_.subscribe("flight_state", 8, &Robot::on_state, this, fast);
         subscribers_[4] = in_.subscribe("four_axes/command", 8, &Robot::on_thrust, this, fast);
+        subscribers_[5] = in_.subscribe("runner/orders", 8, &Robot::on_orders, this, fast);
     }
 
     void advertise()
@@ -328,6 +337,12 @@ private:
         came(SP_TOPIC_STATE);
         input_.flight_state = event.getMessage()->data;
         input_.flight_state_time = seconds(event.getReceiptTime()); /* it has no stamp */
+    }
+
+    void on_orders(const std_msgs::String::ConstPtr &message)
+    {
+        if (message->data.size() < sizeof input_.orders) orders_.push_back(message->data);
+        else std::fprintf(stderr, "runner: orders refused; valid: at most %d characters\n", SP_ORDER_TEXT - 1);
     }
 
     void on_thrust(const ros::MessageEvent<spinal::FourAxisCommand const> &event)

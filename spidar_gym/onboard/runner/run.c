@@ -93,8 +93,14 @@ void sp_run_tick(sp_run *run, const sp_loop_input *input, sp_loop_output *output
     if (output->stage != run->stage)
         fprintf(stderr, "runner: %.3f s: %s%s%s\n", input->time, sp_stage_words(output->stage),
                 output->fault ? ", " : "", output->fault ? sp_fault_words(output->fault) : "");
+    if (output->manager_phase != run->phase)
+        fprintf(stderr, "runner: %.3f s: %s\n", input->time, sp_phase_words(output->manager_phase));
+    if (output->heard == SP_HEARD_TAKEN) fprintf(stderr, "runner: %.3f s: orders taken\n", input->time);
+    if (output->heard == SP_HEARD_REFUSED)
+        fprintf(stderr, "runner: %.3f s: orders refused; valid: %s\n", input->time, run->loop.reason);
     if (output->finished && !run->finished) fprintf(stderr, "runner: %.3f s: the mission is over\n", input->time);
     run->stage = output->stage;
+    run->phase = output->manager_phase;
     run->finished = output->finished;
     if (output->fault != SP_FINE) run->fault = output->fault;
     int whole = run->log == NULL || run->ticks > 1 || begin_log(run);
@@ -140,5 +146,5 @@ int sp_run_close(sp_run *run)
     fflush(stdout);
     if (run->log != NULL && fclose(run->log) != 0) run->lost = 1;
     run->log = NULL;
-    return run->lost ? 2 : run->loop.landing > 0 ? 1 : 0;
+    return run->lost ? 2 : run->loop.landing > 0 || run->loop.ending != SP_FINE ? 1 : 0;
 }

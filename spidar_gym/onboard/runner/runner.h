@@ -14,6 +14,18 @@ extern "C" {
 
 /* mission.c: read a mission's text; 1, or 0 and a sentence that says what would have been valid. */
 int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t size);
+#define SP_WORDS 28 /* of a line, and one more is too many */
+int sp_split(char *line, char **words); /* its words, comment left out: how many, −1 for too many */
+int sp_numbers(char **words, int count, int n, double *values); /* words 1 … n; 0 where one is none or there are others */
+
+/* orders.c: what the manager of both gaits is told. Sentences say what would have been valid, NULL that nothing is wrong. */
+int sp_is_order(const char *word);
+const char *sp_read_order(const sp_mission *mission, char **words, int count, sp_waypoint *order);
+const char *sp_cannot_follow(int32_t kind, int *airborne); /* `airborne` before it becomes that behind it */
+/* Whether these can follow on what is still to do, or `now` on what the robot is doing. */
+const char *sp_refuse_orders(const sp_manager *manager, const sp_robot_state *state, const sp_waypoint *orders, int n, int now);
+/* Lines of orders, the first of them `now` where they interrupt; all of them, or none. */
+const char *sp_take_orders(sp_manager *manager, const sp_mission *mission, const sp_robot_state *state, const char *text);
 
 /* sense.c: check the samples, estimate the state; what is wrong. */
 #define SP_AHEAD 0.05 /* a stamp may be so far in the future [s] */
@@ -24,8 +36,20 @@ sp_fault sp_sense_update(sp_sense *sense, const sp_mission *mission, const sp_lo
  * inputs. */
 const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
 void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
+/* Old commands may be in force for 100 ms; good ticks give back as much as they last, so that a fault which comes and goes
+ * ends in the landing too. */
+void sp_hold(sp_loop *loop, double time, sp_fault fault);
+/* Take a controller's command, if it may leave; what is wrong with it. */
+sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_command *command);
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);
+
+/* course.c: the tick of a mission of both gaits; NULL, or why it is refused. */
+const char *sp_course_init(sp_loop *loop);
+const char *sp_course_begin(sp_loop *loop, const sp_robot_state *state);
+void sp_course_tick(sp_loop *loop, const sp_loop_input *input, sp_fault fault);
+void sp_say_why(sp_loop *loop, const char *why); /* refuse the orders that came */
+const char *sp_phase_words(int32_t manager_phase);
 
 /* room.c: of the whole program. */
 sp_room *sp_own_room(void);
@@ -46,7 +70,7 @@ typedef struct {
     sp_loop loop;
     FILE *log; /* NULL where nobody wants one */
     const char *path; /* of the log */
-    int32_t ticks, late, stage, fault, finished, lost; /* lost: the log ends before the run */
+    int32_t ticks, late, stage, fault, finished, phase, lost; /* lost: the log ends before the run */
     double worst, worst_wait;      /* of a tick's computing, of a tick's start after its due time [us] */
     int32_t times[SP_BINS], waits[SP_BINS]; /* histograms, 10 us a bin */
 } sp_run;

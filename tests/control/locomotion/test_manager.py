@@ -1,6 +1,7 @@
 """Pins the manager of both gaits: take-off, flight, landing, crawl, what happens in between, what it refuses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.so3 import exp
+from spidar_gym.state import Command
 
 NEAR_FLOOR = ("spool", "descend", "unload")
 FLOORS = {
@@ -115,6 +117,50 @@ def test_it_lands_at_once_when_told_so(at):
     assert steps(seen, *NEAR_FLOOR)[0] <= 5.0 + 1e-9
     if at == 0.7:
         assert seen.phases() == ["spool", "unload", "lie"]
+
+
+def test_a_climb_that_ends_in_a_landing_is_not_flown_again_while_the_legs_move():
+    """It brakes, takes its pose where it has come to rest, and comes down from there."""
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, [TakeOff(1.0)])
+    mission.until("climb", 60)
+    mission.manager.interrupt([Land()])
+    asked = []
+    while mission.manager.phase != "unload":
+        mission.tick()
+        if mission.manager.phase in ("hover", "form", "descend"):
+            asked.append(float(mission.manager.reference(mission.state).position_w[2]))
+        assert len(asked) < 1000
+    assert np.abs(np.diff(asked)).max() < 0.45 / 40.0, "no faster than it climbed"
+    assert np.array(mission.seen_so_far.tilt).max() < 0.05
+    assert mission.seen_so_far.touchdown < 0.35
+
+
+def test_a_leg_that_hangs_keeps_no_robot_in_the_air():
+    """A form that a joint does not reach is waited for two seconds; then it lands in what it has."""
+    mission = Mission(0)
+    mission.manager.reset(mission.seen, [TakeOff(0.6), Land()])
+    mission.until("form")
+    ticks = 0
+    while mission.manager.phase == "form":
+        q = mission.state.joint_position.copy()
+        q[3] += 0.2
+        mission.seen = replace(mission.state, joint_position=q)
+        mission.tick()
+        ticks += 1
+        assert ticks < 400
+    assert mission.manager.phase == "descend"
+    assert ticks >= 80
+
+
+def test_evening_out_of_the_thrust_asks_for_no_more_than_a_rotor_has():
+    manager = Mission(0).manager
+    manager.memory.phase, manager.memory.thrust = "descend", 8.0 * ROBOT.max_thrust
+    thrust = np.full(8, 10.0)
+    thrust[0] = ROBOT.max_thrust
+    command = manager._limited(Command(thrust, np.zeros((8, 2)), np.zeros(16), np.zeros(16)))
+    assert command.thrust.max() <= ROBOT.max_thrust
+    assert command.thrust[1:].min() > 10.0
 
 
 @pytest.mark.slow

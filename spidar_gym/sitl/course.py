@@ -1,0 +1,255 @@
+"""A course of both gaits: driven by the runner or in process against the same robot, and its figures."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.control.crawl.footsteps import lying_pose
+from spidar_gym.control.estimator import Estimator
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.path import wrap
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo
+from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
+from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.errors import SpidarError
+from spidar_gym.model.dynamics import Model
+from spidar_gym.native.constants import ONBOARD_ITERATIONS
+from spidar_gym.native.library import STATUS
+from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.native.plant import Plant
+from spidar_gym.onboard.runner_structs import Stage
+from spidar_gym.paper.crawl import crawl_robot
+from spidar_gym.policies.rollout import columns
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.sitl.missions import COURSE_CRAWL_SPEED, COURSE_SPEED, Mission
+from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing
+from spidar_gym.sitl.session import Run, tilt_of
+from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.state import Command, RobotState
+from spidar_gym.text import format_table
+
+IN_THE_AIR = ("climb", "hover", "form", "fly")
+"""Phases whose position counts as flown."""
+NEAR_FLOOR = ("spool", "descend", "unload")
+"""Phases in which Σλ changes evenly."""
+SETTLING = 40
+"""Ticks that a robot lies before a course in process begins."""
+PERIOD = 1.0 / CONTROL_RATE
+"""Length of a tick [s]."""
+LONGEST = 90.0
+"""No course takes longer than this in process [s]."""
+
+
+@dataclass(frozen=True)
+class CourseLog:
+    """What a course was like, tick by tick: the truth beside what was asked and commanded, arrays over n ticks."""
+
+    time: np.ndarray
+    """Since the take-over [s]."""
+    phase: np.ndarray
+    """One of `PHASES`."""
+    position_w: np.ndarray
+    """Torso, true, shape (n, 3) [m]."""
+    yaw: np.ndarray
+    """Heading, true [rad]."""
+    com_w: np.ndarray
+    """Centre of mass, true, shape (n, 3) [m]."""
+    asked_w: np.ndarray
+    """Where it was asked to be in flight, shape (n, 3) [m]."""
+    tilt: np.ndarray
+    """Roll or pitch, the larger [rad]."""
+    fall: np.ndarray
+    """Downward speed of the torso before the tick [m/s]."""
+    in_contact: np.ndarray
+    """Whether anything touches the floor."""
+    thrust: np.ndarray
+    """Commanded Σλ [N]."""
+    status: np.ndarray
+    """How the allocation was answered."""
+
+
+def manager_config(mission: Mission) -> ManagerConfig:
+    """What the runner makes of a course: its presets at the course's joint speeds and the robot's iteration cap."""
+    flight, crawl = controller_config(mission.preset), crawler_config(mission.crawler)
+    return ManagerConfig(
+        replace(
+            flight, joint_speed=COURSE_SPEED, allocator=replace(flight.allocator, max_iter=ONBOARD_ITERATIONS)
+        ),
+        replace(
+            crawl, joint_speed=COURSE_CRAWL_SPEED, allocator=replace(crawl.allocator, max_iter=ONBOARD_ITERATIONS)
+        ),
+    )  # fmt: skip
+
+
+def _row(model: Model, state: RobotState, fell: float) -> dict[str, Any]:
+    """What is true after a tick."""
+    R_wb = quat_to_matrix(state.quat_wb)
+    com_w = state.position_w + R_wb @ model.snapshot(state.joint_position, R_wb, state.vectoring).com_b
+    return {
+        "position_w": state.position_w, "yaw": float(np.arctan2(R_wb[1, 0], R_wb[0, 0])), "com_w": com_w,
+        "tilt": tilt_of(state), "fall": fell,
+    }  # fmt: skip
+
+
+def driven_course(run: Run, log: RunnerLog) -> CourseLog:
+    """The course that a runner drove.
+
+    Raises:
+        SpidarError: When it did not come to its end.
+    """
+    rows, at = driven(run, log)
+    model, kept, fell = Model(), list[dict[str, Any]](), 0.0
+    # In real time the two tick apart, and what is asked moves on by a centimetre in between.
+    ticks, times = drive_times(run, log)
+    begins = np.array([row.time - PERIOD for row in rows])
+    where = log.outputs["reference"]["position_w"][ticks]
+    asked_w = np.stack([np.interp(begins, times, where[:, i]) for i in range(3)], axis=1)
+    for row, tick, asked in zip(rows, at.tolist(), asked_w, strict=True):
+        answer = log.outputs[tick]
+        kept.append(
+            {
+                **_row(model, row.state, fell),
+                "time": row.time - run.first_driven,
+                "phase": PHASES[answer["manager_phase"]],
+                "asked_w": asked,
+                "in_contact": row.in_contact,
+                "thrust": float(answer["command"]["thrust"].sum()),
+                "status": str(STATUS[answer["status"]]),
+            }
+        )
+        fell = -float(row.state.velocity_w[2])
+        if answer["finished"] and answer["stage"] == Stage.DRIVING:
+            return CourseLog(**columns(kept))
+    raise SpidarError(f"the course ended after {len(kept)} ticks: {run.board or 'too late'}; valid: a whole one")
+
+
+def course_in_process(mission: Mission, seed: int, on_tick: Callable[[], object] = lambda: None) -> CourseLog:
+    """The same course without a runner: the core's manager and the estimator, 40 times a second, on the same robot.
+
+    Args:
+        mission: A course.
+        seed: Of the robot and its noise, as for the robot that a runner drives.
+        on_tick: Called at every tick, for progress.
+
+    Raises:
+        SpidarError: When it does not come to its end.
+    """
+    config, model, estimator = manager_config(mission), Model(), Estimator()
+    rng = np.random.Generator(np.random.PCG64(seed))
+    plant, form = Plant(replace(crawl_robot(rng), joint_speed=COURSE_SPEED)), lying_pose(config.crawl.gait)
+    state = plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]), joint_position=form, rng=rng)
+    still = Command(np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), form, np.full(N_JOINTS, ROBOT.max_joint_torque))
+    for _ in range(SETTLING):
+        state = plant.step(still)
+    first = plant.measure()
+    estimator.reset(replace(state, joint_position=first.joint_position, vectoring=first.vectoring))
+    seen = estimator.update(first, state.thrust)
+    manager = CoreManager(config)
+    manager.reset(seen, mission.commands)
+    kept = list[dict[str, Any]]()
+    while not manager.done:
+        fell = -float(state.velocity_w[2])
+        command = manager.step(seen)
+        state = plant.step(command)
+        seen = estimator.update(plant.measure(), command.thrust)
+        kept.append(
+            {
+                **_row(model, state, fell),
+                "time": (len(kept) + 1) * PERIOD,
+                "phase": manager.phase,
+                "asked_w": manager.asked_w,
+                "in_contact": plant.in_contact,
+                "thrust": float(command.thrust.sum()),
+                "status": str(manager.status),
+            }
+        )
+        on_tick()
+        if len(kept) * PERIOD > LONGEST:
+            raise SpidarError(f"the course does not end within {LONGEST:g} s; valid: a shorter one")
+    return CourseLog(**columns(kept))
+
+
+def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
+    """Figures of a course: how it flew, touched down and crawled."""
+    flown, near = np.isin(log.phase, IN_THE_AIR), np.isin(log.phase, NEAR_FLOOR)[1:]
+    error = (log.asked_w - log.com_w)[flown]
+    touched = np.flatnonzero((log.phase == "descend") & log.in_contact)
+    landed = np.flatnonzero(np.isin(log.phase, ("unload",)))
+    places = [command.position_w for command in mission.commands if isinstance(command, FlyTo)]
+    goals = [command.pose for command in mission.commands if isinstance(command, CrawlTo)]
+    steps = np.abs(np.diff(log.thrust))
+    figures: dict[str, Any] = {
+        "seconds": float(log.time[-1]),
+        "rmse_position_m": np.sqrt((error**2).mean(0)).tolist(),
+        "largest_error_m": float(np.linalg.norm(error, axis=1).max()),
+        "largest_tilt_rad": float(log.tilt[flown].max()),
+        "touchdown_m_s": float(log.fall[touched[0]]) if len(touched) else None,
+        "landing_error_m": None,
+        "largest_step_n": float(steps[near].max()),
+        "final_error_m": None,
+        "final_yaw_rad": None,
+        "unsolved": int((~np.isin(log.status, [str(each) for each in ANSWERED])).sum()),
+    }
+    if len(landed) and places:
+        figures["landing_error_m"] = (log.com_w[landed[-1], :2] - places[-1][:2]).tolist()
+    if goals:
+        figures["final_error_m"] = (log.position_w[-1, :2] - [goals[-1].x, goals[-1].y]).tolist()
+        figures["final_yaw_rad"] = wrap(float(log.yaw[-1]) - goals[-1].yaw)
+    return figures
+
+
+ROWS: tuple[tuple[str, str, float, int], ...] = (
+    ("duration [s]", "seconds", 1.0, 1),
+    ("RMSE position in the air x y z [mm]", "rmse_position_m", 1e3, 1),
+    ("largest error in the air [mm]", "largest_error_m", 1e3, 0),
+    ("largest tilt in the air [mrad]", "largest_tilt_rad", 1e3, 0),
+    ("touchdown [m/s]", "touchdown_m_s", 1.0, 2),
+    ("place of the landing x y [mm]", "landing_error_m", 1e3, 0),
+    ("largest change of Σλ near the floor [N/tick]", "largest_step_n", 1.0, 1),
+    ("place after the crawl x y [mm]", "final_error_m", 1e3, 1),
+    ("heading after the crawl [mrad]", "final_yaw_rad", 1e3, 1),
+    ("ticks without an optimum", "unsolved", 1.0, 0),
+)
+"""Lines of the table: label, figure, unit's factor, digits."""
+MARGIN = 0.5
+"""A figure is within the spread where it is no farther outside than this share of it."""
+
+
+def spread(figures: Sequence[dict[str, Any]], key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest of a figure, over courses of several robots, number by number."""
+    values = np.array([np.atleast_1d(each[key]) for each in figures], float)
+    return values.min(0), values.max(0)
+
+
+def within_spread(figures: dict[str, Any], others: Sequence[dict[str, Any]], key: str) -> bool:
+    """Whether a figure is among those of others, or outside by no more than `MARGIN` of their spread."""
+    low, high = spread(others, key)
+    slack, value = MARGIN * (high - low) + 1e-9, np.atleast_1d(np.array(figures[key], float))
+    return bool(((value >= low - slack) & (value <= high + slack)).all())
+
+
+def course_lines(figures: dict[str, Any], others: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """The table: a course through the runner beside the spread of those in process."""
+
+    def text(value: Any, factor: float, digits: int) -> str:  # noqa: ANN401 - a number or several
+        return "–" if value is None else " ".join(f"{factor * x:.{digits}f}" for x in np.atleast_1d(value))
+
+    lines = [["course", f"in process, {len(others)} robots: least", "largest", "through the runner", "within"]]
+    for label, key, factor, digits in ROWS:
+        low, high = spread(others, key)
+        inside = "yes" if within_spread(figures, others, key) else "no"
+        lines.append([label, *(text(value, factor, digits) for value in (low, high, figures[key])), inside])
+    return lines
+
+
+def course_report(
+    run: Run, log: RunnerLog, mission: Mission, others: Sequence[dict[str, Any]]
+) -> tuple[dict[str, Any], str]:
+    """Figures of a course through the runner with its timing and those in process; its table."""
+    figures = course_figures(driven_course(run, log), mission)
+    table = format_table(course_lines(figures, others))
+    inside = {key: within_spread(figures, others, key) for _, key, _, _ in ROWS}
+    return {**figures, "timing": timing(log), "in_process": list(others), "within_spread": inside}, table

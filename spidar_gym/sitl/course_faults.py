@@ -1,0 +1,110 @@
+"""Faults in every phase of a course: what each led to, against what is specified."""
+
+from collections.abc import Callable, Iterable
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
+from spidar_gym.onboard.runner_structs import Action, Stage
+from spidar_gym.robot import FORMS
+from spidar_gym.sitl.faults import FAULTS, FLOOR_PHASES, course_reaction
+from spidar_gym.sitl.missions import Mission, course_mission
+from spidar_gym.sitl.play import build_for, play
+from spidar_gym.sitl.report import RunnerLog, within_bounds
+from spidar_gym.sitl.session import Run
+
+_UP, _AWAY = TakeOff(0.8), FlyTo((0.8, 0.0, 1.2), FORMS["form3"], 0.5)
+LEADS_TO: dict[str, tuple[LocomotionCommand, ...]] = {
+    "lie": (), "crawl": (CrawlTo(Pose2(0.3, 0.0, 0.0)),), "spool": (_UP, Land()), "climb": (_UP, Land()),
+    "hover": (_UP,), "form": (_UP, _AWAY, Land()), "fly": (_UP, _AWAY, Land()), "descend": (_UP, Land()),
+    "unload": (_UP, Land()),
+}  # fmt: skip
+"""Phase → the shortest course that comes through it."""
+TOUCHDOWN = 0.35
+"""A landing that the manager flies touches the floor no faster than this [m/s]."""
+
+
+def phase_mission(phase: str) -> Mission:
+    """The course into whose phase faults are put."""
+    return course_mission(LEADS_TO[phase])
+
+
+def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dict[str, Any]:
+    """What a fault in a phase led to.
+
+    `as_specified`: the reaction is that of `course_reaction`, old commands were in force for 100 ms at most, none was
+    out of bounds or published after a landing was commanded, and where the manager landed it touched softly.
+    """
+    outputs = log.outputs
+    drive = outputs["stage"] > Stage.WAITING
+    holds = [len(list(ticks)) for stage, ticks in groupby(outputs["stage"].tolist()) if stage == Stage.HOLDING]
+    held, bounded = max(holds, default=0) / CONTROL_RATE, within_bounds(outputs[drive])
+    landing = np.flatnonzero(outputs["action"] == Action.FORCE_LANDING)
+    silent = not len(landing) or bool((outputs["action"][landing[0] :] != Action.PUBLISH).all())
+    last = Stage(outputs["stage"][-1])
+    if run.board:
+        happened = "forced landing" if run.board == "commanded" else "board lands"
+    elif last == Stage.RESTING:
+        happened = "rests" if phase in FLOOR_PHASES else "lands"
+    else:
+        happened = "goes on" if last == Stage.DRIVING else "lost"
+    after = [row for row in run.rows if row.time >= run.fault_at]
+    touch = next((k for k, row in enumerate(after) if row.in_contact), None) if phase not in FLOOR_PHASES else None
+    fall = None if touch is None else float(-after[max(touch - 1, 0)].state.velocity_w[2])
+    soft = happened != "lands" or (fall is not None and fall <= TOUCHDOWN)
+    reaction = course_reaction(name, phase)
+    return {
+        "fault": name,
+        "doc": FAULTS[name].doc,
+        "phase": phase,
+        "reaction": reaction,
+        "happened": happened,
+        "runner_fault": int(outputs["fault"].max(initial=0)),
+        "held_ms": 1e3 * held,
+        "seconds": float(run.rows[-1].time - run.fault_at),
+        "peak_tilt_rad": max(row.tilt for row in after),
+        "touchdown_m_s": fall,
+        "largest_thrust_n": float(outputs["command"]["thrust"][drive].max(initial=0.0)),
+        "bounded": bounded,
+        "silent_after_landing": silent,
+        "as_specified": happened in reaction.split(" or ") and bounded and silent and soft and held <= 0.1 + 1e-9,
+    }
+
+
+def play_course_faults(
+    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, on_fault: Callable[[], object] = lambda: None
+) -> list[dict[str, Any]]:
+    """Faults in phases, each in a course of its own: figures of each.
+
+    Args:
+        link: `ros` or `socket`.
+        pairs: Names of faults and of phases.
+        seed: Of the robot and its noise.
+        on_fault: Called after each, for progress.
+    """
+    rows, runner = [], build_for(link)
+    for name, phase in pairs:
+        played = play(phase_mission(phase), link, seed=seed, fault=name, phase=phase, runner=runner)
+        rows.append(course_fault_figures(name, phase, played.run, played.log))
+        on_fault()
+    return rows
+
+
+def course_fault_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """The table: a line for each fault, a column for each phase; a reaction that is not the specified one is marked."""
+    phases = list(dict.fromkeys(row["phase"] for row in rows))
+    lines = [["fault", "what", *phases]]
+    for name in dict.fromkeys(row["fault"] for row in rows):
+        cells = {row["phase"]: _cell(row) for row in rows if row["fault"] == name}
+        lines.append([name, FAULTS[name].doc, *(cells.get(phase, "–") for phase in phases)])
+    return lines
+
+
+def _cell(row: dict[str, Any]) -> str:
+    fall = row["touchdown_m_s"]
+    words = row["happened"] + (f", {fall:.2f}" if fall is not None and row["happened"] != "goes on" else "")
+    return words if row["as_specified"] else f"NOT AS SPECIFIED: {words}"
