@@ -183,8 +183,9 @@ def markdown(board: Board) -> str:
         "## Rows",
         "",
         *(
-            f"- {code(name)}: {code(row.content['command'])}" + _trained(row) + f", {row.content['sha256'][:12]}"
+            f"- {code(name)}: {code(part.content['command'])}" + _trained(part) + f", {part.content['sha256'][:12]}"
             for name, row in board.rows.items()
+            for part in (row, *row.added)
         ),
         "",
         "Versions: " + escaped(", ".join(" ".join(entry) for entry in versions.items())) + ".",
