@@ -64,7 +64,7 @@ class Row:
         return [name for name in TRACKS if any(name in part.content["tracks"] for part in (self, *self.added))]
 
     def part(self, track: str) -> "Row":
-        """Of the file that has a track (`KeyError` where none has)."""
+        """The row of the file that has a track (`KeyError` where none has)."""
         for part in (self, *self.added):
             if track in part.content["tracks"]:
                 return part
@@ -323,7 +323,7 @@ def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
 
 
 def _hashes(row: Row) -> set[str]:
-    """Of its files."""
+    """Hashes of its files."""
     return {part.content["sha256"] for part in (row, *row.added)}
 
 

@@ -115,8 +115,7 @@ TRACKS: dict[str, Track] = {
         {"sensors": True, "randomization": 1.0}, _ANYWHERE,
     ),
     "flight-path": Track(
-        "along paths at 0.3 … 1.5 m/s, heading kept or ahead; independent legs at 0.2 rad/s, robots drawn at strength "
-        "0.3, real sensors, turbulent wind of 1 … 3 m/s in half of the flights",
+        "paths at 0.3 … 1.5 m/s, independent legs; robots drawn at strength 0.3, real sensors, half in wind",
         PATH, 20.0, {**_REAL, "forms": "independent", "joint_speed": 0.2},
         disturbances={"wind": (1.0, 3.0)}, calm=0.5,
     ),
