@@ -1,21 +1,27 @@
 """Pins the track along paths: whole ways in its files, an episode the same twice and in Python, tuned before paper."""
 
+import pathlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from spidar_gym.benchmark import HOVER, TRACKS, PresetPolicy, load_scenarios
+from spidar_gym.benchmark import CRAWL, HOVER, TRACKS, PresetPolicy, load_scenarios
 from spidar_gym.benchmark.scenario import make_env, reset_options
 from spidar_gym.benchmark.scoring import play_scenario, play_scenarios
 from spidar_gym.benchmark.track import SPLITS, flight_error
 from spidar_gym.control.flight.path import Path
 from spidar_gym.envs.hover.task import FlightStart, hover_height
 from spidar_gym.envs.path.task import CLIMB, PATH_BEGIN, SPEEDS
+from spidar_gym.envs.registry import PATH
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import defined_on
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.so3 import exp
 
 TRACK = "flight-path"
+LEARNED = pathlib.Path(__file__).resolve().parents[2] / "baselines" / "learned"
 
 
 def preset(name, **arguments):
@@ -112,8 +118,9 @@ def test_the_readable_environment_plays_what_the_engine_does(index, monkeypatch)
             assert readable[name] == value, name
 
 
-def test_the_error_is_the_flights_of_position_and_attitude_off_the_path_and_papers_is_larger():
-    scenarios = load_scenarios(TRACK, "validation")[0][:10]
+def test_the_error_is_the_flights_of_position_and_attitude_off_the_path_and_papers_is_larger(monkeypatch):
+    monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=8.0))
+    scenarios = load_scenarios(TRACK, "validation")[0][:6]
     paper, tuned = (
         [one["metrics"] for one in play_scenarios(preset(name), TRACK, scenarios)] for name in ("paper", "tuned")
     )
@@ -122,6 +129,17 @@ def test_the_error_is_the_flights_of_position_and_attitude_off_the_path_and_pape
         assert fast["success"]
         assert fast["error"] < 0.25 * slow["error"]
         assert slow["error"] == flight_error(slow["position_rms_m"], slow["attitude_rms_rad"], failed=False)
+
+
+def test_what_hovers_flies_along_a_path_unless_it_says_otherwise_and_what_learned_to_hover_does_not():
+    hover, own = {"preset": "tuned"}, {"preset": "paper"}
+    for presets, expected in (({HOVER: hover}, hover), ({HOVER: hover, PATH: own}, own), ({CRAWL: own}, None)):
+        policy = type("Preset", (PresetPolicy,), {"presets": presets})()
+        assert policy.arguments(PATH) == expected
+    learned = load_policy(str(LEARNED / "memory" / "seed0.npz"))
+    assert defined_on(learned) == [HOVER]
+    with pytest.raises(InvalidValueError, match="a track on which the policy is defined"):
+        play_scenario(learned, TRACK, load_scenarios(TRACK)[0][0])
 
 
 def test_who_lets_go_fails_and_costs_the_cap():

@@ -132,6 +132,19 @@ def test_tracks_and_splits_that_do_not_exist_are_refused_with_those_that_do(call
         call("flight-paper", "train")
 
 
+def test_a_committed_file_stays_where_only_zeros_have_another_sign(copied, monkeypatch):
+    def text(name, split, **_):
+        return (FILES / split / f"{name}.json").read_text(encoding="utf-8")
+
+    monkeypatch.setattr(scenario, "TRACKS", {"flight-fast5": TRACKS["flight-fast5"]})
+    monkeypatch.setattr(scenario, "scenario_text", lambda *names, **_: text(*names).replace(" 0.0,", " -0.0,"))
+    for split in SPLITS:
+        assert scenario.scenario_files()[f"scenarios/{split}/flight-fast5.json"] == text("flight-fast5", split)
+    monkeypatch.setattr(scenario, "scenario_text", lambda *names, **_: text(*names).replace("0.1", "0.2", 1))
+    for split in SPLITS:
+        assert scenario.scenario_files()[f"scenarios/{split}/flight-fast5.json"] != text("flight-fast5", split)
+
+
 # Drawing
 
 
