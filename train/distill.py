@@ -105,15 +105,16 @@ class Args(TrackRecipe):
         least = ("robots", "first_ticks", "rounds", "ticks", "validations", "scenarios", "workers")
         require_least(1, **{name: getattr(self, name) for name in least})
         for track in self.tracks:
-            if not find_track(track).flies:
-                raise InvalidValueError("tracks", track, "flights: no controller of the ground gives advice")
+            if find_track(track).env_id != HOVER:
+                expected = "flights of Hover-v0: no controller of the ground gives advice, and a path is seen otherwise"
+                raise InvalidValueError("tracks", track, expected)
 
 
 PRESETS: dict[str, Args] = {
     "hover": Args(
         "distilled",
         "DAgger: a network that commands what `tuned` would, in torso axes; no controller, no QP.",
-        tuple(name for name, track in TRACKS.items() if track.flies),
+        tuple(name for name, track in TRACKS.items() if track.env_id == HOVER),
         "tuned",
     ),
     "first": Args(

@@ -102,15 +102,16 @@ class Args(TrackRecipe):
         least = ("rounds", "robots", "forms", "scenarios", "workers")
         require_least(1, **{name: getattr(self, name) for name in least})
         for track in self.tracks:
-            if not find_track(track).flies:
-                raise InvalidValueError("tracks", track, "flights: a crawl has no pose to hold")
+            if find_track(track).env_id != HOVER:
+                expected = "flights of Hover-v0: a crawl has no pose to hold, a path many"
+                raise InvalidValueError("tracks", track, expected)
 
 
 PRESETS: dict[str, Args] = {
     "hover": Args(
         "memory",
         "Regression: forces against what pulls at the robot, remembered over seconds, on `tuned`.",
-        tuple(name for name, track in TRACKS.items() if track.flies),
+        tuple(name for name, track in TRACKS.items() if track.env_id == HOVER),
         "tuned",
     ),
 }

@@ -32,7 +32,8 @@ COMPARED: dict[str, dict[str, tuple[str, float, str]]] = {
         "error": ("error", 1.0, ""),
     },
 }
-"""What is compared on flights and on the ground: metric → heading, factor, unit."""
+COMPARED["path"] = COMPARED["flight"]
+"""What is compared by group: metric → heading, factor, unit."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def compare_columns(
 
     Args:
         columns: Metric → numbers of the base (scenarios,) and of one's own (runs, scenarios), on the same scenarios.
-        group: `flight` or `ground`, which says what is compared.
+        group: Of the track, which says what is compared.
         name: One's own name.
         base: The base's name.
         track: Where it was played.
@@ -120,7 +121,7 @@ def compare_rows(row: Row, base: Row) -> list[Comparison]:
 
 
 def comparison_tables(comparisons: Sequence[Comparison]) -> list[list[list[str]]]:
-    """A table for flights and one for crawls, where there are any: heading and a line a track."""
+    """A table for each group of tracks, where there are any: heading and a line a track."""
     tables = []
     for group, shown in COMPARED.items():
         own = [c for c in comparisons if TRACKS[c.track].group == group]
@@ -135,7 +136,7 @@ def comparison_cells(comparison: Comparison, group: str, *, digits: int = 0) -> 
 
     Args:
         comparison: What was compared.
-        group: `flight` or `ground`.
+        group: Of its track.
         digits: Of a percent, behind the point.
     """
     cells = []

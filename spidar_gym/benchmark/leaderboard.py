@@ -23,8 +23,8 @@ from spidar_gym.benchmark.statistics import (
 from spidar_gym.benchmark.track import TRACKS
 
 GROUPS = {group: [name for name, track in TRACKS.items() if track.group == group] for group in ("flight", "ground")}
-"""Tracks that are summed up in one score."""
-SHOWN = {
+"""Tracks that are summed up in one score; a track of another group stands for itself."""
+SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = {
     "flight": (
         ("position_rms_m", "pos. mm", 1e3, 1), ("attitude_rms_rad", "att. mrad", 1e3, 1),
         ("joint_rms_rad", "joints mrad", 1e3, 1), ("energy_wh", "Wh", 1.0, 2), ("endurance_min", "endur. min", 1.0, 2),
@@ -40,7 +40,8 @@ SHOWN = {
         ("unsolved", "unsolved", 1.0, 2),
     ),
 }  # fmt: skip
-"""Metrics of the tables: name, heading, factor, digits; medians over runs and scenarios."""
+SHOWN["path"] = SHOWN["flight"]
+"""Metrics of the tables by group: name, heading, factor, digits; medians over runs and scenarios."""
 COUNTED = ("unsolved", "violations")
 """Metrics of `SHOWN` that are means, not medians."""
 

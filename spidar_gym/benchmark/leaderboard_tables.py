@@ -132,6 +132,7 @@ def report(row: Row, base: Row | None) -> str:
 
 def markdown(board: Board) -> str:
     """LEADERBOARD.md."""
+    apart = [track for track in board.tracks if TRACKS[track].group not in GROUPS]
     lines = [
         "# Leaderboard",
         "",
@@ -146,6 +147,7 @@ def markdown(board: Board) -> str:
         "## All tracks",
         "",
         "Geometric mean of the tracks' scores; – where a policy is not defined on all of them.",
+        *(f"Not in it: `{track}`, whose score stands by itself." for track in apart),
         "",
         format_table(overall_lines(board), markdown=True),
     ]
@@ -183,8 +185,9 @@ def markdown(board: Board) -> str:
         "## Rows",
         "",
         *(
-            f"- {code(name)}: {code(row.content['command'])}" + _trained(row) + f", {row.content['sha256'][:12]}"
+            f"- {code(name)}: {code(part.content['command'])}" + _trained(part) + f", {part.content['sha256'][:12]}"
             for name, row in board.rows.items()
+            for part in (row, *row.added)
         ),
         "",
         "Versions: " + escaped(", ".join(" ".join(entry) for entry in versions.items())) + ".",

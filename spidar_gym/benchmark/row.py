@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +55,20 @@ class Row:
     """Specification of each run: one for a deterministic controller, one a training seed for a learned one."""
     content: Mapping[str, Any]
     """The file, whole."""
+    added: tuple["Row", ...] = ()
+    """Rows of the same runs on tracks that the file lacks, each of a file of its own."""
 
     @property
     def tracks(self) -> list[str]:
         """Tracks on which it was evaluated, in the table's order."""
-        return [name for name in TRACKS if name in self.content["tracks"]]
+        return [name for name in TRACKS if any(name in part.content["tracks"] for part in (self, *self.added))]
+
+    def part(self, track: str) -> "Row":
+        """The row of the file that has a track (`KeyError` where none has)."""
+        for part in (self, *self.added):
+            if track in part.content["tracks"]:
+                return part
+        raise KeyError(track)
 
     @property
     def base(self) -> str:
@@ -69,19 +78,19 @@ class Row:
 
     def errors(self, track: str) -> np.ndarray:
         """Error of every run on every scenario, shape (runs, scenarios)."""
-        return np.array([run["error"] for run in self.content["tracks"][track]["runs"]], float)
+        return np.array([run["error"] for run in self.part(track).content["tracks"][track]["runs"]], float)
 
     def column(self, track: str, metric: str) -> np.ndarray:
         """A metric of every run on every scenario, NaN where it has no meaning."""
-        return np.array([run[metric] for run in self.content["tracks"][track]["runs"]], float)
+        return np.array([run[metric] for run in self.part(track).content["tracks"][track]["runs"]], float)
 
     def split(self, track: str) -> str:
         """Which scenarios of a track."""
-        return self.content["tracks"][track]["split"]
+        return self.part(track).content["tracks"][track]["split"]
 
     def scenarios(self, track: str) -> list[int]:
         """Indices of the scenarios that were played."""
-        return self.content["tracks"][track]["scenarios"]
+        return self.part(track).content["tracks"][track]["scenarios"]
 
 
 def make_row(
@@ -243,36 +252,60 @@ def read_row(path: Path) -> Row:
     return row_of(content)
 
 
-def read_rows(folder: Path) -> dict[str, Row]:
-    """Every row of a folder by name, the reference first."""
+def row_files(folder: Path, name: str = "*") -> list[Path]:
+    """Files of rows: those of a folder, then those of the groups that have a folder in it.
+
+    A group of tracks that came later has a folder, so that the rows that were there stay as they were made: with their
+    processor, their versions and their hash.
+    """
+    groups = dict.fromkeys(track.group for track in TRACKS.values())
+    return [path for place in ("", *groups) for path in sorted((folder / place).glob(f"{name}.json"))]
+
+
+def read_rows(folder: Path, name: str = "*") -> dict[str, Row]:
+    """Every row of a folder by name, the reference first, or one of a name; the files of a name are one row.
+
+    Raises:
+        RowError: For a folder without rows, a row that cannot be read, and files of one name that do not go together.
+    """
     if not folder.is_dir():
         raise RowError(f"{folder} is no folder; valid: one with rows that `spidar eval` wrote")
     rows: dict[str, Row] = {}
-    for path in sorted(folder.glob("*.json")):
+    for path in row_files(folder, name):
         row = read_row(path)
-        if row.name in rows:
-            raise RowError(f"{path} is a second row {row.name}; valid: one file a row")
-        rows[row.name] = row
+        rows[row.name] = _joined(rows[row.name], row, path, folder) if row.name in rows else row
     if not rows:
         raise RowError(f"{folder} has no rows; valid: a folder with rows that `spidar eval` wrote")
     return {name: rows[name] for name in sorted(rows, key=lambda name: (name != REFERENCE, name))}
 
 
+def _joined(row: Row, other: Row, path: Path, folder: Path) -> Row:
+    """A row, and one of the same runs on other tracks from the folder of a group."""
+    both = set(row.tracks) & set(other.tracks)
+    if path.parent == folder:
+        raise RowError(f"{path} is a second row {row.name}; valid: one file a row")
+    if both:
+        raise RowError(f"{path} has {', '.join(sorted(both))} once more; valid: tracks that row {row.name} lacks")
+    if any(row.content[key] != other.content[key] for key in ("kind", "policies", "policies_sha256")):
+        raise RowError(f"{path} is of other policies than row {row.name}; valid: the same ones, or another name")
+    return replace(row, added=(*row.added, other))
+
+
 def committed_rows() -> dict[str, Row]:
     """The committed rows of a checkout, or what of them the installed wheel has: the row that scores refer to."""
-    path = _committed_file(REFERENCE)
-    return {} if path is None else read_rows(path.parent)
+    folder = _committed_folder(REFERENCE)
+    return {} if folder is None else read_rows(folder)
 
 
 def committed_row(name: str = REFERENCE) -> Row | None:
     """A committed row, the one that scores refer to; None if there is none."""
-    path = _committed_file(name)
-    return None if path is None else read_row(path)
+    folder = _committed_folder(name)
+    return None if folder is None else read_rows(folder, name)[name]
 
 
-def _committed_file(name: str) -> Path | None:
+def _committed_folder(name: str) -> Path | None:
     folders = (Path(ROWS), assets_dir() / "scores", assets_dir().parent / ROWS)
-    return next((path for folder in folders if (path := folder / f"{name}.json").is_file()), None)
+    return next((folder for folder in folders if (folder / f"{name}.json").is_file()), None)
 
 
 def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
@@ -282,11 +315,16 @@ def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
     """
     rows, names = committed_rows(), []
     for name, row in own.items():
-        if name in rows and rows[name].content["sha256"] == row.content["sha256"]:
+        if name in rows and _hashes(rows[name]) >= _hashes(row):
             continue
         names.append(f"{name} (own)" if name in rows else name)
         rows[names[-1]] = row
     return rows, names
+
+
+def _hashes(row: Row) -> set[str]:
+    """Hashes of its files."""
+    return {part.content["sha256"] for part in (row, *row.added)}
 
 
 def eval_command(specs: Sequence[str], tracks: Sequence[str], split: str = "test", scenarios: int = SCENARIOS) -> str:

@@ -4,8 +4,9 @@ import hashlib
 import json
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -17,9 +18,12 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
+from spidar_gym.envs.path.task import PathTask
+from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import SpidarError, StaleAssetError, require_name
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import assets_dir
+from spidar_gym.so3 import exp
 
 PINS = "scenarios/SHA256SUMS"
 """File with the hash of every scenario file, relative to assets/."""
@@ -42,6 +46,7 @@ FORM = {
 """What stands in a file."""
 START = {
     "goals": [[float, float, [float]]], "position": [float], "rotation": [float], "trim": ([float], None),
+    "path": ([[float]], None),
 }  # fmt: skip
 """What stands in the start of a flight."""
 HOVER_TICKS = 200
@@ -59,7 +64,7 @@ class Scenario:
     options: Mapping[str, Any]
     """Arguments of the environment beside the track's."""
     start: Mapping[str, Any] | None
-    """A flight's offset, goals with start and deadline, and the wrench with which the integrals begin."""
+    """A flight's offset, goals with start and deadline, wrench with which the integrals begin, knots of its path."""
     disturbances: Mapping[str, Any]
     """What happens to the robot."""
     robot: str
@@ -84,16 +89,23 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
     seed = int(rng.integers(2**31))
     options = {key: _draw(rng, bounds) for key, bounds in track.ranges.items()}
     disturbances = {key: _draw(rng, bounds) for key, bounds in track.disturbances.items()}
+    if track.calm and rng.random() < track.calm:
+        disturbances = {}
     start = None
     if track.flies:
-        own = {name: track.options[name] for name in ("forms", "joint_speed") if name in track.options}
-        task = HoverTask(horizon_s=track.seconds, perturbation=OFFSET, **own)
+        kind = PathTask if track.env_id == PATH else HoverTask
+        own = {field.name: track.options[field.name] for field in fields(kind) if field.name in track.options}
+        task = kind(horizon_s=track.seconds, perturbation=OFFSET, **own)
         goals = [
             [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()]
             for goal in task.schedule(rng)
         ]
         position, rotation = task.offset(rng)
         start = {"goals": goals, "position": position.round(6).tolist(), "rotation": rotation.round(6).tolist()}
+        path = task.draw_path(rng)
+        if path is not None:
+            knots = np.column_stack((path.times, path.pose_w, path.rate_w, path.acceleration_w))
+            start["path"] = (knots.round(6) + 0.0).tolist()  # no zero is negative
     scenario = Scenario(index, seed, options, start, disturbances, "")
     if not (track.options.get("randomization") or disturbances):
         return scenario
@@ -110,14 +122,20 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
 
 
 def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
-    """Force of the wind on a robot that hovers in the initial form, world, mean over `HOVER_TICKS` [N]."""
-    assert scenario.start is not None
+    """Force of the wind on a robot that hovers in the initial form where its path begins, mean over `HOVER_TICKS` [N].
+
+    Axes are the world's, turned by the heading.
+    """
+    start = scenario.start
+    assert start is not None
     env = make_env(track, scenario, {"preset": "tuned_v1"})
-    held = {**scenario.start, "goals": scenario.start["goals"][:1]}
+    held = {**start, "goals": start["goals"][:1], **({"path": start["path"][:1]} if "path" in start else {})}
     steps = rollout(
         env, seed=scenario.seed, options={**reset_options(scenario), "start": held}, ticks=HOVER_TICKS
     )  # fmt: skip
-    return np.mean([step.info["air_force"] for step in steps], axis=0)
+    force = np.mean([step.info["air_force"] for step in steps], axis=0)
+    yaw = start["path"][0][4] if "path" in start else 0.0
+    return force @ exp(np.array([0.0, 0.0, yaw])) if yaw else force
 
 
 def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -160,13 +178,22 @@ def scenario_text(name: str, split: str, *, on_scenario: Callable[[], object] = 
 
 def scenario_files(*, on_scenario: Callable[[], object] = lambda: None) -> dict[str, str]:
     """Every scenario file and their hashes: path relative to assets/ → text."""
-    files = {
-        f"scenarios/{split}/{name}.json": scenario_text(name, split, on_scenario=on_scenario)
-        for split in SPLITS
-        for name in TRACKS
-    }
+    files = {}
+    for split in SPLITS:
+        for name in TRACKS:
+            path = f"scenarios/{split}/{name}.json"
+            files[path] = _unless_equal(assets_dir() / path, scenario_text(name, split, on_scenario=on_scenario))
     files[PINS] = "".join(f"{_sha256(text)}  {path.split('/', 1)[1]}\n" for path, text in files.items())
     return files
+
+
+def _unless_equal(path: Path, text: str) -> str:
+    """A file's new text, or its present one where the numbers are equal: rounding gives some zeros another sign."""
+    try:
+        present = path.read_text(encoding="utf-8")
+        return present if json.loads(present) == json.loads(text) else text
+    except (OSError, ValueError):
+        return text
 
 
 def _sha256(text: str) -> str:
@@ -203,14 +230,16 @@ def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
     start, drawn = entry["start"], ((entry["options"], track.ranges), (entry["disturbances"], track.disturbances))
     fits = entry["index"] == index and 0 <= entry["seed"] < 2**31 and (start is not None) == track.flies
     for values, ranges in drawn:
-        fits = fits and values.keys() == ranges.keys()
+        none = values is entry["disturbances"] and track.calm > 0.0 and not values
+        fits = fits and (none or values.keys() == ranges.keys())
         # They are kept to six digits.
-        fits = fits and all(low - 1e-6 <= values[key] <= high + 1e-6 for key, (low, high) in ranges.items())
+        fits = fits and all(low - 1e-6 <= values.get(key, low) <= high + 1e-6 for key, (low, high) in ranges.items())
     if not fits:
         raise BorderError(f"scenario {index} is none of its track")
     if start is not None:
-        require_form({"trim": None, **start}, START, "start")
-        FlightStart.parse(start)
+        require_form({"trim": None, "path": None, **start}, START, "start")
+        if (FlightStart.parse(start).path is None) != (track.env_id != PATH):
+            raise BorderError(f"scenario {index} is none of its track")
     return Scenario(**entry)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.registry import CRAWL, HOVER, PATH
 from spidar_gym.errors import require_name
 
 CAP = 5.0
@@ -24,6 +24,10 @@ REST_SCALE, ENERGY_SCALE = 0.02, 20.0
 """A crawl that ends this far from the goal [m, a radian counts 0.5 m] and takes this much energy [Wh/m] has error 1."""
 
 
+GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path"}
+"""Environment → group of its tracks. The scores of `flight` and of `ground` are summed up, each in one."""
+
+
 @dataclass(frozen=True)
 class Track:
     """One kind of task, on which every policy meets the same scenarios."""
@@ -40,16 +44,18 @@ class Track:
     """Arguments of the environment that are drawn evenly for each scenario."""
     disturbances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Disturbances that are drawn evenly for each scenario."""
+    calm: float = 0.0
+    """Share of the scenarios that have none of them."""
 
     @property
     def flies(self) -> bool:
         """Whether it is a flight."""
-        return self.env_id == HOVER
+        return self.env_id != CRAWL
 
     @property
     def group(self) -> str:
-        """`flight` or `ground`."""
-        return "flight" if self.flies else "ground"
+        """Tracks of one environment: `flight`, `ground`, or `path`."""
+        return GROUPED[self.env_id]
 
     @property
     def formula(self) -> str:
@@ -107,6 +113,11 @@ TRACKS: dict[str, Track] = {
     "ground-randomised": Track(
         "0.2 … 0.6 m in any direction; robots drawn at strength 1, real sensors", CRAWL, 75.0,
         {"sensors": True, "randomization": 1.0}, _ANYWHERE,
+    ),
+    "flight-path": Track(
+        "paths at 0.3 … 1.5 m/s, independent legs; robots drawn at strength 0.3, real sensors, half in wind",
+        PATH, 20.0, {**_REAL, "forms": "independent", "joint_speed": 0.2},
+        disturbances={"wind": (1.0, 3.0)}, calm=0.5,
     ),
 }  # fmt: skip
 """Every track by id."""

@@ -70,7 +70,7 @@ def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> 
 
 
 def other_conditions(row: Row, control: str = CONTROL) -> str:
-    """With what a row was made that is different here, in words; empty where its numbers have to be equal."""
+    """With what a row's file was made that is different here, in words; empty where its numbers have to be equal."""
     present = versions()
     words = [
         f"{package} {number or 'none'}"
@@ -120,7 +120,7 @@ def verify(
 
     def on_done(place: int, result: dict[str, Any]) -> None:
         row, track, run, k = picks[place]
-        checks[place] = _compare(row, track, run, k, result["metrics"], other_conditions(row, control))
+        checks[place] = _compare(row, track, run, k, result["metrics"], other_conditions(row.part(track), control))
         on_check(checks[place])
 
     run_shards(shards, workers=workers, on_done=on_done)
@@ -128,7 +128,7 @@ def verify(
 
 
 def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], conditions: str) -> Check:
-    then = {name: values[k] for name, values in row.content["tracks"][track]["runs"][run].items()}
+    then = {name: values[k] for name, values in row.part(track).content["tracks"][track]["runs"][run].items()}
     moved = differences(then, metrics, flies=TRACKS[track].flies)
     where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
     check = Check(row.name, f"{where}, equal", conditions, moved)
@@ -144,9 +144,9 @@ def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], co
 def measures(checks: Sequence[Check]) -> list[str]:
     """For each row by which measure it was held, in words."""
     lines = []
-    for name in dict.fromkeys(check.row for check in checks):
-        own = [check for check in checks if check.row == name]
-        equal, conditions = sum(check.equal for check in own), own[0].conditions
+    for name, conditions in dict.fromkeys((check.row, check.conditions) for check in checks):
+        own = [check for check in checks if (check.row, check.conditions) == (name, conditions)]
+        equal = sum(check.equal for check in own)
         measure = f"within tolerance (made with {conditions})" if conditions else "bit for bit"
         lines.append(f"{name}: {len(own)} {measure}" + (f", {equal} of them equal" if conditions else ""))
     return lines

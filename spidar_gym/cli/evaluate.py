@@ -27,6 +27,7 @@ from spidar_gym.benchmark.row import (
     read_row,
     read_rows,
     require_one_policy,
+    row_files,
     write_row,
 )
 from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
@@ -178,7 +179,7 @@ def _own_rows(folder: Path) -> dict[str, Row]:
 @board_app.command
 def migrate(rows: FolderArg = Path(ROWS)) -> None:
     """Bring rows of an older format, or of policies whose imports moved, up to date: hashes checked, metrics kept."""
-    files = sorted(rows.glob("*.json"))
+    files = row_files(rows)
     moved = sum(migrate_row(path) for path in files)
     print(f"{moved} of {len(files)} rows in {rows} brought up to date")
 

@@ -5,6 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from spidar_gym.envs.registry import HOVER, PATH
+
 
 class PresetPolicy:
     """A controller that the environments have: the zero action, which adds nothing to a preset."""
@@ -14,12 +16,15 @@ class PresetPolicy:
     kind: ClassVar[str] = "classical"
     """`classical`, `learned`, or `residual` for what learned to add to a controller; `unstated` where it says none."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    """Arguments of `gym.make` by environment id; it is not defined where it has none."""
+    """Arguments of `gym.make` by environment id; it is not defined where it has none.
+
+    Along a path flies what hovers, unless a path has some of its own.
+    """
     _size = 0
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
         """Arguments of `gym.make`, of those in `ARGUMENTS`; None where the policy is not defined."""
-        return self.presets.get(env_id)
+        return self.presets.get(env_id, self.presets.get(HOVER) if env_id == PATH else None)
 
     def begin(self, action_size: int) -> None:
         """Learn how long an action is."""

@@ -2,13 +2,15 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.leaderboard import GROUPS, Board, ranking
+from spidar_gym.benchmark.leaderboard import Board, ranking
 from spidar_gym.benchmark.row import REFERENCE
+from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, PAPER_FLIGHT, UNRESTRICTED, FlightLog
 from spidar_gym.policies.policy import KINDS
@@ -198,7 +200,7 @@ def _draw_runs(
 def leaderboard_picture(board: Board, path: Path) -> None:
     """Scores with their 95 % intervals, written as PNG and PDF: the best of a track at the top of its panel."""
     plt = pyplot()
-    groups = [own for tracks in GROUPS.values() if (own := [track for track in tracks if track in board.tracks])]
+    groups = [list(own) for _, own in groupby(board.tracks, key=lambda track: TRACKS[track].group)]
     ranked = {track: ranking(board, track) for track in board.tracks}
     lines = [tracks[k : k + COLUMNS] for tracks in groups for k in range(0, len(tracks), COLUMNS)]
     heights = [max(len(ranked[track]) for track in line) for line in lines]

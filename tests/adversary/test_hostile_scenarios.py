@@ -124,6 +124,28 @@ def test_a_scenario_that_is_none_of_its_track_is_refused(change, files):
         load_scenarios("flight-wind")
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("flight-path", lambda one: one["start"].pop("path")),
+        ("flight-path", lambda one: one["start"].update(path=[])),
+        ("flight-path", lambda one: one["start"]["path"][2].pop()),
+        ("flight-path", lambda one: one["start"]["path"][2].__setitem__(0, 0.0)),
+        ("flight-path", lambda one: one["start"]["path"][2].__setitem__(1, 1e9)),
+        ("flight-path", lambda one: one.update(disturbances={"wind": 3.5})),
+        ("flight-path", lambda one: one.update(disturbances={"push": 20.0})),
+        ("flight-fast5", lambda one: one["start"].update(path=[[1.0, *[0.0] * 12]])),
+        ("flight-wind", lambda one: one.update(disturbances={})),
+    ],
+)
+def test_only_a_path_has_knots_each_whole_and_in_its_time(name, change, files):
+    content = json.loads((files / "test" / f"{name}.json").read_bytes())
+    change(content["scenarios"][3])
+    pin(files, name, json.dumps(content).encode())
+    with pytest.raises(StaleAssetError, match=rf"{name}\.json .*`spidar scenarios`"):
+        load_scenarios(name)
+
+
 @pytest.mark.parametrize("name", ["flight-wind.json", "../SHA256SUMS"])
 def test_a_scenario_file_or_its_hashes_in_other_words_pipes_or_sizes_are_refused(name, files):
     path = files / "test" / name

@@ -1,5 +1,6 @@
 """Pins the committed leaderboard: whole, made of its rows; what the constraint is worth."""
 
+import shutil
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -34,7 +35,27 @@ def test_every_baseline_has_a_whole_row_on_every_track_on_which_it_is_defined(sp
     assert row.tracks == [name for name, track in TRACKS.items() if track.env_id in defined_on(policy)]
     for track in row.tracks:
         assert row.scenarios(track) == list(range(SCENARIOS))
-        assert row.content["tracks"][track]["split"] == "test"
+        assert row.split(track) == "test"
+
+
+def test_a_group_that_came_later_moved_no_overall_score_and_no_place(tmp_path):
+    rows = ROOT / "baselines" / "scores"
+    for path in rows.glob("*.json"):
+        shutil.copy(path, tmp_path)
+    before = tabulate(read_rows(tmp_path))
+    assert {len(GROUPS["flight"]), len(GROUPS["ground"])} == {7, 5}
+    assert before.overall == board().overall
+    assert overall_lines(before) == overall_lines(board())
+    assert before.cells == {key: cell for key, cell in board().cells.items() if key[1] in before.tracks}
+    assert set(board().tracks) - set(before.tracks) == {"flight-path"}
+
+
+def test_along_a_path_the_tuned_controller_has_a_tenth_of_the_papers_error():
+    paper, tuned = (board().cells[name, "flight-path"] for name in ("qp", "qp_tuned"))
+    assert tuned.error < 0.1 * paper.error
+    assert tuned.score.low > 10.0
+    assert tuned.success == 1.0
+    assert {board().rows[name].kind for name, track in board().cells if track == "flight-path"} == {"classical"}
 
 
 def test_the_leaderboard_is_what_its_rows_give():

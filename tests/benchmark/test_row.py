@@ -15,12 +15,14 @@ import spidar_gym
 from spidar_gym.benchmark.row import (
     ROWS,
     RowError,
+    among_committed,
     committed_row,
     eval_command,
     make_row,
     model_hash,
     read_row,
     read_rows,
+    row_files,
     row_text,
     write_row,
 )
@@ -408,6 +410,53 @@ def test_a_second_file_of_the_same_row_is_refused(row, tmp_path):
     (tmp_path / "copy.json").write_bytes((tmp_path / f"{row.name}.json").read_bytes())
     with pytest.raises(RowError, match="a second row"):
         read_rows(tmp_path)
+
+
+def test_a_row_has_its_later_tracks_from_the_folder_of_their_group(row, tmp_path):
+    base, later = made_row({TRACK: [[0.5, 0.7]]}, "sham"), made_row({"flight-path": [[0.25, 0.75, 0.5]]}, "sham")
+    alone = made_row({"flight-path": [[0.1]]}, "alone")
+    path = write_row(base, tmp_path)
+    before = path.read_bytes()
+    for one in (later, alone):
+        write_row(one, tmp_path / "path")
+    assert row_files(tmp_path) == [path, tmp_path / "path" / "alone.json", tmp_path / "path" / "sham.json"]
+    rows = read_rows(tmp_path)
+    assert list(rows) == ["alone", "sham"]
+    both = rows["sham"]
+    assert both.tracks == [TRACK, "flight-path"]
+    assert both.content == base.content
+    assert (both.part(TRACK).content, both.part("flight-path")) == (base.content, later)
+    assert both.errors("flight-path").tolist() == [[0.25, 0.75, 0.5]]
+    assert (both.scenarios("flight-path"), both.split("flight-path")) == ([0, 1, 2], "test")
+    assert read_rows(tmp_path, "alone") == {"alone": alone}
+    with pytest.raises(KeyError):
+        both.part("ground-paper")
+    assert path.read_bytes() == before
+
+
+def test_files_of_one_name_that_do_not_go_together_are_refused(row, tmp_path):
+    write_row(row, tmp_path)
+    path = write_row(made_row({TRACK: [[0.5], [0.5]]}, "sham", "residual"), tmp_path / "path")
+    with pytest.raises(RowError, match=rf"{path} has {TRACK} once more"):
+        read_rows(tmp_path)
+    for runs, kind in (([[0.5]], "residual"), ([[0.5], [0.5]], "classical")):
+        write_row(made_row({"flight-path": runs}, "sham", kind), tmp_path / "path")
+        with pytest.raises(RowError, match=f"{path} is of other policies than row sham"):
+            read_rows(tmp_path)
+    write_row(made_row({"flight-path": [[0.5], [0.5]]}, "sham", "residual"), tmp_path / "path")
+    assert read_rows(tmp_path)["sham"].tracks == [TRACK, "ground-paper", "flight-path"]
+
+
+def test_the_committed_row_has_its_later_tracks_and_ones_own_is_it_only_with_the_same_files(tmp_path, monkeypatch):
+    write_row(made_row({TRACK: [[0.123]]}, "qp"), tmp_path / ROWS)
+    write_row(made_row({"flight-path": [[0.5]]}, "qp"), tmp_path / ROWS / "path")
+    monkeypatch.chdir(tmp_path)
+    committed = committed_row()
+    assert committed.tracks == [TRACK, "flight-path"]
+    assert among_committed({"qp": committed}) == ({"qp": committed}, [])
+    assert among_committed({"qp": committed.part("flight-path")})[1] == []
+    other = made_row({"flight-path": [[0.25]]}, "qp")
+    assert among_committed({"qp": other})[1] == ["qp (own)"]
 
 
 def test_a_learned_row_says_what_it_asked_its_environment_for_and_a_classical_one_does_not():

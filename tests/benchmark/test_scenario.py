@@ -132,6 +132,19 @@ def test_tracks_and_splits_that_do_not_exist_are_refused_with_those_that_do(call
         call("flight-paper", "train")
 
 
+def test_a_committed_file_stays_where_only_zeros_have_another_sign(copied, monkeypatch):
+    def text(name, split, **_):
+        return (FILES / split / f"{name}.json").read_text(encoding="utf-8")
+
+    monkeypatch.setattr(scenario, "TRACKS", {"flight-fast5": TRACKS["flight-fast5"]})
+    monkeypatch.setattr(scenario, "scenario_text", lambda *names, **_: text(*names).replace(" 0.0,", " -0.0,"))
+    for split in SPLITS:
+        assert scenario.scenario_files()[f"scenarios/{split}/flight-fast5.json"] == text("flight-fast5", split)
+    monkeypatch.setattr(scenario, "scenario_text", lambda *names, **_: text(*names).replace("0.1", "0.2", 1))
+    for split in SPLITS:
+        assert scenario.scenario_files()[f"scenarios/{split}/flight-fast5.json"] != text("flight-fast5", split)
+
+
 # Drawing
 
 
@@ -149,7 +162,8 @@ def test_flights_of_the_described_robot_drawn_again_are_the_committed_file(name,
     [
         ("flight-randomised", "test", 0), ("flight-randomised", "validation", 49), ("flight-wind", "test", 7),
         ("ground-paper", "test", 0), ("ground-directions", "validation", 3), ("ground-friction", "test", 11),
-        ("ground-uneven", "test", 2), ("ground-randomised", "test", 49),
+        ("ground-uneven", "test", 2), ("ground-randomised", "test", 49), ("flight-path", "test", 1),
+        ("flight-path", "validation", 49),
     ],
 )  # fmt: skip
 def test_a_scenario_drawn_again_is_the_committed_one(name, split, index):
@@ -170,9 +184,13 @@ def test_what_is_drawn_lies_within_the_tracks_ranges_and_fills_them(name, split)
         (track.ranges, [one.options for one in found]),
         (track.disturbances, [one.disturbances for one in found]),
     ):
-        assert all(set(values) == set(ranges) for values in drawn)
+        calm = [not values for values in drawn]
+        assert all(set(values) == set(ranges) for values in drawn if values)
+        if ranges:
+            share = track.calm if ranges is track.disturbances else 0.0
+            assert abs(np.mean(calm) - share) <= 3.0 * math.sqrt(share * (1.0 - share) / len(found))
         for key, (low, high) in ranges.items():
-            values = [one[key] for one in drawn]
+            values = [one[key] for one in drawn if one]
             assert low <= min(values) < low + 0.2 * (high - low)
             assert high - 0.2 * (high - low) < max(values) <= high
 

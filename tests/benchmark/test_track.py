@@ -13,12 +13,14 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.envs.hover.task import SUCCESS_ATTITUDE, SUCCESS_POSITION
+from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.disturbances import Disturbances
 
 IDS = [
     "flight-paper", "flight-forms", "flight-fast3", "flight-fast5", "flight-randomised", "flight-wind",
     "flight-narrow", "ground-paper", "ground-directions", "ground-friction", "ground-uneven", "ground-randomised",
+    "flight-path",
 ]  # fmt: skip
 
 
@@ -49,8 +51,9 @@ def test_a_track_that_does_not_exist_is_refused_with_all_that_do(name):
 @pytest.mark.parametrize("name", IDS)
 def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name):
     track = TRACKS[name]
-    assert track.env_id == (HOVER if name.startswith("flight-") else CRAWL)
+    assert track.env_id == (PATH if name == "flight-path" else HOVER if name.startswith("flight-") else CRAWL)
     assert track.flies == name.startswith("flight-")
+    assert track.group == ("path" if name == "flight-path" else name.split("-")[0])
     assert track.formula == TRACKS["flight-paper" if track.flies else "ground-paper"].formula
     assert track.doc
     assert "\n" not in track.doc

@@ -4,6 +4,7 @@ import inspect
 import re
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def replay(monkeypatch):
             for shard in shards:
                 where = row.scenarios(shard.track).index(shard.scenario.index)
                 assert shard.scenario == load_scenarios(shard.track, shard.split)[0][shard.scenario.index]
-                run = row.content["tracks"][shard.track]["runs"][0]
+                run = row.part(shard.track).content["tracks"][shard.track]["runs"][0]
                 metrics = {name: values[where] for name, values in run.items()}
                 change(metrics)
                 results.append({"metrics": metrics, "timing": {}})
@@ -253,6 +254,22 @@ def test_the_summary_says_by_which_measure_each_row_was_held(tmp_path, replay):
     assert largest_differences([same]) == ""
     replay(here, lambda metrics: metrics.update(energy_wh=10.5 + 5e-7))
     assert largest_differences(verify({"qp": there}, 2, draw())) == "energy_wh 50.00%"
+
+
+def test_each_file_of_a_row_is_held_by_the_measure_of_its_own_processor(replay, tmp_path):
+    there = elsewhere(flight(), tmp_path, lambda c: c.update(processor="another"))
+    row = replace(there, added=(made_row({"flight-path": [[0.5]]}, "qp"),))
+    replay(row)
+    checks = verify({"qp": row}, 20, draw())
+    assert {check.conditions for check in checks} == {"another", ""}
+    far = sum(check.conditions == "another" for check in checks)
+    assert sorted(measures(checks)) == [
+        f"qp: {20 - far} bit for bit",
+        f"qp: {far} within tolerance (made with another), {far} of them equal",
+    ]
+    replay(row, lambda metrics: metrics.update(energy_wh=10.5 + 5e-7))
+    for check in verify({"qp": row}, 20, draw()):
+        assert check.passes == (check.conditions == "another")
 
 
 def test_the_readable_controllers_are_held_to_the_tolerance_for_their_rounding_is_another_one(tmp_path, replay):

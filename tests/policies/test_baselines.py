@@ -19,6 +19,7 @@ from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.envs.registry import PATH
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import defined_on, policy_arguments, policy_digest, policy_doc, policy_kind, policy_name
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
@@ -66,15 +67,18 @@ def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(s
     policy = load_policy(spec)
     doc = policy_doc(policy)
     (only,) = re.findall(r"(flights|crawls) only", doc) or [""]
-    where = {"": [HOVER, CRAWL], "flights": [HOVER], "crawls": [CRAWL]}[only]
+    # What hovers by feedback flies along a path too.
+    flights = [HOVER] if policy_name(policy) == "hold" else [HOVER, PATH]
+    where = {"": [*flights, CRAWL], "flights": flights, "crawls": [CRAWL]}[only]
     assert defined_on(policy) == where
+    assert PATH not in where or policy_arguments(policy, PATH) == policy_arguments(policy, HOVER)
     assert doc.endswith(".")
     assert policy_kind(policy) == "classical"
     assert len(policy_digest(policy)) == 64
-    presets = {HOVER: PRESETS, CRAWL: CRAWL_PRESETS}
+    presets = {HOVER: PRESETS, PATH: PRESETS, CRAWL: CRAWL_PRESETS}
     for env_id in where:
         arguments = policy_arguments(policy, env_id)
-        assert arguments.get("preset", "paper" if env_id == HOVER else "published") in presets[env_id]
+        assert arguments.get("preset", "published" if env_id == CRAWL else "paper") in presets[env_id]
         gymnasium.make(env_id, **arguments).close()
 
 

@@ -114,7 +114,9 @@ def test_turned_by_a_quarter_a_network_says_the_same_turned_but_for_a_constant(t
     assert np.abs(found.biases[-1] - torso.SAID_TURN(found.biases[-1])).max() > 0.0
 
 
-@pytest.mark.parametrize("changes", [{"robots": 0}, {"tracks": ("ground-paper",)}, {"rounds": 0}])
+@pytest.mark.parametrize(
+    "changes", [{"robots": 0}, {"tracks": ("ground-paper",)}, {"tracks": ("flight-path",)}, {"rounds": 0}]
+)
 def test_what_is_no_course_is_refused(changes):
     with pytest.raises(InvalidValueError):
         replace(TINY, **changes)

@@ -136,6 +136,7 @@ def test_an_agent_that_is_worse_than_its_base_is_not_chosen(tmp_path):
         ({"tracks": ()}, "at least one track"),
         ({"reward": "joy"}, "unknown reward 'joy'; valid: environment, pose, economy"),
         ({"tracks": ("flight-to-mars",)}, "unknown track 'flight-to-mars'"),
+        ({"tracks": ("flight-path",)}, "tracks of spidar_gym/Hover-v0"),
         ({"base": "best"}, "unknown preset 'best'"),
     ],
 )

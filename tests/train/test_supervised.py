@@ -70,6 +70,7 @@ def test_a_share_of_a_residual_is_that_share_of_its_output():
     [
         ({"flights": 0}, "flights = 0 is not valid"),
         ({"tracks": ("ground-paper",)}, "a crawl has no pose to hold"),
+        ({"tracks": ("flight-path",)}, "a crawl has no pose to hold"),
         ({"tracks": ("flight-to-mars",)}, "unknown track"),
     ],
 )

@@ -25,7 +25,8 @@ BUDGET = {"population": 4, "scenarios": 1, "seed": 0, "workers": 1}
 def test_a_search_begins_where_it_says_on_all_tracks_of_its_group(name):
     search = SEARCHES[name]
     assert search.configuration({p.name: p.start for p in search.parameters}) == STARTS[name]
-    assert search.tracks == tuple(t for t in TRACKS if t.startswith({"flight": "flight", "crawl": "ground"}[name]))
+    assert search.tracks == tuple(t for t in TRACKS if TRACKS[t].group == {"flight": "flight", "crawl": "ground"}[name])
+    assert len(search.tracks) == {"flight": 7, "crawl": 5}[name]
 
 
 def test_the_cost_is_the_logarithm_of_the_geometric_mean_over_tracks_and_margins_come_on_top():

@@ -71,6 +71,9 @@ class EnvConfig:
             raise InvalidValueError("trace_times", self.trace_times, "none but in the torso's axes")
         if not self.tracks:
             raise InvalidValueError("tracks", self.tracks, "at least one track")
+        for track in (*self.tracks, *self.first_tracks):
+            if find_track(track).env_id != self.env_id:
+                raise InvalidValueError("tracks", track, f"tracks of {self.env_id}")
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -68,8 +68,8 @@ FLIGHT_ENV = EnvConfig(
     washout=1.0,
 )
 """Flights of PPO."""
-DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.flies)
-"""All flights: a network without a controller is one for every track."""
+DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.env_id == HOVER)
+"""All flights of Hover-v0: a network without a controller is one for every track."""
 JOINTS = tuple(range(3 * N_ROTORS, torso.ACTION))
 """Entries with which a network would lead joints off their form: they go there by themselves; shaking tells nothing."""
 PRESETS: dict[str, Args] = {
