@@ -1,4 +1,4 @@
-"""`course_planner`: the cheapest way in predicted time and energy over gaits, forms and places, planned as it goes."""
+"""`course_planner`: the cheapest way in predicted time and energy over gaits, forms and places, planned as it goes.
 
 Stations lie every few centimetres before the goal; at each the robot may lie, fly stretched out or fly narrow, where
 the next gates leave it room. Dijkstra's shortest path (SciPy) over them says until where to go on as it does now, and
@@ -27,7 +27,7 @@ SPEED = {LIES: 0.043, WIDE: 0.65, NARROW: 0.5}
 POWER = {LIES: 1100.0, WIDE: 2700.0, NARROW: 2700.0}
 """Electrical powers [W]."""
 CHANGE = {
-    (LIES, WIDE): 5.0, (LIES, NARROW): 8.0, (WIDE, LIES): 8.0, (NARROW, LIES): 10.0, (WIDE, NARROW): 3.0,
+    (LIES, WIDE): 5.0, (LIES, NARROW): 8.0, (WIDE, LIES): 8.0, (NARROW, LIES): 15.0, (WIDE, NARROW): 3.0,
     (NARROW, WIDE): 3.0,
 }  # fmt: skip
 """Time of a take-off, a landing, a change of form [s]."""

@@ -19,6 +19,10 @@ KNOT_TIME = 0.25
 """Time between two knots of a lemniscate [s]: the quintics then miss it by less than 10 µm at 1.5 m/s."""
 AHEAD, AHEAD_STEP = 4, 0.25
 """At how many times ahead a policy is told of the path, and how far apart they are [s]."""
+DETOUR = 0.1
+"""A path that begins in motion leaves its way by no more than this beyond what the way is long, [m] or [rad]."""
+LEAST_SECONDS = 0.5
+"""No coordinate comes to rest from motion in less time [s]."""
 SUBSTEPS = 8
 """Steps of the fourth-order integration along a lemniscate from one knot to the next."""
 
@@ -128,6 +132,50 @@ _STILL = [0.0, 0.0, 0.0, 0.0]
 def wrap(angle: float) -> float:
     """The angle plus as many turns as bring it into −π … π [rad]."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+def ease(u: float) -> float:
+    """From 0 to 1, smoothly: the quintic from rest to rest."""
+    u = min(1.0, max(0.0, u))
+    return u * u * u * (10.0 - u * (15.0 - 6.0 * u))
+
+
+def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, end: np.ndarray, speed: float) -> Path:
+    """To a pose, at rest there, from however a path moves now; from rest it is straight.
+
+    A quintic that begins at rate v and acceleration a and takes T swings out by up to 0.2 v T + 0.017 a T² before it
+    turns to its end: a coordinate comes to rest before the others where that would lead it far astray.
+
+    Args:
+        pose: Position and heading now (4,) [m], [rad].
+        rate: Their rates [m/s], [rad/s].
+        acceleration: The rates' rates [m/s²], [rad/s²].
+        end: Where to.
+        speed: Largest speed of the way from rest [m/s].
+    """
+    way = end - pose
+    length, fast = math.sqrt(float(way[:3] @ way[:3])), math.sqrt(float(rate[:3] @ rate[:3]))
+    seconds = max(1.875 * length / speed, 2.0 * fast / EASE, 1.875 * abs(float(way[3])) / TURN_RATE, LEAST_SECONDS)
+    ends = []
+    for k in range(4):
+        d, v, a = abs(float(way[k])), abs(float(rate[k])), abs(float(acceleration[k]))
+        paces = (TURN_RATE, TURN_RATE) if k == 3 else (speed, EASE)
+        least = max(LEAST_SECONDS, 1.875 * d / paces[0], 2.0 * v / paces[1], math.sqrt(3.0 * d / paces[1]))
+        swing = 0.2 * v + math.sqrt(0.04 * v * v + 0.07 * a * (d + DETOUR))
+        astray = 2.0 * (d + DETOUR) / swing if swing > 0.0 else math.inf
+        ends.append(min(seconds, max(least, astray)))
+    knots, time = _Knots(), 0.0
+    knots.add(0.0, pose.tolist(), rate.tolist(), acceleration.tolist())
+    still = np.zeros(4)
+    parts = [
+        Path(np.array([0.0, t]), np.array([pose, end]), np.array([rate, still]), np.array([acceleration, still]))
+        for t in ends
+    ]
+    while time < max(ends):
+        time = min(t for t in ends if t > time)
+        rows = [part.at(time) for part in parts]
+        knots.add(time, *([float(row[j][k]) for k, row in enumerate(rows)] for j in range(3)))
+    return knots.path()
 
 
 class Legs:

@@ -18,7 +18,7 @@ from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.memory import FlightRecord
-from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, legs, wrap
+from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, ease, from_motion, legs, wrap
 from spidar_gym.control.locomotion.commands import (
     CrawlTo,
     FlyTo,
@@ -35,8 +35,8 @@ from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotSta
 
 LEVEL_FROM, LEVEL_TO = 0.05, 0.35
 """Between these heights over where it lay, a robot that lay on a slope comes level [m]."""
-LEAST_WAY, LEAST_SECONDS = 0.05, 0.5
-"""A way shorter than this gives no heading [m]; no flight is shorter than this [s]."""
+LEAST_WAY = 0.05
+"""A way shorter than this gives no heading [m]."""
 ARRIVED, PATIENCE = 0.05, 2.0
 """A form is taken when every joint is this close [rad]; a leg that hangs is waited for so long [s]."""
 _STILL = np.zeros(3)
@@ -171,10 +171,10 @@ class Manager(Orders):
         """What the flight controller is asked in the present phase."""
         memory, config, t = self.memory, self.config, self.memory.time
         if memory.phase == "spool":
-            support = 1.0 - _ease(t / config.spool_time)
+            support = 1.0 - ease(t / config.spool_time)
             return Reference(memory.begin_w, memory.quat_wb, _STILL, _STILL, memory.form, support=support)
         if memory.phase == "unload":
-            left, support = 1.0 - _ease(t / (0.5 * config.unload_time)), max(_ease(t / config.unload_time), 1e-3)
+            left, support = 1.0 - ease(t / (0.5 * config.unload_time)), max(ease(t / config.unload_time), 1e-3)
             fading = left * np.array([0.0, 0.0, -memory.velocity])
             aim = memory.begin_w + left * np.array([0.0, 0.0, memory.floor - memory.begin_w[2]])
             return Reference(aim, state.quat_wb, fading, _STILL, memory.form, support=support)
@@ -185,7 +185,7 @@ class Manager(Orders):
         reference = self.path.reference(t, memory.form)
         if memory.phase == "climb":  # from the floor's attitude to level
             risen = float(reference.position_w[2]) - memory.floor
-            share = _ease((risen - LEVEL_FROM) / (LEVEL_TO - LEVEL_FROM))
+            share = ease((risen - LEVEL_FROM) / (LEVEL_TO - LEVEL_FROM))
             R_wb = quat_to_matrix(memory.quat_wb)
             turn = log(R_wb.T @ quat_to_matrix(reference.quat_wb))
             return replace(reference, quat_wb=matrix_to_quat(R_wb @ exp(share * turn)))
@@ -364,18 +364,13 @@ class Manager(Orders):
         self._enter("hover")
 
     def _steer(self, command: FlyTo) -> None:
-        """Fly to a place from where and how the path is now, in one quintic."""
+        """Fly to a place from where and how the path is now."""
         memory, (pose, rate, acceleration) = self.memory, self._moving()
         way, turn = np.array(command.position_w) - pose[:3], 0.0
         if command.along and math.hypot(way[0], way[1]) > LEAST_WAY:
             turn = wrap(math.atan2(way[1], way[0]) - float(pose[3]))
         end = np.array([*command.position_w, float(pose[3]) + turn])
-        speed, pace = math.sqrt(float(rate[:3] @ rate[:3])), 1.875 * math.sqrt(float(way @ way)) / command.speed
-        seconds = max(pace, 2.0 * speed / EASE, 1.875 * abs(turn) / TURN_RATE, LEAST_SECONDS)
-        self.path = Path(
-            np.array([0.0, seconds]), np.array([pose, end]), np.array([rate, np.zeros(4)]),
-            np.array([acceleration, np.zeros(4)]),
-        )  # fmt: skip
+        self.path = from_motion(pose, rate, acceleration, end, command.speed)
         memory.yaw, memory.form = float(end[3]), memory.form if command.form is None else command.form
         self._enter("fly")
 
@@ -415,15 +410,10 @@ class Manager(Orders):
 
 
 def _inverse_ease(share: float) -> float:
-    """Where `_ease` has come to a share."""
+    """Where `ease` has come to a share."""
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _ease(middle) < share else (low, middle)
+        low, high = (middle, high) if ease(middle) < share else (low, middle)
     return low
 
-
-def _ease(u: float) -> float:
-    """From 0 to 1, smoothly."""
-    u = min(1.0, max(0.0, u))
-    return u * u * u * (10.0 - u * (15.0 - 6.0 * u))

@@ -2,19 +2,13 @@
  * `control/locomotion/manager.py` is the same in Python, where it is said what the phases mean. */
 #include "ground.h"
 
-static double ease(double u)
-{
-    u = sp_clip(u, 0.0, 1.0);
-    return u * u * u * (10.0 - u * (15.0 - 6.0 * u));
-}
-
 /* Where `ease` has come to a share. */
 static double inverse_ease(double share)
 {
     double low = 0.0, high = 1.0;
     for (int k = 0; k < SP_BISECTIONS; k++) {
         double middle = 0.5 * (low + high);
-        if (ease(middle) < share) low = middle;
+        if (sp_ease(middle) < share) low = middle;
         else high = middle;
     }
     return low;
@@ -99,27 +93,21 @@ static void moving(const sp_manager *m, double *pose, double *rate, double *acce
 
 static double wrap(double angle) { return angle - SP_TWO_PI * floor((angle + SP_PI) / SP_TWO_PI); }
 
-/* Fly to a place from where and how the path is now, in one quintic. */
+/* Fly to a place from where and how the path is now. */
 static void steer(sp_manager *m, const sp_waypoint *command)
 {
     sp_manager_memory *memory = &m->memory;
-    double way[3], turn = 0.0;
-    sp_knot begin, end;
+    sp_knot begin;
+    double end[4];
     memset(&begin, 0, sizeof begin);
-    memset(&end, 0, sizeof end);
     moving(m, begin.pose_w, begin.rate_w, begin.acceleration_w);
-    for (int i = 0; i < 3; i++) way[i] = command->position_w[i] - begin.pose_w[i];
-    if (command->along && length(way[0], way[1]) > SP_MANAGER_LEAST_WAY)
-        turn = wrap(atan2(way[1], way[0]) - begin.pose_w[3]);
-    sp_copy(end.pose_w, command->position_w, 3);
-    end.pose_w[3] = begin.pose_w[3] + turn;
-    double pace = 1.875 * sp_norm(way) / command->speed, brake = 2.0 * sp_norm(begin.rate_w) / SP_PATH_EASE;
-    double swing = 1.875 * fabs(turn) / SP_PATH_TURN_RATE;
-    end.time = sp_max(sp_max(pace, brake), sp_max(swing, SP_MANAGER_LEAST_SECONDS));
-    m->knots[0] = begin;
-    m->knots[1] = end;
-    m->knot_count = 2;
-    memory->yaw = end.pose_w[3];
+    double ahead = command->position_w[0] - begin.pose_w[0], aside = command->position_w[1] - begin.pose_w[1];
+    sp_copy(end, command->position_w, 3);
+    end[3] = begin.pose_w[3];
+    if (command->along && length(ahead, aside) > SP_MANAGER_LEAST_WAY)
+        end[3] += wrap(atan2(aside, ahead) - begin.pose_w[3]);
+    m->knot_count = sp_path_from_motion(&begin, end, command->speed, m->knots);
+    memory->yaw = end[3];
     if (command->has_form) sp_copy(memory->form, command->form, SP_JOINTS);
     enter(m, SP_MANAGER_FLY);
 }
@@ -354,13 +342,13 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
     sp_copy(r->joint_target, memory->form, SP_JOINTS);
     if (memory->phase == SP_MANAGER_SPOOL) {
         sp_copy(r->quat_wb, memory->quat_wb, 4);
-        r->support = 1.0 - ease(t / c->spool_time);
+        r->support = 1.0 - sp_ease(t / c->spool_time);
     } else if (memory->phase == SP_MANAGER_UNLOAD) {
-        double left = 1.0 - ease(t / (0.5 * c->unload_time));
+        double left = 1.0 - sp_ease(t / (0.5 * c->unload_time));
         sp_copy(r->quat_wb, state->quat_wb, 4);
         r->position_w[2] += left * (memory->floor - memory->begin_w[2]);
         r->velocity_w[2] = left * -memory->velocity;
-        r->support = sp_max(ease(t / c->unload_time), 1e-3);
+        r->support = sp_max(sp_ease(t / c->unload_time), 1e-3);
     } else if (memory->phase == SP_MANAGER_DESCEND) {
         level(memory->yaw, r->quat_wb);
         r->velocity_w[2] = -memory->velocity;
@@ -368,7 +356,7 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
         sp_follow_path(m->knots, m->knot_count, t, r);
         if (memory->phase != SP_MANAGER_CLIMB) return;
         double risen = r->position_w[2] - memory->floor, R[9], R_d[9], way[9], turn[3], part[9];
-        double share = ease((risen - SP_MANAGER_LEVEL_FROM) / (SP_MANAGER_LEVEL_TO - SP_MANAGER_LEVEL_FROM));
+        double share = sp_ease((risen - SP_MANAGER_LEVEL_FROM) / (SP_MANAGER_LEVEL_TO - SP_MANAGER_LEVEL_FROM));
         sp_from_quat(memory->quat_wb, R); /* from the floor's attitude to level */
         sp_from_quat(r->quat_wb, R_d);
         sp_product_t(R, R_d, way);

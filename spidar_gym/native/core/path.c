@@ -130,6 +130,57 @@ void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs)
     legs->count = w.count;
 }
 
+/* From 0 to 1, smoothly: the quintic from rest to rest. */
+double sp_ease(double u)
+{
+    u = sp_clip(u, 0.0, 1.0);
+    return u * u * u * (10.0 - u * (15.0 - 6.0 * u));
+}
+
+/* To a pose, at rest there, from however a path moves at `begin`; up to five knots, and how many. */
+int sp_path_from_motion(const sp_knot *begin, const double *end, double speed, sp_knot *knots)
+{
+    double way[4], ends[4], time = 0.0, last = 0.0;
+    int count = 1;
+    for (int k = 0; k < 4; k++) way[k] = end[k] - begin->pose_w[k];
+    double seconds = sp_max(sp_max(1.875 * sp_norm(way) / speed, 2.0 * sp_norm(begin->rate_w) / SP_PATH_EASE),
+                            sp_max(1.875 * fabs(way[3]) / SP_PATH_TURN_RATE, SP_PATH_LEAST_SECONDS));
+    for (int k = 0; k < 4; k++) {
+        double d = fabs(way[k]), v = fabs(begin->rate_w[k]), a = fabs(begin->acceleration_w[k]);
+        double pace = k == 3 ? SP_PATH_TURN_RATE : speed, brake = k == 3 ? SP_PATH_TURN_RATE : SP_PATH_EASE;
+        double least = sp_max(sp_max(SP_PATH_LEAST_SECONDS, 1.875 * d / pace),
+                              sp_max(2.0 * v / brake, sqrt(3.0 * d / brake)));
+        double swing = 0.2 * v + sqrt(0.04 * v * v + 0.07 * a * (d + SP_PATH_DETOUR));
+        double astray = swing > 0.0 ? 2.0 * (d + SP_PATH_DETOUR) / swing : HUGE_VAL;
+        ends[k] = sp_min(seconds, sp_max(least, astray));
+        last = sp_max(last, ends[k]);
+    }
+    knots[0] = *begin;
+    knots[0].time = 0.0;
+    while (time < last) {
+        double next = last;
+        for (int k = 0; k < 4; k++)
+            if (ends[k] > time) next = sp_min(next, ends[k]);
+        time = next;
+        sp_knot *knot = &knots[count++];
+        memset(knot, 0, sizeof *knot);
+        knot->time = time;
+        for (int k = 0; k < 4; k++) {
+            sp_knot part[2];
+            double pose[4], rate[4], acceleration[4];
+            memset(part, 0, sizeof part);
+            part[0] = knots[0];
+            part[1].time = ends[k];
+            sp_copy(part[1].pose_w, end, 4);
+            sp_path_at(part, 2, time, pose, rate, acceleration);
+            knot->pose_w[k] = pose[k];
+            knot->rate_w[k] = rate[k];
+            knot->acceleration_w[k] = acceleration[k];
+        }
+    }
+    return count;
+}
+
 /* Speed along a lemniscate and its rate, t after the beginning. */
 static double pace(double speed, double seconds, double t, double *change)
 {

@@ -85,6 +85,8 @@ void sp_begin_legs(const double *point, double speed, int along, double yaw, dou
 void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs);
 int sp_path_lemniscate(double half_width, double speed, double seconds, const double *position_w, double direction,
                        int along, double begin, sp_knot *knots, int room);
+double sp_ease(double u);
+int sp_path_from_motion(const sp_knot *begin, const double *end, double speed, sp_knot *knots);
 void sp_path_spline(sp_knot *knots, int n, double speed, int along, double yaw, double begin);
 
 /* legs.c */

@@ -107,10 +107,11 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
 #define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
 #define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
-#define SP_MANAGER_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.locomotion.manager.LEAST_SECONDS */
 #define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
 #define SP_MANAGER_PATIENCE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.PATIENCE */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
+#define SP_PATH_DETOUR 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.path.DETOUR */
+#define SP_PATH_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.LEAST_SECONDS */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */
 #define SP_PATH_KNOT_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.KNOT_TIME */
