@@ -9,12 +9,13 @@ import numpy as np
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
+from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.onboard.runner_structs import Action, Stage
 from spidar_gym.robot import FORMS
 from spidar_gym.sitl.faults import FAULTS, FLOOR_PHASES, course_reaction
 from spidar_gym.sitl.missions import Mission, course_mission
 from spidar_gym.sitl.play import build_for, play
-from spidar_gym.sitl.report import RunnerLog, within_bounds
+from spidar_gym.sitl.report import RunnerLog, drive_times, within_bounds
 from spidar_gym.sitl.session import Run
 
 _UP, _AWAY = TakeOff(0.8), FlyTo((0.8, 0.0, 1.2), FORMS["form3"], 0.5)
@@ -36,8 +37,9 @@ def phase_mission(phase: str) -> Mission:
 def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dict[str, Any]:
     """What a fault in a phase led to.
 
-    `as_specified`: the reaction is that of `course_reaction`, old commands were in force for 100 ms at most, none was
-    out of bounds or published after a landing was commanded, and where the manager landed it touched softly.
+    `as_specified`: the fault did begin in that phase, the reaction is that of `course_reaction`, old commands were in
+    force for 100 ms at most, none was out of bounds or published after a landing was commanded, and where the manager
+    landed it touched softly.
     """
     outputs = log.outputs
     drive = outputs["stage"] > Stage.WAITING
@@ -56,11 +58,14 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
     touch = next((k for k, row in enumerate(after) if row.in_contact), None) if phase not in FLOOR_PHASES else None
     fall = None if touch is None else float(-after[max(touch - 1, 0)].state.velocity_w[2])
     soft = happened != "lands" or (fall is not None and fall <= TOUCHDOWN)
+    ticks, times = drive_times(run, log)
+    began = PHASES[outputs["manager_phase"][ticks[max(int(np.searchsorted(times, run.fault_at, side="right")) - 1, 0)]]]
     reaction = course_reaction(name, phase)
     return {
         "fault": name,
         "doc": FAULTS[name].doc,
         "phase": phase,
+        "began": began,
         "reaction": reaction,
         "happened": happened,
         "runner_fault": int(outputs["fault"].max(initial=0)),
@@ -71,7 +76,9 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
         "largest_thrust_n": float(outputs["command"]["thrust"][drive].max(initial=0.0)),
         "bounded": bounded,
         "silent_after_landing": silent,
-        "as_specified": happened in reaction.split(" or ") and bounded and silent and soft and held <= 0.1 + 1e-9,
+        "as_specified": (
+            began == phase and happened in reaction.split(" or ") and bounded and silent and soft and held <= 0.1 + 1e-9
+        ),
     }
 
 

@@ -288,6 +288,14 @@ def test_where_another_commands_the_rotors_the_board_lands(library, course, phas
     assert set(out["fault"].tolist()) == {CONTENDED}
 
 
+def test_another_who_commands_the_rotors_while_it_lands_is_noticed(library, course):
+    loop, inputs = at_phase(library, course, "fly")
+    assert loop.run(spoilt(inputs[:8], low))[-1]["stage"] == ENDING
+    out = loop.run(spoilt(spoilt(inputs[8:20], low), contend))
+    assert set(out["fault"].tolist()) == {CONTENDED}
+    assert (out["action"] == FORCE_LANDING).any()
+
+
 def test_blind_while_it_lands_for_another_reason_it_is_the_boards(library, course):
     loop, inputs = at_phase(library, course, "fly")
     assert loop.run(spoilt(inputs[:8], low))[-1]["stage"] == ENDING

@@ -6,8 +6,7 @@
 #include "spidar_math.h"
 #include "spidar_model.h"
 
-/* Whether the state is as good as ever with a fault: then the manager itself brings the robot to rest. */
-static int sees_with(sp_fault fault)
+int sp_sees_with(sp_fault fault)
 {
     return fault == SP_FINE || fault == SP_NO_STATE || fault == SP_LOW_BATTERY || fault == SP_OUTSIDE;
 }
@@ -128,7 +127,7 @@ static void begin_to_rest(sp_loop *l)
 void sp_course_tick(sp_loop *l, const sp_loop_input *input, sp_fault fault)
 {
     const sp_manager *m = &l->manager;
-    int sees = sees_with(fault);
+    int sees = sp_sees_with(fault);
     if (l->stage == SP_RESTING) {
         rest(l);
         return;

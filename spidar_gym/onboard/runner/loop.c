@@ -260,7 +260,8 @@ static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
             l->stage = SP_RELEASED;
             return;
         }
-        if (fault == SP_FINE && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
+        const int sees = course ? sp_sees_with(fault) : fault == SP_FINE;
+        if (sees && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
         if (course) {
             sp_course_tick(l, input, fault);
         } else {

@@ -48,6 +48,7 @@ const char *sp_stage_words(int32_t stage);
 const char *sp_course_init(sp_loop *loop);
 const char *sp_course_begin(sp_loop *loop, const sp_robot_state *state);
 void sp_course_tick(sp_loop *loop, const sp_loop_input *input, sp_fault fault);
+int sp_sees_with(sp_fault fault); /* whether the state is as good as ever: then the manager brings the robot to rest */
 void sp_say_why(sp_loop *loop, const char *why); /* refuse the orders that came */
 const char *sp_phase_words(int32_t manager_phase);
 
