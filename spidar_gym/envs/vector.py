@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import parse_course
+from spidar_gym.envs.course.task import CourseTask, parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
@@ -98,7 +98,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self.fleet = single.make_fleet(num_envs, num_threads, autoreset=mode.name.lower(), truncates=ends)
         """The robots in the engine."""
         self._judge: Judge | None = None
-        if task is not None:
+        if isinstance(single.task, CourseTask):
+            if task is not None:
+                raise InvalidValueError("task", task, "None: a course is judged by its own")
+        elif task is not None:
             self._judge = Judge(task, self.fleet, single.task)
         self._everybody = np.ones(num_envs, bool)
         self._began = False

@@ -4,11 +4,12 @@ from functools import cache
 
 import numpy as np
 
-from spidar_gym.control.course.gates import FARTHEST, KINDS, Course, Gate
+from spidar_gym.control.course.gates import FARTHEST, HALF_WIDTH, KINDS, Course, Gate
 from spidar_gym.control.course.observation import AHEAD, FAR, course_layout
 from spidar_gym.control.course.rule import course_rule
 from spidar_gym.control.course.target import ACTION, Target
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.path import wrap
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.robot import ROBOT
@@ -38,11 +39,11 @@ class Sight:
         yaw = float(np.arctan2(*seen["heading"]))
         gates = [gate for k in range(AHEAD) if (gate := _gate(seen[f"gate{k + 1}"], y)) is not None]
         tiles = (0.0,) * sum(gate.tile_count for gate in gates)
-        goal = Pose2(HERE + way, y + side, float(np.remainder(np.arctan2(sine, cosine) + yaw + np.pi, 2 * np.pi) - np.pi))
+        goal = Pose2(HERE + way, y + side, wrap(float(np.arctan2(sine, cosine)) + yaw))
         self.course = Course(tuple(gates), goal, tiles, dares=True)
         """The map, on which the torso is at x = `HERE`."""
         self.position_w = np.array([HERE, y, z])
-        """Of the torso (3,) [m]."""
+        """Where the torso is (3,) [m]."""
         self.joint_position = seen["joint_position"]
         """q (16,) [rad]."""
         self.phase = PHASES[int(np.argmax(seen["phase"]))]
@@ -50,14 +51,15 @@ class Sight:
         self.floor = z + rise - ROBOT.peg_depth
         """Height of the goal's floor [m]."""
         self.charge = float(seen["charge"][0])
-        """Of the battery."""
+        """What is left of the battery."""
 
 
 def _gate(row: np.ndarray, y: float) -> Gate | None:
     begin, end, size, middle = row[len(KINDS) :].tolist()
     if not row[: len(KINDS)].any() or end >= FAR:
         return None
-    return Gate(KINDS[int(np.argmax(row[: len(KINDS)]))], HERE + begin, HERE + end, size, float(np.clip(middle + y, -3.0, 3.0)))
+    kind = KINDS[int(np.argmax(row[: len(KINDS)]))]
+    return Gate(kind, HERE + begin, HERE + end, size, min(max(middle + y, -HALF_WIDTH), HALF_WIDTH))
 
 
 class CoursePolicy(PresetPolicy):

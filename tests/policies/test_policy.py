@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.benchmark import CRAWL, HOVER, Policy, PolicyError, PresetPolicy
-from spidar_gym.envs.registry import PATH
+from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
@@ -205,7 +205,7 @@ def test_a_policy_chooses_no_argument_some_of_those_allowed_or_not_to_be_there()
     assert policy_arguments(policy, CRAWL) is None
     assert defined_on(policy) == [HOVER]
     assert policy_arguments(load_policy("mine:Fine"), CRAWL) == {}
-    assert defined_on(load_policy("mine:Fine")) == [HOVER, PATH, CRAWL]
+    assert defined_on(load_policy("mine:Fine")) == [*ENVIRONMENTS]
     policy.arguments = lambda env_id: dict.fromkeys(ARGUMENTS)
     assert policy_arguments(policy, HOVER) == dict.fromkeys(ARGUMENTS)
 

@@ -416,4 +416,3 @@ def _inverse_ease(share: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if ease(middle) < share else (low, middle)
     return low
-

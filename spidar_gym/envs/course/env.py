@@ -182,7 +182,8 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         progress.initial_distance = max(progress.distance, 1e-6)
 
     def _act(self, action: np.ndarray) -> Command:
-        residual, seen, manager = self._mode.residual, self.seen, self.controller
+        residual, seen = self._mode.residual, self.seen
+        manager: Any = self.controller
         if residual is None and not self._is_waypoint:
             return act_directly(manager.flight, action)[0]
         if self.progress.controls % DECIDE == 0:
