@@ -11,14 +11,19 @@ import numpy as np
 
 from spidar_gym.benchmark.scenario import load_scenarios, make_env, reset_options
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.control.course.gates import Course, Gate
+from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.envs.course.env import CourseEnv
+from spidar_gym.envs.course.task import DECIDE
 from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.envs.registry import COURSE, ENVIRONMENTS
 from spidar_gym.paper.crawl import crawl_paper
 from spidar_gym.paper.flight import fly_paper
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import CAMERAS
+from spidar_gym.sim.stage import Stage, extent, standing
 from spidar_gym.viz.figures import crawl_figure, flight_figure, speed_figure
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
 
@@ -26,6 +31,13 @@ SIZE = 480, 340
 """Size of one shot of a strip [px]."""
 COLORS, LARGEST = (96, 64, 48, 32, 24), 100_000
 """Colours of a picture, as many as keep it below so many bytes."""
+SHOWN = Course(
+    (Gate("wall", 2.3, 2.5, 0.7), Gate("beam", 5.7, 6.1, 0.6), Gate("slot", 9.3, 9.6, 1.5, 0.3),
+     Gate("platform", 11.4, 14.9, 0.3)), Pose2(13.1, 0.2, 0.2),
+)  # fmt: skip
+"""The course of the picture."""
+AROUND = 0.2, 0.8, 0.15, 0.75
+"""Left, right, bottom, top of what holds the robot there, as shares of a picture."""
 FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
 """Moments of the paper's flight [s]."""
 
@@ -39,6 +51,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "speeds": lambda path: speed_figure(_speeds(path.parent.parent / "results" / "speeds.json"), path),
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
+    drawings["environment-Course-v0"] = course_strip
     drawings |= {f"track-{name}": partial(track_strip, name) for name in TRACKS}
     drawings |= {f"preset-{name}": partial(flight_strip, name) for name in PRESETS}
     drawings |= {
@@ -79,6 +92,30 @@ def cameras(env_id: str, path: Path) -> None:
         pictures.append(np.asarray(env.render()))
         env.close()
     write_strip(path, pictures, list(CAMERAS), columns=2)
+
+
+def course_strip(path: Path) -> None:
+    """The rule on a course: over a wall, under a beam, through a slot, at the goal on a platform."""
+    env = gymnasium.make(COURSE, course=SHOWN, action_mode="residual", hold=DECIDE, charge=1.0).unwrapped
+    assert isinstance(env, CourseEnv)
+    rows: list[tuple[np.ndarray, np.ndarray]] = []
+    for step in rollout(env, seed=0, ticks=env.horizon):
+        rows.append((env.plant.data.qpos.copy(), step.info["thrust"]))
+        if step.info["is_success"]:
+            break
+    places = np.array([qpos[0] for qpos, _ in rows])
+    shots = []
+    for gate in SHOWN.gates:
+        tick = int(np.abs(places - 0.5 * (gate.begin + gate.end)).argmin()) if gate.is_passed else len(rows) - 1
+        words = {"wall": "over", "beam": "under", "slot": "through", "platform": "at the goal"}[gate.kind]
+        shots.append(Shot(f"{words}, {tick * DECIDE / CONTROL_RATE:.0f} s", *rows[tick]))
+    pictures = []
+    for shot in shots:  # each from where its robot is near
+        stage = Stage(standing(extent(shot.qpos[None]), SIZE[0] / SIZE[1], AROUND), *SIZE, env.plant.config.ground)
+        pictures.append(stage.render(shot.qpos, thrust=shot.thrust))
+        stage.close()
+    write_strip(path, pictures, [shot.words for shot in shots], columns=2)
+    env.close()
 
 
 def track_strip(track: str, path: Path) -> None:
