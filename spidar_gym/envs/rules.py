@@ -173,7 +173,7 @@ def course_rules(task: course.CourseTask, manager: ManagerConfig, *, is_waypoint
     record["weight"] = [weight for weight, _ in course.COURSE_REWARD_TERMS.values()]
     for name in (
         "first_gap", "gap", "goal_way", "floor_gap", "floor_length", "middle", "goal_side", "goal_yaw", "decide",
-        "goal_margin", "hit_margin", "most_power", "max_hit", "max_tilt", "lies", "still", "carried",
+        "goal_margin", "hit_margin", "most_power", "max_hit", "max_tilt", "lies", "at_rest", "carried",
         "turn_length",
         "success_position", "success_yaw",
     ):  # fmt: skip

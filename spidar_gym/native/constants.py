@@ -49,7 +49,6 @@ SIZES = {
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
     "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
-    "MAX_GATES": gates.MAX_GATES, "TILE_ROWS": gates.TILE_ROWS, "TILE_COLUMNS": gates.TILE_COLUMNS,
     "COURSE_AHEAD": course_observation.AHEAD,
 }  # fmt: skip
 """Whole numbers by their names in C without `SP_`."""
@@ -74,10 +73,10 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("TARGET_", locomotion, ("SPEEDS",)),
     ("PILOT_", pilot, ("FLY_LOWEST", "LEAST_RISE", "SAME_PLACE", "SAME_FORM", "SAME_SPEED", "SAME_STEP",
                        "SAME_TURN", "THERE", "THERE_TURN")),
-    ("COURSE_", gates, ("HALF_WIDTH", "CEILING", "BEFORE", "BEYOND", "TILE", "ROOM", "REACH")),
+    ("COURSE_", gates, ("HALF_WIDTH", "CEILING", "BEFORE", "BEYOND")),
     ("COURSE_", course_observation, ("SEEN",)),
-    ("RULE_", rule, ("FLOWN", "CRAWLED", "PASSED", "OVER", "ABOVE", "THROUGH", "SLOW", "FAST", "CRAWLS", "NEAR", "LOW",
-                     "ALIGNED", "FORMED")),
+    ("RULE_", rule, ("FLOWN", "CRAWLED", "PASSED", "OVER", "ABOVE", "THROUGH", "SLOW", "FAST", "CRAWLS", "NEAR",
+                     "BENEATH", "ALIGNED", "FORMED")),
     ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "ARRIVED", "PATIENCE")),
     ("PATH_", path, ("EASE", "DETOUR", "LEAST_SECONDS", "REST", "TURN_RATE", "KNOT_TIME", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from spidar_gym.control.course.gates import KINDS
+from spidar_gym.control.course import gates
 from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes, struct_of
@@ -63,6 +63,8 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", energy, ("CAPACITY_WH", "USABLE", "BASE_POWER", "THRUST_POWER", "SERVO_EFFICIENCY", "HOLDING_POWER",
                   "FULL_VOLTAGE", "EMPTY_VOLTAGE", "RESISTANCE")),
     ("COURSE_", course, ("THICK", "SILL", "BEHIND")),
+    ("COURSE_", gates, ("ROW",)),
+    ("", gates, ("TILE_ROWS", "TILE_COLUMNS")),
     ("", ground, ("TILE", "TILE_DEPTH", "NOWHERE")),
     ("", sensors, ("POSE_PERIOD", "IMU_PERIOD", "ENCODER_PERIOD", "DRIFT_SECONDS", "DROPOUT_SECONDS")),
 )  # fmt: skip
@@ -374,19 +376,18 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     CStruct("course_rules", "The task of a course.", (
         ("rules", "rules", (), ""),
         ("manager", "manager_config", (), ""),
-        ("kinds floors", "i4", (len(KINDS) + 1,), "sp_gate_kind that is drawn; SP_GATE_KINDS is a plain floor"),
+        ("kinds floors", "i4", (len(gates.KINDS) + 1,), "sp_gate_kind that is drawn; SP_GATE_KINDS is a plain floor"),
         ("kind_count floor_count", "i4", (), "how many they are"),
         ("count", "i4", (2,), "least and largest number of gates"),
-        ("size", "f8", (len(KINDS), 2), "drawn in between, by sp_gate_kind [m], [rad]"),
-        ("depth", "f8", (len(KINDS),), "of gates along the course [m]"),
+        ("size", "f8", (len(gates.KINDS), 2), "drawn in between, by sp_gate_kind [m], [rad]"),
+        ("depth", "f8", (len(gates.KINDS),), "of gates along the course [m]"),
         ("first_gap gap goal_way", "f8", (2,), "to the first gate, between two, from a floor's begin to the goal [m]"),
         ("floor_gap floor_length middle goal_side goal_yaw", "f8", (), "[m], the last [rad]"),
         ("charge", "f8", (2,), "of the battery at the start, drawn in between"),
         ("is_waypoint hold decide", "i4", (), "whether an action is a target; ticks of a step; between decisions"),
         ("weight", "f8", (4,), "of the terms of the reward: progress, goal, power, safety"),
-        ("goal_margin hit_margin most_power max_hit max_tilt", "f8", (), "[m], [N], [W], [N], [rad]"),
-        ("lies still carried", "f8", (), "so little higher than on its pegs [m], so slow [m/s], so light it lies"),
-        ("turn_length success_position success_yaw", "f8", (), "of a radian [m]; bounds of a success [m], [rad]"),
+        ("goal_margin hit_margin most_power max_hit max_tilt lies at_rest", "f8", (), "[m], [N], [W], [rad], [m/s]"),
+        ("carried turn_length success_position success_yaw", "f8", (), "of the weight; of a radian [m]; [m], [rad]"),
     )),
     CStruct("coursing", "A robot on a course: simulated, controlled, and what it is to do.", (
         ("plant", "plant", (), ""),
@@ -399,8 +400,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
         ("controls flown crawled lies", "i4", (), "ticks, in the air, of crawling; whether it lies"),
         ("arrived", "f8", (), "since when it lies at the goal [s]; 0 if it does not"),
-        ("hit most_hit", "f8", (), "largest force on anything but feet and pegs, of the last step, of all [N]"),
-        ("tilt charge", "f8", (), "[rad]; of the battery, 0 … 1"),
+        ("hit most_hit tilt charge", "f8", (), "largest force of the last step, of all [N]; [rad]; of the battery"),
     )),
     CStruct("coursing_info", "What is told of a course.", (
         ("info", "info", (), ""),

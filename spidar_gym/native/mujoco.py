@@ -5,6 +5,8 @@
 
 import copy
 import ctypes
+import os
+import weakref
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -268,6 +270,12 @@ def world(uneven: bool, boxed: bool = False) -> np.ndarray:
     return record
 
 
+def _delete(own: ctypes.CDLL, batch: int, process: int) -> None:
+    """Stop a pool's threads, which a forked process does not have."""
+    if os.getpid() == process:
+        own.mjb_deleteBatch(ctypes.c_void_p(batch))
+
+
 class Pool:
     """MuJoCo's threads, for jobs on robots: `mjb_apply` survives what MuJoCo gives up in one of them."""
 
@@ -291,6 +299,9 @@ class Pool:
         own.mjb_status.restype, own.mjb_error.restype = ctypes.POINTER(ctypes.c_int), ctypes.c_char_p
         self._status = np.ctypeslib.as_array(own.mjb_status(ctypes.c_void_p(made)), (robots,))
         self._library = own
+        # Who forgets an environment without closing it gives its memory back too; at the process's end nobody asks.
+        self._release = weakref.finalize(self, _delete, own, made, os.getpid())
+        self._release.atexit = False
 
     @property
     def failed(self) -> np.ndarray:
@@ -303,6 +314,5 @@ class Pool:
 
     def close(self) -> None:
         """Stop its threads; a second call does nothing."""
-        if self.address:
-            self._library.mjb_deleteBatch(ctypes.c_void_p(self.address))
-            self.address = 0
+        self._release()
+        self.address = 0

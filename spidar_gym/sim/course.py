@@ -2,7 +2,7 @@
 
 import math
 
-from spidar_gym.control.course.gates import CEILING, HALF_WIDTH, TILE, TILE_COLUMNS, Course, Gate
+from spidar_gym.control.course.gates import CEILING, HALF_WIDTH, ROW, TILE_COLUMNS, Course, Gate
 
 Box = tuple[float, float, float, float, float, float, float]
 """Centre, half of length, width and height [m], pitch [rad]: a row of `GroundConfig.boxes`."""
@@ -28,8 +28,8 @@ def _of(gate: Gate, tiles: tuple[float, ...]) -> list[Box]:
     if gate.kind == "tiles":
         wide = 2.0 * HALF_WIDTH / TILE_COLUMNS
         return [
-            (gate.begin + TILE * (k // TILE_COLUMNS + 0.5), wide * (k % TILE_COLUMNS + 0.5) - HALF_WIDTH, 0.5 * height,
-             0.5 * TILE, 0.5 * wide, 0.5 * height, 0.0)
+            (gate.begin + ROW * (k // TILE_COLUMNS + 0.5), wide * (k % TILE_COLUMNS + 0.5) - HALF_WIDTH, 0.5 * height,
+             0.5 * ROW, 0.5 * wide, 0.5 * height, 0.0)
             for k, height in enumerate(tiles)
         ]  # fmt: skip
     if gate.kind == "slope":

@@ -90,13 +90,16 @@ def crawl_mission(
     return Mission("crawl", preset, "\n".join([*lines, ""]), seconds, way=way)
 
 
-FLY_OVER = (
-    TakeOff(1.0), FlyTo((1.2, 0.0, 1.3), FORMS["form3"], 0.5), FlyTo((2.4, 0.0, 1.1), FORMS["form1"], 0.5), Land(),
-    CrawlTo(Pose2(2.65, 0.0, 0.0)),
-)  # fmt: skip
-"""The course of `spidar sitl course`: up, over there in the narrow form and on in the flat one, down, and a crawl."""
 COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
 """Joint speed of a course in flight, where at the paper's 0.2 a form takes eight seconds, and of its crawls [rad/s]."""
+
+
+def fly_over() -> tuple[LocomotionCommand, ...]:
+    """The course of `spidar sitl course`: up, there in the narrow form and on in the flat one, down, and a crawl."""
+    return (
+        TakeOff(1.0), FlyTo((1.2, 0.0, 1.3), FORMS["form3"], 0.5), FlyTo((2.4, 0.0, 1.1), FORMS["form1"], 0.5), Land(),
+        CrawlTo(Pose2(2.65, 0.0, 0.0)),
+    )  # fmt: skip
 
 
 def order_line(command: LocomotionCommand) -> str:
@@ -115,14 +118,14 @@ def order_line(command: LocomotionCommand) -> str:
 
 
 def course_mission(
-    commands: Iterable[LocomotionCommand] = FLY_OVER, preset: str = "tuned", crawler: str = "robust_overlapped", *,
+    commands: Iterable[LocomotionCommand] | None = None, preset: str = "tuned", crawler: str = "robust_overlapped", *,
     seconds: float = 120.0, odometry: bool = False,
     orders: tuple[tuple[float, str], ...] = (),
 ) -> Mission:  # fmt: skip
     """Both gaits, from the floor to the floor.
 
     Args:
-        commands: What it consists of.
+        commands: What it consists of; `fly_over` if not given.
         preset: Controller in flight.
         crawler: Crawler.
         seconds: How long it takes at most [s].
@@ -134,7 +137,7 @@ def course_mission(
     """
     controller_config(preset)
     crawler_config(crawler)
-    told = tuple(commands)
+    told = fly_over() if commands is None else tuple(commands)
     require_order(told, airborne=False)
     lines = [f"course {preset} {crawler}", *_switches(odometry, False)]
     lines += [f"speed {COURSE_SPEED:g} {COURSE_CRAWL_SPEED:g}", _fence(told)]

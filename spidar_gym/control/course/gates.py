@@ -18,7 +18,7 @@ HALF_WIDTH, CEILING = 3.0, 3.0
 """The field reaches so far to either side, and up to there [m]."""
 BEFORE, BEYOND = 2.5, 2.5
 """So far before the start, and behind the goal or the last gate, whichever is farther [m]."""
-TILE, TILE_ROWS, TILE_COLUMNS = 0.25, 14, 2
+ROW, TILE_ROWS, TILE_COLUMNS = 0.25, 14, 2
 """Tiles are so long [m]; at most so many rows lie behind each other, each in so many pieces from side to side."""
 POSSIBLE = {
     "wall": (0.0, 2.0, "m"),
@@ -69,7 +69,7 @@ class Gate:
     @property
     def tile_count(self) -> int:
         """How many tiles it is made of."""
-        return TILE_COLUMNS * round((self.end - self.begin) / TILE) if self.kind == "tiles" else 0
+        return TILE_COLUMNS * round((self.end - self.begin) / ROW) if self.kind == "tiles" else 0
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Course:
             before = gate
         counts = [gate.tile_count for gate in self.gates if gate.kind == "tiles"]
         if len(counts) > 1 or len(self.tiles) != sum(counts):
-            valid = f"{TILE_COLUMNS} for each of the rows of {TILE:g} m of the only stretch of tiles"
+            valid = f"{TILE_COLUMNS} for each of the rows of {ROW:g} m of the only stretch of tiles"
             raise InvalidValueError("tiles", len(self.tiles), valid)
         if self.tiles:
             require_within(0.0, 0.2, "m", least=min(self.tiles), highest=max(self.tiles))
@@ -109,7 +109,7 @@ class Course:
         if gate.kind == "slot" and abs(gate.middle) + 0.5 * gate.size > HALF_WIDTH:
             raise InvalidValueError("middle", gate.middle, f"a slot between the field's sides at ± {HALF_WIDTH:g} m")
         if gate.kind == "tiles" and not 1 <= gate.tile_count <= TILE_ROWS * TILE_COLUMNS:
-            raise InvalidValueError("end", gate.end, f"1 … {TILE_ROWS} rows of tiles of {TILE:g} m")
+            raise InvalidValueError("end", gate.end, f"1 … {TILE_ROWS} rows of tiles of {ROW:g} m")
         least = REACH if before is None else before.end + (ROOM if gate.is_passed and before.is_passed else REACH)
         if gate.begin < least:
             raise InvalidValueError("begin", gate.begin, f"at least {least:g} m, for the robot to lie before it")

@@ -18,7 +18,7 @@ SLOW, FAST = 0.5, 0.8
 """Speeds in a slot and elsewhere [m/s]."""
 CRAWLS = 2.8
 """A beam so near is crawled to, a goal nearer than a third of that [m]."""
-NEAR, LOW, ALIGNED = 0.08, 0.15, 0.03
+NEAR, BENEATH, ALIGNED = 0.08, 0.15, 0.03
 """It is at a place so near to it; high enough at most so far below; in line with a slot up to this [m]."""
 FORMED = 0.06
 """A form is taken when every joint is this close [rad]."""
@@ -72,7 +72,7 @@ def _above(to_x: float, to_y: float, floor: float, x: float, y: float, stays: bo
 def _over(gate: Gate, x: float, z: float, q: JointVector) -> Target:
     """First high enough and stretched out, then across."""
     over = Target(flies=True, x=gate.end + FLOWN, z=gate.size + OVER, speed=FAST)
-    if z > over.z - LOW and _has_form(q, over):
+    if z > over.z - BENEATH and _has_form(q, over):
         return over
     return Target(flies=True, x=min(x, gate.begin - FLOWN), z=over.z, speed=FAST)
 

@@ -17,7 +17,7 @@ SWEEP = 0.4
 """Legs sweep forward and back by up to this much [rad]."""
 TURNS = (-1.0, 1.0, -1.0, 1.0)
 """Which way a leg's first joint turns it to front or back: left front, left hind, right hind, right front."""
-WAY, MARGIN = 5.0, 0.3
+WAY, MARGIN = 5.5, 0.3
 """An action of 1 is so far from the torso [m]; what it stands for stays so far inside the field [m]."""
 
 

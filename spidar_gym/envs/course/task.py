@@ -53,7 +53,7 @@ MAX_HIT = 20.0
 """A larger force on anything but feet and pegs ends the episode [N]."""
 MAX_TILT = 1.2
 """So does more tilt than this [rad]."""
-LIES, STILL, CARRIED = 0.06, 0.05, 0.1
+LIES, AT_REST, CARRIED = 0.06, 0.05, 0.1
 """The robot lies where its torso is so little higher than on its pegs [m], moves no faster than this [m/s], and its
 rotors carry no more than this share of its weight."""
 TURN_LENGTH = 0.5
@@ -252,7 +252,7 @@ class CourseProgress:
         self.error = np.array([self.goal.x - position_w[0], self.goal.y - position_w[1], yaw])
         self.distance = math.sqrt(self.error[0] ** 2 + self.error[1] ** 2) + TURN_LENGTH * abs(yaw)
         height = float(position_w[2]) - course.floor_at(float(position_w[0])) - ROBOT.peg_depth
-        is_still = math.sqrt(float(velocity_w @ velocity_w)) < STILL
+        is_still = math.sqrt(float(velocity_w @ velocity_w)) < AT_REST
         self.lies = height < LIES and is_still and float(state.thrust.sum()) < CARRIED * ROBOT.weight
         self.charge = 1.0 - (self.spent_wh + energy_wh) / (USABLE * CAPACITY_WH)
 

@@ -65,7 +65,7 @@ static double *put_part(double *row, const sp_gate *gate, double right, double l
 
 static double *put_tiles(double *row, const sp_gate *gate, const double *tiles)
 {
-    const double wide = 2.0 * SP_COURSE_HALF_WIDTH / SP_TILE_COLUMNS, length = SP_COURSE_TILE;
+    const double wide = 2.0 * SP_COURSE_HALF_WIDTH / SP_TILE_COLUMNS, length = SP_COURSE_ROW;
     int rows = (int)rint((gate->end - gate->begin) / length);
     for (int k = 0; k < rows * SP_TILE_COLUMNS; k++) {
         const double box[7] = {gate->begin + length * (k / SP_TILE_COLUMNS + 0.5),
@@ -131,7 +131,7 @@ static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_cour
     c->error[2] = remainder(c->course.goal.yaw - atan2(R[3], R[0]), SP_TWO_PI);
     c->distance = sqrt(c->error[0] * c->error[0] + c->error[1] * c->error[1]) + rules->turn_length * fabs(c->error[2]);
     double height = position[2] - sp_course_floor(&c->course, position[0]) - robot->peg_depth;
-    c->lies = height < rules->lies && sp_norm(c->plant.state.velocity_w) < rules->still &&
+    c->lies = height < rules->lies && sp_norm(c->plant.state.velocity_w) < rules->at_rest &&
               total(c->plant.state.thrust) < rules->carried * robot->weight;
     c->charge = 1.0 - lacking(&c->plant);
 }

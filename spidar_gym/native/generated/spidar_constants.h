@@ -25,9 +25,6 @@
 #define SP_PATH_AHEAD 4
 #define SP_MAX_WAYPOINTS 64
 #define SP_MANAGER_KNOTS 8
-#define SP_MAX_GATES 8
-#define SP_TILE_ROWS 14
-#define SP_TILE_COLUMNS 2
 #define SP_COURSE_AHEAD 3
 #define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
 #define SP_NO_NEXT_FORM 0x1.e000000000000p+5 /* 60.0, spidar_gym.control.flight.observation.NO_NEXT_FORM */
@@ -71,7 +68,7 @@ static const double SP_TARGET_STRETCHED[4] = {0x0.0p+0, 0x0.0p+0, 0x0.0p+0, 0x0.
 static const double SP_TARGET_BELOW[4] = {0x0.0p+0, 0x1.921fb54442d18p-1, 0x0.0p+0, 0x1.921fb54442d18p+0};
 #define SP_TARGET_SWEEP 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.course.target.SWEEP */
 static const double SP_TARGET_TURNS[4] = {-0x1.0000000000000p+0, 0x1.0000000000000p+0, -0x1.0000000000000p+0, 0x1.0000000000000p+0};
-#define SP_TARGET_WAY 0x1.4000000000000p+2 /* 5.0, spidar_gym.control.course.target.WAY */
+#define SP_TARGET_WAY 0x1.6000000000000p+2 /* 5.5, spidar_gym.control.course.target.WAY */
 #define SP_TARGET_MARGIN 0x1.3333333333333p-2 /* 0.3, spidar_gym.control.course.target.MARGIN */
 static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.8000000000000p+0};
 #define SP_PILOT_FLY_LOWEST 0x1.999999999999ap-1 /* 0.8, spidar_gym.control.course.pilot.FLY_LOWEST */
@@ -87,9 +84,6 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_COURSE_CEILING 0x1.8000000000000p+1 /* 3.0, spidar_gym.control.course.gates.CEILING */
 #define SP_COURSE_BEFORE 0x1.4000000000000p+1 /* 2.5, spidar_gym.control.course.gates.BEFORE */
 #define SP_COURSE_BEYOND 0x1.4000000000000p+1 /* 2.5, spidar_gym.control.course.gates.BEYOND */
-#define SP_COURSE_TILE 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.course.gates.TILE */
-#define SP_COURSE_ROOM 0x1.3333333333333p+1 /* 2.4, spidar_gym.control.course.gates.ROOM */
-#define SP_COURSE_REACH 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.course.gates.REACH */
 #define SP_COURSE_SEEN 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.course.observation.SEEN */
 #define SP_RULE_FLOWN 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.course.rule.FLOWN */
 #define SP_RULE_CRAWLED 0x1.599999999999ap+0 /* 1.35, spidar_gym.control.course.rule.CRAWLED */
@@ -101,7 +95,7 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_RULE_FAST 0x1.999999999999ap-1 /* 0.8, spidar_gym.control.course.rule.FAST */
 #define SP_RULE_CRAWLS 0x1.6666666666666p+1 /* 2.8, spidar_gym.control.course.rule.CRAWLS */
 #define SP_RULE_NEAR 0x1.47ae147ae147bp-4 /* 0.08, spidar_gym.control.course.rule.NEAR */
-#define SP_RULE_LOW 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.course.rule.LOW */
+#define SP_RULE_BENEATH 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.course.rule.BENEATH */
 #define SP_RULE_ALIGNED 0x1.eb851eb851eb8p-6 /* 0.03, spidar_gym.control.course.rule.ALIGNED */
 #define SP_RULE_FORMED 0x1.eb851eb851eb8p-5 /* 0.06, spidar_gym.control.course.rule.FORMED */
 #define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */

@@ -53,6 +53,9 @@ static const double SP_PUSH_EVERY[2] = {0x1.4000000000000p+2, 0x1.e000000000000p
 #define SP_COURSE_THICK 0x1.3333333333333p-2 /* 0.3, spidar_gym.sim.course.THICK */
 #define SP_COURSE_SILL 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.course.SILL */
 #define SP_COURSE_BEHIND 0x1.0000000000000p-1 /* 0.5, spidar_gym.sim.course.BEHIND */
+#define SP_COURSE_ROW 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.course.gates.ROW */
+#define SP_TILE_ROWS 14 /* spidar_gym.control.course.gates.TILE_ROWS */
+#define SP_TILE_COLUMNS 2 /* spidar_gym.control.course.gates.TILE_COLUMNS */
 #define SP_TILE 0x1.0000000000000p-2 /* 0.25, spidar_gym.sim.ground.TILE */
 #define SP_TILE_DEPTH 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.ground.TILE_DEPTH */
 static const double SP_NOWHERE[6] = {0x0.0p+0, 0x0.0p+0, -0x1.9000000000000p+5, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7};
@@ -518,9 +521,8 @@ typedef struct {
     double charge[2]; /* of the battery at the start, drawn in between */
     int32_t is_waypoint, hold, decide; /* whether an action is a target; ticks of a step; between decisions */
     double weight[4]; /* of the terms of the reward: progress, goal, power, safety */
-    double goal_margin, hit_margin, most_power, max_hit, max_tilt; /* [m], [N], [W], [N], [rad] */
-    double lies, still, carried; /* so little higher than on its pegs [m], so slow [m/s], so light it lies */
-    double turn_length, success_position, success_yaw; /* of a radian [m]; bounds of a success [m], [rad] */
+    double goal_margin, hit_margin, most_power, max_hit, max_tilt, lies, at_rest; /* [m], [N], [W], [rad], [m/s] */
+    double carried, turn_length, success_position, success_yaw; /* of the weight; of a radian [m]; [m], [rad] */
 } sp_course_rules;
 
 /* A robot on a course: simulated, controlled, and what it is to do. */
@@ -535,8 +537,7 @@ typedef struct {
     double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
     int32_t controls, flown, crawled, lies; /* ticks, in the air, of crawling; whether it lies */
     double arrived; /* since when it lies at the goal [s]; 0 if it does not */
-    double hit, most_hit; /* largest force on anything but feet and pegs, of the last step, of all [N] */
-    double tilt, charge; /* [rad]; of the battery, 0 … 1 */
+    double hit, most_hit, tilt, charge; /* largest force of the last step, of all [N]; [rad]; of the battery */
 } sp_coursing;
 
 /* What is told of a course. */
