@@ -18,12 +18,13 @@ from spidar_gym.cli.arguments import AnyPresetArg, CameraArg, Flag, choice
 from spidar_gym.cli.console import progress
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES
+from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import SEQUENCES
-from spidar_gym.envs.registry import Entry, environment
+from spidar_gym.envs.registry import COURSE, Entry, environment
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import output_folder
 from spidar_gym.native.engine_structs import HEADINGS, PATHS
@@ -37,12 +38,14 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
 
-ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES})]
+ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES, **COURSE_MODES})]
 FormsArg = Annotated[str | None, choice(SEQUENCES)]
 PathArg = Annotated[str | None, choice(PATHS[1:])]
 HeadingArg = Annotated[str | None, choice(HEADINGS)]
 ScheduleArg = Annotated[str | None, choice(SCHEDULES)]
 UNDISTURBED = Disturbances()
+COURSE_HOLD, COURSE_PACE = 4, 6.0
+"""Control periods of a step on a course that is shown, and how many times as fast its film is."""
 
 
 @dataclass(frozen=True)
@@ -119,9 +122,11 @@ def run(
         show: Open a window.
     """
     entry = _check_run(env_id, episodes, seed, camera, seconds, out, show)
-    horizon = entry.horizon if seconds is None else round(seconds * CONTROL_RATE)
+    own: dict[str, Any] = {"hold": COURSE_HOLD} if env_id == COURSE else {}
+    period = own.get("hold", 1) / CONTROL_RATE
+    horizon = round((entry.seconds if seconds is None else seconds) / period)
     shared: dict[str, Any] = {
-        "horizon_s": horizon / CONTROL_RATE, "max_episode_steps": horizon, "wake": wake, "sensors": sensors,
+        **own, "horizon_s": horizon * period, "max_episode_steps": horizon, "wake": wake, "sensors": sensors,
         "randomization": randomization, "disturbances": disturbances,
         "render_mode": "human" if show else None,
     }  # fmt: skip
@@ -145,7 +150,7 @@ def run(
                 last = steps[-1].info
                 finite = np.isfinite(steps[-1].next_observation).all()
                 counts[k] += (not last["failure"], bool(last["is_success"]), bool(finite))
-                print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(steps)}")
+                print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(steps, period)}")
                 takes += [] if take is None else [take]
             if film is not None and takes:
                 film.shoot(*takes, frames=partial(progress, unit="frame", desc="video", leave=False))
@@ -179,6 +184,8 @@ def _player(
     if trust and spec is not None and spec.endswith(ZIP):
         print(f"spidar: warning: {spec} is trusted: whatever code is in it runs now", file=sys.__stderr__)
     policy = None if spec is None else load_policy(spec, trust=trust)
+    if env_id == COURSE and policy is None:  # who adds nothing to the rule goes by it
+        given = {"action_mode": "residual", **given}
     env = gymnasium.make(env_id, **given, **_chosen(policy, spec, env_id, given), **shared)
     stack.callback(env.close)
     if policy is not None:
@@ -211,7 +218,9 @@ def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool)
 
 
 def _phase(inner: SpidarEnv, info: dict[str, Any]) -> str:
-    """What the robot is at: a crawl's phase, or whether a flight's legs are to move."""
+    """What the robot is at: a crawl's phase, a course's and its form, or whether a flight's legs are to move."""
+    if isinstance(inner, CourseEnv) and inner.target is not None and inner.target.flies:
+        return f"{info['phase']}, {inner.target.narrow:.0%} narrow"
     if not isinstance(inner, HoverEnv):
         return str(info["phase"])
     return "hover" if np.array_equal(inner.progress.plan(), inner.progress.goal.joint_target) else "legs move"
@@ -226,18 +235,23 @@ def _take(
     if isinstance(player.inner, HoverEnv):
         errors = (np.array([info[f"{name}_error"] for info in infos]) for name in ("position", "attitude"))
         traces = viz.flight_traces(qpos, *errors)
+    elif isinstance(player.inner, CourseEnv):
+        told = (np.array([info[name] for info in infos]) for name in ("thrust_fraction", "charge"))
+        traces = viz.course_traces(qpos, *told)
     else:
         traces = viz.crawl_traces(qpos)
-    time = np.arange(1, len(qpos) + 1) / CONTROL_RATE
+    time = np.arange(1, len(qpos) + 1) * player.inner.hold / CONTROL_RATE
     thrust = np.array([info["thrust"] for info in infos])
-    return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, player.inner.plant.config.ground)
+    pace = COURSE_PACE if isinstance(player.inner, CourseEnv) else 1.0
+    ground = player.inner.plant.config.ground
+    return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, ground, pace)
 
 
-def _summary(steps: list[Step]) -> str:
-    """What came of an episode, in words."""
+def _summary(steps: list[Step], period: float) -> str:
+    """What came of an episode, in words, whose steps take a `period` [s]."""
     last = steps[-1].info
     return (
-        f"{len(steps) / CONTROL_RATE:.1f} s, mean reward {np.mean([step.reward for step in steps]):.3f}, "
+        f"{len(steps) * period:.1f} s, mean reward {np.mean([step.reward for step in steps]):.3f}, "
         f"{_errors([step.info for step in steps])}, "
         + (f"failure: {last['failure']}" if last["failure"] else f"success: {last['is_success']}")
         + (f" ({last['shortfalls']})" if last.get("shortfalls") else "")
@@ -263,6 +277,11 @@ def _errors(infos: list[dict[str, Any]]) -> str:
     last = infos[-1]
     if "goal_error" in last:
         x, y, yaw = (1e3 * last["goal_error"]).tolist()
+        if "charge" in last:
+            return (
+                f"goal off by {x:.1f}, {y:.1f} mm, {yaw:.1f} mrad, {last['flown_s']:.0f} s in the air, "
+                f"{last['crawled_s']:.0f} s crawled, {last['charge']:.0%} of the battery left"
+            )
         slip = 1e3 * last["foot_slip_m"]
         return f"goal off by {x:.1f}, {y:.1f} mm, {yaw:.1f} mrad, worst foot slid {slip:.0f} mm"
     errors = np.array([np.concatenate([info["position_error"], info["attitude_error"]]) for info in infos])

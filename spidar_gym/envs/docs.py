@@ -163,6 +163,7 @@ CHAPTERS: dict[str, Chapter] = {
             "phase": ("str", "", f"of the manager: {', '.join(PHASES)}"),
             "gate": ("int", "", "how many gates and floors are behind it"),
             "lies": ("bool", "", "whether it lies on the floor at rest"),
+            "finished": ("bool", "", "whether it lies at the goal"),
         },
         "Torso on its pegs, feet at home on the floor, rotors off, at the origin and looking along the course, which\n"
         "is drawn. The option `course` of `reset` gives one instead, as the benchmark's scenarios do.",

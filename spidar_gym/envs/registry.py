@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import gymnasium
 from gymnasium.envs.registration import WrapperSpec
 
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.errors import require_name
 
 
@@ -44,6 +45,13 @@ class Entry:
     """Steps of an episode: those of the task's `horizon_s`."""
     doc: str
     """What it is, in one line."""
+    hold: int = 1
+    """Control periods of a step."""
+
+    @property
+    def seconds(self) -> float:
+        """Length of an episode [s]."""
+        return self.horizon * self.hold / CONTROL_RATE
 
 
 ENVIRONMENTS: dict[str, Entry] = {
@@ -61,7 +69,7 @@ ENVIRONMENTS: dict[str, Entry] = {
     ),
     COURSE: Entry(
         "spidar_gym.envs.course.env:CourseEnv", "spidar_gym.envs.vector:course_vector", 600,
-        "reach a pose behind walls, beams and slots: take off, fly, change form, land, crawl",
+        "reach a pose behind walls, beams and slots: take off, fly, change form, land, crawl", 20,
     ),
 }  # fmt: skip
 """Every environment of this package."""

@@ -408,7 +408,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("distance_m time_s flown_s crawled_s charge hit_n most_hit_n tilt_rad thrust_fraction", "f8", (), ""),
         ("term", "f8", (4,), "of the reward: progress, goal, power, safety"),
         ("phase_code gate", "i4", (), "sp_manager_phase; how many gates and floors are behind it"),
-        ("lies is_success", "b1", (), ""),
+        ("lies finished is_success", "b1", (), ""),
     )),
 )  # fmt: skip
 """In the order of their definition: those inside others first."""

@@ -56,7 +56,7 @@ def scene(visual: bool, uneven: bool = False, film: bool = False, boxed: bool = 
         box = world.add_geom(name=f"box{k}", type=mujoco.mjtGeom.mjGEOM_BOX)
         box.pos, box.size = NOWHERE[:3], NOWHERE[3:]
         box.contype, box.conaffinity, box.friction = 1, 0, floor.friction
-        box.rgba = [0.78, 0.74, 0.68, 1.0]
+        box.rgba = [0.78, 0.74, 0.68, 0.45 if film else 1.0]  # a film shows who is behind it
     if visual:
         getattr(spec.visual, "global").offwidth = MAX_WIDTH
         getattr(spec.visual, "global").offheight = MAX_HEIGHT

@@ -8,10 +8,33 @@ from spidar_gym.viz.figures import (
     learning_curves,
     speed_figure,
 )
-from spidar_gym.viz.film import Film, Take, crawl_take, crawl_traces, film_take, flight_take, flight_traces
+from spidar_gym.viz.film import (
+    Film,
+    Take,
+    course_traces,
+    crawl_take,
+    crawl_traces,
+    film_take,
+    flight_take,
+    flight_traces,
+)
 from spidar_gym.viz.stills import crawl_strip, forms_picture
 
 __all__ = [
-    "Curve", "Film", "Take", "crawl_figure", "crawl_strip", "crawl_take", "crawl_traces", "film_take", "flight_figure",
-    "flight_take", "flight_traces", "forms_picture", "leaderboard_picture", "learning_curves", "speed_figure",
+    "Curve",
+    "Film",
+    "Take",
+    "course_traces",
+    "crawl_figure",
+    "crawl_strip",
+    "crawl_take",
+    "crawl_traces",
+    "film_take",
+    "flight_figure",
+    "flight_take",
+    "flight_traces",
+    "forms_picture",
+    "leaderboard_picture",
+    "learning_curves",
+    "speed_figure",
 ]  # fmt: skip

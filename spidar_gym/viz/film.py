@@ -1,4 +1,4 @@
-"""Films of flights and crawls in real time: one robot, or two side by side, over what happens in time."""
+"""Films of flights and crawls in real time, of courses faster: one robot, or two side by side, over what happens."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -58,6 +58,8 @@ class Take:
     """Contact points and forces of each tick, world: (k, 6) [m, N]."""
     ground: GroundConfig = field(default_factory=GroundConfig)
     """The floor."""
+    pace: float = 1.0
+    """How many times as fast as in reality it is shown."""
 
 
 def tick_at(take: Take, time: float) -> int:
@@ -145,7 +147,7 @@ class Film:
             for take in takes:
                 stages.append(Stage(camera, width, height, take.ground))
             for number in frames(range(length(takes))):
-                time = (number + 1) / FPS
+                time = takes[0].pace * (number + 1) / FPS
                 frame = np.hstack([_picture(take, stage, time) for take, stage in zip(takes, stages, strict=True)])
                 strip.over(frame, time)
                 self._writer.append_data(_write(frame, takes, strip, time))
@@ -171,8 +173,8 @@ def film_take(
 
 
 def length(takes: Sequence[Take]) -> int:
-    """Frames of a film in real time."""
-    return max(1, max(round(FPS * float(take.time[-1])) for take in takes))
+    """Frames of a film at the first one's pace."""
+    return max(1, max(round(FPS * float(take.time[-1]) / takes[0].pace) for take in takes))
 
 
 def flight_take(log: FlightLog) -> Take:
@@ -223,6 +225,21 @@ def crawl_traces(qpos: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
+def course_traces(qpos: np.ndarray, thrust_fraction: np.ndarray, charge: np.ndarray) -> dict[str, np.ndarray]:
+    """Height of a torso on a course, thrust and battery, whose rows are steps.
+
+    Args:
+        qpos: Configurations (n, 39).
+        thrust_fraction: Commanded Σλ over the weight (n,).
+        charge: Of the battery (n,), 0 … 1.
+    """
+    return {
+        "height of the torso [m]": qpos[:, 2],
+        "thrust over weight": thrust_fraction,
+        "charge [%]": 100.0 * charge,
+    }
+
+
 def _picture(take: Take, stage: Stage, time: float) -> np.ndarray:
     """The robot at a time [s], between two ticks if need be; after its end it stays where it was."""
     place = float(np.interp(time, take.time, np.arange(len(take.time))))
@@ -245,7 +262,9 @@ def _write(frame: np.ndarray, takes: Sequence[Take], strip: Strip, time: float) 
         color = COLORS[k] if len(takes) > 1 else BLACK
         draw.text((k * width + 20, 14), take.title, fill=color, font=font(22, bold=True))
         end = float(take.time[-1])
-        words = [f"{min(time, end):.1f} s", take.phase[tick_at(take, time)], "" if time < end + 1.0 / FPS else "ended"]
+        pace = f"× {take.pace:g}" if take.pace != 1.0 else ""
+        ended = "" if time < end + take.pace / FPS else "ended"
+        words = [f"{min(time, end):.1f} s", pace, take.phase[tick_at(take, time)], ended]
         draw.text((k * width + 20, 44), "   ".join(word for word in words if word), fill=BLACK, font=font(18))
         if k:
             draw.line([(k * width, 0), (k * width, height - STRIP)], fill="white", width=3)

@@ -8,7 +8,7 @@ import pytest
 from support.states import model, resting
 
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.control.flight.path import Path, legs, lemniscate, spline
+from spidar_gym.control.flight.path import Path, from_motion, legs, lemniscate, spline
 from spidar_gym.control.presets import controller_config
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.flight import CoreFlightController
@@ -123,3 +123,14 @@ def test_both_controllers_command_the_same_along_a_path(preset):
     # What the reference's acceleration asks for is among it.
     still = readable.step(state, replace(reference, acceleration_w=np.zeros(3)))
     assert (preset == "tuned") == (np.abs(still.thrust - wanted.thrust).max() > 0.05)
+
+
+def test_from_motion_to_rest_the_core_leads_as_the_page_does(library):
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        pose, end = rng.uniform(-2.0, 2.0, 4), rng.uniform(-5.0, 5.0, 4) * rng.choice([0.02, 1.0], 4)
+        rate, acceleration = rng.uniform(-0.6, 0.6, 4), rng.uniform(-1.2, 1.2, 4) * rng.choice([0.0, 1.0])
+        speed, begin, knots = rng.uniform(0.3, 1.5), Struct("knot"), np.zeros(8, core_layouts()["knot"])
+        begin["pose_w"][:], begin["rate_w"][:], begin["acceleration_w"][:] = pose, rate, acceleration
+        n = library.sp_path_from_motion(begin.pointer, pointer(end), DOUBLE(speed), pointer(knots))
+        close(from_motion(pose, rate, acceleration, end, speed), knots, n)

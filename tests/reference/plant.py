@@ -104,6 +104,7 @@ class Plant:
         *,
         disturbances: Disturbances | None = None,
         rng: np.random.Generator | None = None,
+        spent_wh: float = 0.0,
     ) -> RobotState:
         """Put the robot somewhere at rest, servos at their setpoints.
 
@@ -115,6 +116,7 @@ class Plant:
             thrust: Thrust that the modules already deliver [N]; zero by default.
             disturbances: What happens to it; nothing by default.
             rng: Source of noise, wind and pushes.
+            spent_wh: Nothing: its battery is full.
 
         Raises:
             InvalidValueError: When something random is to happen and there is no generator.

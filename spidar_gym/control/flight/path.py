@@ -19,10 +19,12 @@ KNOT_TIME = 0.25
 """Time between two knots of a lemniscate [s]: the quintics then miss it by less than 10 µm at 1.5 m/s."""
 AHEAD, AHEAD_STEP = 4, 0.25
 """At how many times ahead a policy is told of the path, and how far apart they are [s]."""
-DETOUR = 0.1
-"""A path that begins in motion leaves its way by no more than this beyond what the way is long, [m] or [rad]."""
-LEAST_SECONDS = 0.5
-"""No coordinate comes to rest from motion in less time [s]."""
+DETOUR, RUN_AHEAD = 0.1, 0.35
+"""A path that begins in motion may swing away from its way by this, [m] or [rad], and ahead on it by such a share."""
+TOGETHER = 1e-6
+"""Knots so near to each other are one [s]."""
+LEAST_SECONDS, FADE = 0.5, 0.4
+"""No coordinate comes to rest from motion in less time; in such a time an acceleration fades [s]."""
 SUBSTEPS = 8
 """Steps of the fourth-order integration along a lemniscate from one knot to the next."""
 
@@ -144,7 +146,8 @@ def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, en
     """To a pose, at rest there, from however a path moves now; from rest it is straight.
 
     A quintic that begins at rate v and acceleration a and takes T swings out by up to 0.2 v T + 0.017 a T² before it
-    turns to its end: a coordinate comes to rest before the others where that would lead it far astray.
+    turns to its end. A coordinate that this would lead far astray comes to rest before the others; where its way takes
+    longer than that, its acceleration fades first, and it brakes first where it moves the other way.
 
     Args:
         pose: Position and heading now (4,) [m], [rad].
@@ -156,26 +159,44 @@ def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, en
     way = end - pose
     length, fast = math.sqrt(float(way[:3] @ way[:3])), math.sqrt(float(rate[:3] @ rate[:3]))
     seconds = max(1.875 * length / speed, 2.0 * fast / EASE, 1.875 * abs(float(way[3])) / TURN_RATE, LEAST_SECONDS)
-    ends = []
+    fades, takes = [False] * 4, [0.0] * 4
+    brakes = (EASE, EASE, EASE, TURN_RATE)
     for k in range(4):
-        d, v, a = abs(float(way[k])), abs(float(rate[k])), abs(float(acceleration[k]))
-        paces = (TURN_RATE, TURN_RATE) if k == 3 else (speed, EASE)
-        least = max(LEAST_SECONDS, 1.875 * d / paces[0], 2.0 * v / paces[1], math.sqrt(3.0 * d / paces[1]))
-        swing = 0.2 * v + math.sqrt(0.04 * v * v + 0.07 * a * (d + DETOUR))
-        astray = 2.0 * (d + DETOUR) / swing if swing > 0.0 else math.inf
-        ends.append(min(seconds, max(least, astray)))
-    knots, time = _Knots(), 0.0
+        d, v, a = float(way[k]), float(rate[k]), float(acceleration[k])
+        pace, brake = TURN_RATE if k == 3 else speed, brakes[k]
+        least = max(LEAST_SECONDS, 1.875 * abs(d) / pace, 2.0 * abs(v) / brake, math.sqrt(3.0 * abs(d) / brake))
+        to_drift, to_swing = (DETOUR + (0.0 if d * of < 0.0 else RUN_AHEAD * abs(d)) for of in (v, a))
+        drifts = to_drift / (0.2 * abs(v)) if v else math.inf
+        swings = math.sqrt(to_swing / (0.0173 * abs(a))) if a else math.inf
+        takes[k] = min(seconds, max(least, min(drifts, swings)))
+        fades[k] = takes[k] > swings or (d * v < 0.0 and takes[k] > drifts)
+    fade = max(
+        [FADE, *(2.0 * abs(float(rate[k])) / brakes[k] for k in range(4) if fades[k] and way[k] * rate[k] < 0.0)]
+    )
+    parts = []
+    for k in range(4):
+        p, v, a = float(pose[k]), float(rate[k]), float(acceleration[k])
+        if not fades[k]:
+            parts.append(_part([0.0, takes[k]], [p, float(end[k])], [v, 0.0], [a, 0.0]))
+            continue
+        after = 0.0 if v * way[k] < 0.0 else max(-speed, min(speed, v))
+        middle = p + 0.5 * fade * (v + after)
+        parts.append(_part([0.0, fade, fade + takes[k]], [p, middle, float(end[k])], [v, after, 0.0], [a, 0.0, 0.0]))
+    knots, times = _Knots(), {float(t) for part in parts for t in part.times}
     knots.add(0.0, pose.tolist(), rate.tolist(), acceleration.tolist())
-    still = np.zeros(4)
-    parts = [
-        Path(np.array([0.0, t]), np.array([pose, end]), np.array([rate, still]), np.array([acceleration, still]))
-        for t in ends
-    ]
-    while time < max(ends):
-        time = min(t for t in ends if t > time)
-        rows = [part.at(time) for part in parts]
-        knots.add(time, *([float(row[j][k]) for k, row in enumerate(rows)] for j in range(3)))
+    last = 0.0
+    for time in sorted(times):
+        if time - last < TOGETHER:
+            continue
+        last, rows = time, [part.at(time) for part in parts]
+        knots.add(time, *([float(row[j][0]) for row in rows] for j in range(3)))
     return knots.path()
+
+
+def _part(times: list[float], places: list[float], rates: list[float], accelerations: list[float]) -> Path:
+    """One coordinate, as the first of a path."""
+    columns = [np.column_stack((values, np.zeros((len(times), 3)))) for values in (places, rates, accelerations)]
+    return Path(np.array(times), *columns)
 
 
 class Legs:

@@ -245,6 +245,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             "phase": self.controller.phase,
             "gate": sum(float(self.state.position_w[0]) > gate.end for gate in self.course.gates),
             "lies": progress.lies,
+            "finished": progress.arrived > 0.0,
             **{f"reward_{name}": value for name, value in terms.items()},
             "is_success": failure == "" and progress.is_there,
         }

@@ -137,48 +137,75 @@ double sp_ease(double u)
     return u * u * u * (10.0 - u * (15.0 - 6.0 * u));
 }
 
-/* To a pose, at rest there, from however a path moves at `begin`; up to five knots, and how many. */
+/* How long a coordinate takes from motion to rest, and whether its motion fades first. */
+static double time_from_motion(double d, double v, double a, double pace, double brake, double seconds, int *fades)
+{
+    double drifts = HUGE_VAL, swings = HUGE_VAL, ahead = SP_PATH_DETOUR + SP_PATH_RUN_AHEAD * fabs(d);
+    double least = sp_max(sp_max(SP_PATH_LEAST_SECONDS, 1.875 * fabs(d) / pace),
+                          sp_max(2.0 * fabs(v) / brake, sqrt(3.0 * fabs(d) / brake)));
+    if (v != 0.0) drifts = (d * v < 0.0 ? SP_PATH_DETOUR : ahead) / (0.2 * fabs(v));
+    if (a != 0.0) swings = sqrt((d * a < 0.0 ? SP_PATH_DETOUR : ahead) / (0.0173 * fabs(a)));
+    double takes = sp_min(seconds, sp_max(least, sp_min(drifts, swings)));
+    *fades = takes > swings || (d * v < 0.0 && takes > drifts);
+    return takes;
+}
+
+/* One coordinate as the first of a path of two knots, or of three where it fades; how many. */
+static int part_from_motion(double p, double v, double a, double end, double speed, double takes, double fade,
+                            sp_knot *part)
+{
+    int last = fade > 0.0 ? 2 : 1;
+    memset(part, 0, 3 * sizeof *part);
+    part[0].pose_w[0] = p;
+    part[0].rate_w[0] = v;
+    part[0].acceleration_w[0] = a;
+    if (last == 2) {
+        double after = v * (end - p) < 0.0 ? 0.0 : sp_clip(v, -speed, speed), middle = p + 0.5 * fade * (v + after);
+        part[1].time = fade;
+        part[1].pose_w[0] = middle;
+        part[1].rate_w[0] = after;
+    }
+    part[last].time = fade + takes;
+    part[last].pose_w[0] = end;
+    return last + 1;
+}
+
+/* To a pose, at rest there, from however a path moves at `begin`; up to six knots, and how many. */
 int sp_path_from_motion(const sp_knot *begin, const double *end, double speed, sp_knot *knots)
 {
-    double way[4], ends[4], time = 0.0, last = 0.0;
-    int count = 1;
-    for (int k = 0; k < 4; k++) way[k] = end[k] - begin->pose_w[k];
-    double seconds = sp_max(sp_max(1.875 * sp_norm(way) / speed, 2.0 * sp_norm(begin->rate_w) / SP_PATH_EASE),
+    const double *p = begin->pose_w, *v = begin->rate_w, *a = begin->acceleration_w;
+    sp_knot parts[4][3];
+    int counts[4], fades[4], count = 1;
+    double way[4], takes[4], fade = SP_PATH_FADE;
+    for (int k = 0; k < 4; k++) way[k] = end[k] - p[k];
+    double seconds = sp_max(sp_max(1.875 * sp_norm(way) / speed, 2.0 * sp_norm(v) / SP_PATH_EASE),
                             sp_max(1.875 * fabs(way[3]) / SP_PATH_TURN_RATE, SP_PATH_LEAST_SECONDS));
     for (int k = 0; k < 4; k++) {
-        double d = fabs(way[k]), v = fabs(begin->rate_w[k]), a = fabs(begin->acceleration_w[k]);
-        double pace = k == 3 ? SP_PATH_TURN_RATE : speed, brake = k == 3 ? SP_PATH_TURN_RATE : SP_PATH_EASE;
-        double least = sp_max(sp_max(SP_PATH_LEAST_SECONDS, 1.875 * d / pace),
-                              sp_max(2.0 * v / brake, sqrt(3.0 * d / brake)));
-        double swing = 0.2 * v + sqrt(0.04 * v * v + 0.07 * a * (d + SP_PATH_DETOUR));
-        double astray = swing > 0.0 ? 2.0 * (d + SP_PATH_DETOUR) / swing : HUGE_VAL;
-        ends[k] = sp_min(seconds, sp_max(least, astray));
-        last = sp_max(last, ends[k]);
+        double brake = k == 3 ? SP_PATH_TURN_RATE : SP_PATH_EASE;
+        takes[k] = time_from_motion(way[k], v[k], a[k], k == 3 ? SP_PATH_TURN_RATE : speed, brake, seconds, &fades[k]);
+        if (fades[k] && way[k] * v[k] < 0.0) fade = sp_max(fade, 2.0 * fabs(v[k]) / brake);
     }
+    for (int k = 0; k < 4; k++)
+        counts[k] = part_from_motion(p[k], v[k], a[k], end[k], speed, takes[k], fades[k] ? fade : 0.0, parts[k]);
     knots[0] = *begin;
     knots[0].time = 0.0;
-    while (time < last) {
-        double next = last;
+    for (;;) {
+        double time = knots[count - 1].time, next = HUGE_VAL;
         for (int k = 0; k < 4; k++)
-            if (ends[k] > time) next = sp_min(next, ends[k]);
-        time = next;
+            for (int i = 1; i < counts[k]; i++)
+                if (parts[k][i].time - time >= SP_PATH_TOGETHER) next = sp_min(next, parts[k][i].time);
+        if (next == HUGE_VAL) return count;
         sp_knot *knot = &knots[count++];
         memset(knot, 0, sizeof *knot);
-        knot->time = time;
+        knot->time = next;
         for (int k = 0; k < 4; k++) {
-            sp_knot part[2];
             double pose[4], rate[4], acceleration[4];
-            memset(part, 0, sizeof part);
-            part[0] = knots[0];
-            part[1].time = ends[k];
-            sp_copy(part[1].pose_w, end, 4);
-            sp_path_at(part, 2, time, pose, rate, acceleration);
-            knot->pose_w[k] = pose[k];
-            knot->rate_w[k] = rate[k];
-            knot->acceleration_w[k] = acceleration[k];
+            sp_path_at(parts[k], counts[k], next, pose, rate, acceleration);
+            knot->pose_w[k] = pose[0];
+            knot->rate_w[k] = rate[0];
+            knot->acceleration_w[k] = acceleration[0];
         }
     }
-    return count;
 }
 
 /* Speed along a lemniscate and its rate, t after the beginning. */

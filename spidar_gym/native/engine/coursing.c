@@ -256,6 +256,7 @@ static void tell(const sp_course_rules *rules, const sp_world *world, sp_coursin
     info->gate = 0;
     for (int k = 0; k < c->course.count; k++) info->gate += plant->state.position_w[0] > c->course.gates[k].end;
     info->lies = (uint8_t)c->lies;
+    info->finished = c->arrived > 0.0;
     term[PROGRESS] = sp_max(0.0, 1.0 - c->distance / c->initial_distance);
     term[GOAL] = c->lies ? sp_tolerance(c->distance, rules->goal_margin) : 0.0;
     term[POWER] = sp_max(0.0, 1.0 - plant->power / rules->most_power);

@@ -105,7 +105,10 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_MANAGER_PATIENCE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.PATIENCE */
 #define SP_PATH_EASE 0x1.8000000000000p-1 /* 0.75, spidar_gym.control.flight.path.EASE */
 #define SP_PATH_DETOUR 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.path.DETOUR */
+#define SP_PATH_RUN_AHEAD 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.flight.path.RUN_AHEAD */
+#define SP_PATH_TOGETHER 0x1.0c6f7a0b5ed8dp-20 /* 1e-06, spidar_gym.control.flight.path.TOGETHER */
 #define SP_PATH_LEAST_SECONDS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.LEAST_SECONDS */
+#define SP_PATH_FADE 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.flight.path.FADE */
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */
 #define SP_PATH_KNOT_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.KNOT_TIME */

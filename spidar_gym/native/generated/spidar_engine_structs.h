@@ -547,7 +547,7 @@ typedef struct {
     double distance_m, time_s, flown_s, crawled_s, charge, hit_n, most_hit_n, tilt_rad, thrust_fraction;
     double term[4]; /* of the reward: progress, goal, power, safety */
     int32_t phase_code, gate; /* sp_manager_phase; how many gates and floors are behind it */
-    uint8_t lies, is_success;
+    uint8_t lies, finished, is_success;
 } sp_coursing_info;
 
 #endif

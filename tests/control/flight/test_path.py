@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spidar_gym.control.flight.path import EASE, REST, TURN_RATE, Path, legs, lemniscate, spline, wrap
+from spidar_gym.control.flight.path import EASE, REST, TURN_RATE, Path, from_motion, legs, lemniscate, spline, wrap
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.so3 import exp, log, quat_to_matrix
 
@@ -159,3 +159,50 @@ def test_the_reference_turns_as_its_heading_does(path):
 def test_what_is_no_path_is_refused(build, match):
     with pytest.raises(InvalidValueError, match=match):
         build()
+
+
+# ---- from motion to rest ----
+
+
+def motions(n=200):
+    """Poses, rates, accelerations, ends and speeds as they come in flights that are steered."""
+    rng = np.random.default_rng(4)
+    for _ in range(n):
+        pose, end = rng.uniform(-2.0, 2.0, 4), rng.uniform(-5.0, 5.0, 4) * rng.choice([0.02, 1.0], 4)
+        end[3] = pose[3] + rng.uniform(-3.0, 3.0) * rng.choice([0.0, 1.0])
+        yield pose, rng.uniform(-0.6, 0.6, 4), rng.uniform(-1.2, 1.2, 4), end, rng.uniform(0.3, 1.5)
+
+
+def test_from_rest_it_is_straight():
+    path = from_motion(np.zeros(4), np.zeros(4), np.zeros(4), np.array([4.0, -2.0, 1.0, 0.5]), 0.8)
+    rows = np.array([path.at(t)[0] for t in np.linspace(0.0, path.seconds, 50)])
+    np.testing.assert_allclose(rows[:, 1:], rows[:, :1] * [-0.5, 0.25, 0.125], atol=1e-12)
+    fastest = max(np.linalg.norm(path.at(t)[1][:3]) for t in np.linspace(0.0, path.seconds, 200))
+    assert fastest <= 0.8 + 1e-9
+
+
+def test_it_begins_as_it_moves_ends_at_rest_and_nothing_jumps():
+    for pose, rate, acceleration, end, speed in motions():
+        path = from_motion(pose, rate, acceleration, end, speed)
+        for found, given in zip(path.at(0.0), (pose, rate, acceleration), strict=True):
+            np.testing.assert_allclose(found, given, atol=1e-9)
+        np.testing.assert_allclose(path.at(path.seconds)[0], end, atol=1e-9)
+        rows = np.array([path.at(t) for t in np.arange(0.0, path.seconds, 0.005)])
+        assert np.abs(np.diff(rows[:, 2], axis=0)).max() < 0.2
+        np.testing.assert_allclose(np.diff(rows[:, 0], axis=0), 0.005 * rows[1:, 1], atol=3e-4)
+
+
+def test_it_strays_no_farther_than_a_swing_takes():
+    """One quintic for all coordinates led up to metres astray: a climb that was steered away ended on the floor."""
+    worst = 0.0
+    for pose, rate, acceleration, end, speed in motions():
+        path = from_motion(pose, rate, acceleration, end, speed)
+        rows = np.array([path.at(t)[0] for t in np.linspace(0.0, path.seconds, 300)])
+        low, high = np.minimum(pose, end), np.maximum(pose, end)
+        worst = max(worst, float(np.maximum(low - rows, rows - high)[:, :3].max()))
+    assert worst < 0.6  # as far as braking from 0.6 m/s takes
+    climbing = np.zeros(4), np.array([0.0, 0.0, 0.3, 0.0]), np.array([0.0, 0.0, 1.5, 0.0])
+    path = from_motion(*climbing, np.array([9.0, 0.0, 0.05, 0.0]), 1.2)
+    heights = [path.at(t)[0][2] for t in np.linspace(0.0, path.seconds, 300)]
+    assert min(heights) > -0.05
+    assert max(heights) < 0.35
