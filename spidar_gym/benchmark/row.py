@@ -35,7 +35,7 @@ REFERENCE = "qp"
 """The row that scores refer to."""
 BASES = {"paper": "qp", "tuned": "qp_tuned", "tuned_v1": "qp_tuned_v1", "published": "qp", "robust": "qp_tuned",
          "overlapped": "qp_overlapped", "robust_overlapped": "qp_robust_overlapped",
-         "robust_overlapped_v1": "qp_robust_overlapped"}  # fmt: skip
+         "robust_overlapped_v1": "qp_robust_overlapped_v1"}  # fmt: skip
 """Preset → the row of that controller, with which what adds to it is compared."""
 ROWS = "baselines/scores"
 """Folder of the committed rows in a checkout."""

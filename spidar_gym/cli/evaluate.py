@@ -46,7 +46,8 @@ from spidar_gym.robot.description import assets_dir
 BASELINES = (
     "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_unconstrained:QPUnconstrained",
     "baselines.pinv:Pinv", "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPTunedV1",
-    "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped", "baselines.hold:Hold",
+    "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
+    "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.hold:Hold",
 )  # fmt: skip
 """The classical baselines of a checkout."""
 

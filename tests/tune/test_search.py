@@ -10,7 +10,7 @@ import pytest
 from spidar_gym.benchmark import scoring
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, SPLITS, TRACKS
-from spidar_gym.control.presets import TUNED, TUNED_V1
+from spidar_gym.control.presets import ROBUST_OVERLAPPED, TUNED, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import crawl
 from spidar_gym.tune import search as tuning
@@ -204,3 +204,10 @@ def test_tuned_is_what_the_committed_search_ended_with():
     assert SEARCHES["flight"].configuration(log[-1]["parameters"]) == TUNED
     gains = [line["reference"] - line["cost"] for line in log]
     assert np.exp(np.mean(gains[-20:])) > 1.5
+
+
+def test_robust_overlapped_is_what_the_committed_search_ended_with():
+    log = json.loads((SEARCHED / "crawl.json").read_text())["log"]
+    assert SEARCHES["crawl"].configuration(log[-1]["parameters"]) == ROBUST_OVERLAPPED
+    gains = [line["reference"] - line["cost"] for line in log]
+    assert np.exp(np.mean(gains[-10:])) > 1.25
