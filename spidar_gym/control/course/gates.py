@@ -110,7 +110,13 @@ class Course:
             raise InvalidValueError("middle", gate.middle, f"a slot between the field's sides at ± {HALF_WIDTH:g} m")
         if gate.kind == "tiles" and not 1 <= gate.tile_count <= TILE_ROWS * TILE_COLUMNS:
             raise InvalidValueError("end", gate.end, f"1 … {TILE_ROWS} rows of tiles of {ROW:g} m")
-        least = REACH if before is None else before.end + (ROOM if gate.is_passed and before.is_passed else REACH)
+        # Behind a beam it takes off before a platform: all of it has to be out there.
+        needs_room = (
+            before is not None
+            and before.is_passed
+            and (gate.is_passed or (before.kind == "beam" and gate.kind == "platform"))
+        )
+        least = (0.0 if before is None else before.end) + (ROOM if needs_room else REACH)
         if gate.begin < least:
             raise InvalidValueError("begin", gate.begin, f"at least {least:g} m, for the robot to lie before it")
 

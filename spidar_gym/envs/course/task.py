@@ -39,7 +39,7 @@ SIZES = {
 """Between these the size of each kind is drawn: height, clearance, width, highest tile [m], angle [rad]."""
 DEPTHS = {"wall": 0.2, "beam": 0.4, "slot": 0.3}
 """How long each gate is along the course [m]."""
-FIRST_GAP, GAP, FLOOR_GAP, FLOOR_LENGTH = (2.2, 2.6), (3.0, 3.4), 1.8, 3.5
+FIRST_GAP, GAP, FLOOR_GAP, FLOOR_LENGTH = (2.2, 2.6), (3.0, 3.4), 2.6, 3.5
 """From the start to the first gate, from each to the next, from the last to the floor of the goal; its length [m]."""
 MIDDLE = 0.8
 """The middle of a slot lies up to so far to a side [m]."""
