@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from spidar_gym.benchmark.metrics import METRICS, check_metrics
+from spidar_gym.benchmark.metrics import check_metrics, told_in
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
 from spidar_gym.border import BorderError, require_form
@@ -120,7 +120,8 @@ def _check_track(name: str, track: Mapping[str, Any], runs: int) -> None:
 
 def _check_run(name: str, number: int, run: Mapping[str, list[Any]], indices: list[int]) -> None:
     """Whether a run has what an episode gives on each scenario."""
-    for metric in METRICS:
+    world = TRACKS[name].world
+    for metric in told_in(world):
         if metric not in run:
             raise RowError(f"{name} lacks {metric}; valid: {ANEW}")
     for metric, values in run.items():
@@ -128,7 +129,7 @@ def _check_run(name: str, number: int, run: Mapping[str, list[Any]], indices: li
             raise RowError(f"{name} has {len(values)} numbers of {_plain(metric)}; valid: {len(indices)}")
     for k, index in enumerate(indices):
         try:
-            check_metrics({metric: values[k] for metric, values in run.items()}, flies=TRACKS[name].flies)
+            check_metrics({metric: values[k] for metric, values in run.items()}, world=world)
         except InvalidValueError as error:
             raise RowError(f"{name}, run {number}, scenario {index}: {error}") from error
 

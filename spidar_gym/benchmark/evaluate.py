@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.content import check_times
-from spidar_gym.benchmark.metrics import METRICS, check_metrics
+from spidar_gym.benchmark.metrics import check_metrics, told_in
 from spidar_gym.benchmark.resume import code_digest, digest_of, finish
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario, play_scenarios
@@ -152,7 +152,8 @@ def evaluate(
             results += play(policy, track, part, act_limit_s=act_limit_s)
             for _ in part:
                 on_scenario()
-    columns = {name: [result["metrics"][name] for result in results] for name in METRICS}
+    names = told_in(TRACKS[track].world)
+    columns = {name: [result["metrics"][name] for result in results] for name in names}
     return Score(track, split, digest, tuple(indices), columns, [result["timing"] for result in results])
 
 
@@ -216,5 +217,5 @@ def run_shards(
 def _check_result(shard: Shard, result: dict[str, Any]) -> None:
     """Refuse what no episode gives."""
     require_form(result, RESULT, "result")
-    check_metrics(result["metrics"], flies=TRACKS[shard.track].flies)
+    check_metrics(result["metrics"], world=TRACKS[shard.track].world)
     check_times(result["timing"])

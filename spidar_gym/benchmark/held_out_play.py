@@ -198,4 +198,4 @@ def play_all(
 def _check_result(episode: Episode, result: dict[str, Any]) -> None:
     """Refuse what no episode gives."""
     require_form(result, RESULT, "result")
-    check_metrics(result["metrics"], flies=CONDITIONS[episode.condition].flies)
+    check_metrics(result["metrics"], world=CONDITIONS[episode.condition].world)

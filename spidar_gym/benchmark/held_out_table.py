@@ -160,7 +160,7 @@ def _check_run(run: Mapping[str, list[Any]], name: str, count: int) -> None:
         raise InvalidValueError(name, sorted(run), f"{count} of each of {', '.join(KEPT[condition.group])}")
     for metric, values in run.items():
         for value, failed in zip(values, run["failed"], strict=True):
-            if not METRICS[metric].admits(value, flies=condition.flies, failed=failed is True):
+            if not METRICS[metric].admits(value, world=condition.world, failed=failed is True):
                 raise InvalidValueError(f"{metric} on {name}", value, METRICS[metric].expected)
 
 

@@ -41,6 +41,12 @@ SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = {
     ),
 }  # fmt: skip
 SHOWN["path"] = SHOWN["flight"]
+SHOWN["course"] = (
+    ("duration_s", "s", 1.0, 1), ("flown_s", "flown s", 1.0, 1), ("crawled_s", "crawled s", 1.0, 1),
+    ("energy_wh", "Wh", 1.0, 2), ("final_error_m", "final mm", 1e3, 1), ("final_yaw_rad", "yaw mrad", 1e3, 1),
+    ("attitude_rms_rad", "tilt mrad", 1e3, 1), ("hit_n", "contact N", 1.0, 1), ("thrust_mean", "Σλ/mg", 1.0, 3),
+    ("torque_share", "τ share", 1.0, 2), ("unsolved", "unsolved", 1.0, 2),
+)  # fmt: skip
 """Metrics of the tables by group: name, heading, factor, digits; medians over runs and scenarios."""
 COUNTED = ("unsolved", "violations")
 """Metrics of `SHOWN` that are means, not medians."""
@@ -83,16 +89,21 @@ class Board:
 
 
 def tabulate(rows: Mapping[str, Row]) -> Board:
-    """Scores and intervals of all rows (`RowError` without the reference row)."""
-    if REFERENCE not in rows:
-        raise RowError(f"there is no row {REFERENCE}, to which scores refer; valid: rows with {REFERENCE}.json")
-    base = rows[REFERENCE]
-    cells = {(name, track): cell(row, base, track) for name, row in rows.items() for track in common_tracks(row, base)}
+    """Scores and intervals of all rows (`RowError` without the reference row of a track)."""
+    for name in dict.fromkeys((REFERENCE, *(TRACKS[track].reference for row in rows.values() for track in row.tracks))):
+        if name not in rows:
+            raise RowError(f"there is no row {name}, to which scores refer; valid: rows with {name}.json")
+    cells = {
+        (name, track): cell(row, rows[TRACKS[track].reference], track)
+        for name, row in rows.items()
+        for track in row.tracks
+        if track in common_tracks(row, rows[TRACKS[track].reference])
+    }
     overall = {
         (name, group): interval
         for name, row in rows.items()
         for group in GROUPS
-        if (interval := overall_interval(row, base, group)) is not None
+        if (interval := overall_interval(row, rows[REFERENCE], group)) is not None
     }
     tracks = [track for track in TRACKS if any((name, track) in cells for name in rows)]
     return Board(rows, tracks, cells, overall)
@@ -169,17 +180,20 @@ def as_json(board: Board) -> dict[str, Any]:
     }
 
 
-def summary(row: Row, base: Row | None) -> dict[str, Any]:
-    """A row's figures as JSON: against the reference where there is one."""
-    own = base or row
+def summary(row: Row, references: Mapping[str, Row]) -> dict[str, Any]:
+    """A row's figures as JSON: against the reference of each track where there is one."""
+    bases = {track: references.get(TRACKS[track].reference) for track in row.tracks}
+    known = {base.name: base.content["sha256"] for base in bases.values() if base is not None}
     return {
         "name": row.name,
         "sha256": row.content["sha256"],
-        "reference": None if base is None else base.content["sha256"],
+        "reference": known or None,
         "tracks": {
-            track: _finite(asdict(cell(row, own, track))) for track in common_tracks(row, own)
+            track: _finite(asdict(cell(row, base or row, track)))
+            for track, base in bases.items()
+            if track in common_tracks(row, base or row)
         },
-    }  # fmt: skip
+    }
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The leaderboard's tables: their cells, what a terminal shows of them, and the page LEADERBOARD.md."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from spidar_gym.benchmark.leaderboard import (
 from spidar_gym.benchmark.metrics import METRICS
 from spidar_gym.benchmark.row import REFERENCE, Row
 from spidar_gym.benchmark.statistics import Interval, iqm
-from spidar_gym.benchmark.track import CAP, TRACKS
+from spidar_gym.benchmark.track import CAP, REFERENCES, TRACKS
 from spidar_gym.policies.policy import LEARNED
 from spidar_gym.text import code, escaped, format_table
 
@@ -74,8 +74,8 @@ def partial_lines(board: Board, tracks: Sequence[str]) -> list[list[str]]:
 
 def track_lines(board: Board, track: str) -> list[list[str]]:
     """The policies of a track, best first: heading and a line a policy."""
-    shown = SHOWN[TRACKS[track].group]
-    heads = ["policy", "score", "error, IQM", "against qp", "P(better)", "success", "failed"]
+    shown, reference = SHOWN[TRACKS[track].group], TRACKS[track].reference
+    heads = ["policy", "score", "error, IQM", f"against {reference}", "P(better)", "success", "failed"]
     lines = [[*heads, *(head for _, head, *_ in shown)]]
     for name in ranking(board, track):
         c = board.cells[name, track]
@@ -89,7 +89,7 @@ def track_lines(board: Board, track: str) -> list[list[str]]:
         ]
         lines.append(
             [f"{name}{flag(board.rows[name])}", format_interval(c.score), f"{c.error:.3f}",
-             *(["", ""] if name == REFERENCE else against), f"{c.success:.0%}", f"{c.failed:.0%}", *numbers]
+             *(["", ""] if name == reference else against), f"{c.success:.0%}", f"{c.failed:.0%}", *numbers]
         )  # fmt: skip
     return lines
 
@@ -105,27 +105,32 @@ def text(board: Board, tracks: Sequence[str], *, wide: bool = False) -> str:
     return "\n\n".join(parts)
 
 
-def report(row: Row, base: Row | None) -> str:
-    """What an evaluation gave, for a terminal: the row beside the reference."""
-    if base is None or not common_tracks(row, base):
+def report(row: Row, references: Mapping[str, Row]) -> str:
+    """What an evaluation gave, for a terminal: the row beside the reference of each track."""
+    bases = {name: references[name] for name in dict.fromkeys(REFERENCES.values()) if name in references}
+    common = {
+        track: bases[name]
+        for track in row.tracks
+        if (name := TRACKS[track].reference) in bases and track in common_tracks(row, bases[name])
+    }
+    if not common:
         lines = [["track", "error, IQM", "success", "failed"]]
         for track in row.tracks:
             numbers = [row.column(track, name).mean() for name in ("success", "failed")]
             lines.append([track, f"{iqm(row.errors(track).reshape(-1)):.3f}", *(f"{number:.0%}" for number in numbers)])
-        return f"{row.name}; there is no row {REFERENCE} to compare it with\n{format_table(lines)}"
-    heads = ["track", "score", "error, IQM", f"against {REFERENCE}", "P(better)", "success", "failed"]
-    lines = [[*heads, f"{REFERENCE}: success"]]
-    for track in common_tracks(row, base):
+        names = " or ".join(dict.fromkeys(TRACKS[track].reference for track in row.tracks))
+        return f"{row.name}; there is no row {names} to compare it with\n{format_table(lines)}"
+    lines = [["track", "score", "error, IQM", "against", "", "P(better)", "success", "failed", "success there"]]
+    for track, base in common.items():
         c = cell(row, base, track)
         against, theirs = format_interval(c.difference, percent=True), base.column(track, "success").mean()
         shares = [f"{share:.0%}" for share in (c.success, c.failed, theirs)]
-        lines.append(
-            [track, format_interval(c.score), f"{c.error:.3f}", against, f"{c.improvement.value:.2f}", *shares]
-        )
+        numbers = [format_interval(c.score), f"{c.error:.3f}", base.name, against, f"{c.improvement.value:.2f}"]
+        lines.append([track, *numbers, *shares])
     for group in GROUPS:
-        interval = overall_interval(row, base, group)
+        interval = overall_interval(row, bases[REFERENCE], group) if REFERENCE in bases else None
         if interval is not None:
-            lines.append([f"all {group}", format_interval(interval), *[""] * 6])
+            lines.append([f"all {group}", format_interval(interval), *[""] * 7])
     few = f"\n† fewer than {FEWEST_RUNS} training runs" if flag(row) else ""
     return f"{row.name}{flag(row)}: {row.doc}\n{format_table(lines)}{few}"
 
@@ -140,7 +145,8 @@ def markdown(board: Board) -> str:
         f"error of `{REFERENCE}`, the paper's controller, over the policy's own on the same scenarios: 1 is the",
         "paper's controller, above 1 is beyond the paper. A failed scenario costs an error of "
         f"{CAP:g}. In brackets: 95 %",
-        "bootstrap intervals over scenarios (and training runs, where there are several).",
+        "bootstrap intervals over scenarios (and training runs, where there are several). On courses, of which the",
+        f"paper has none, scores refer to `{REFERENCES['course']}`.",
         "",
         "![scores with intervals by track](leaderboard.png)",
         "",
@@ -159,7 +165,7 @@ def markdown(board: Board) -> str:
     if any(flag(row) for row in board.rows.values()):
         lines += ["", f"† fewer than {FEWEST_RUNS} training runs."]
     for track in board.tracks:
-        scenarios = board.cells[REFERENCE, track].scenarios
+        scenarios = board.cells[TRACKS[track].reference, track].scenarios
         lines += [
             "",
             f"## {track}",
@@ -176,8 +182,7 @@ def markdown(board: Board) -> str:
         "## How to read it",
         "",
         "- error, IQM: interquartile mean of the scenarios' errors.",
-        f"- against {REFERENCE}: interquartile mean of the paired differences over that of `{REFERENCE}`; below 0 is",
-        "  better.",
+        "- against another one: interquartile mean of the paired differences over that of this row; below 0 is better.",
         "- P(better): probability that the error on a scenario is below the reference's.",
         "- The other columns are medians, but for violations and unsolved QPs, which are means a scenario.",
         *(f"- {heading}: {METRICS[name].doc}." for name, heading in headings),

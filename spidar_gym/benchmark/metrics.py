@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from spidar_gym.benchmark.track import CAP
+from spidar_gym.benchmark.track import BOTH, CAP, FLIGHT, GROUND
 from spidar_gym.errors import InvalidValueError
 
-FLIGHT, GROUND = "flight", "ground"
 WORD = 200
 """Longest word on a failure, in characters."""
 
@@ -23,12 +22,12 @@ class Metric:
     """`float`, `int`, `bool`, or `str`: just this type."""
     most: float = 1.0
     """Largest value: far beyond what an episode can give, and near enough that no sum of them overflows."""
-    worlds: tuple[str, ...] = (FLIGHT, GROUND)
-    """Where it has a meaning; None elsewhere."""
+    worlds: tuple[str, ...] = (FLIGHT, GROUND, BOTH)
+    """Where it has a meaning; elsewhere it is None in a flight and on the ground, and not told of a course."""
     least: float = 0.0
     """Smallest value: above 0 where others are divided by it."""
-    spread: tuple[float, float] = (0.0, 0.0)
-    """How far rounding may move it in a flight and on the ground: see `METRICS`."""
+    spread: Mapping[str, float] = field(default_factory=dict)
+    """How far rounding may move it in each world: see `METRICS`."""
 
     @property
     def expected(self) -> str:
@@ -39,12 +38,12 @@ class Metric:
             return f"a line of at most {WORD} characters"
         return f"a {'whole ' if self.kind is int else ''}number within {self.least:g} … {self.most:g}"
 
-    def admits(self, value: object, *, flies: bool, failed: bool) -> bool:
-        """Whether it may be this, in a flight or on the ground, in a scenario that failed or in another one.
+    def admits(self, value: object, *, world: str, failed: bool) -> bool:
+        """Whether it may be this, in a flight, on the ground or on a course, in a scenario that failed or another one.
 
         A simulation that diverged has failed, and leaves numbers that are none.
         """
-        if (FLIGHT if flies else GROUND) not in self.worlds:
+        if world not in self.worlds:
             return value is None
         if value is None:
             return self.kind is float and failed
@@ -55,47 +54,70 @@ class Metric:
         return isinstance(value, int | float) and bool(self.least <= value <= self.most)
 
 
+def _spread(flight: float = 0.0, ground: float = 0.0, course: float = 0.0) -> dict[str, float]:
+    return {FLIGHT: flight, GROUND: ground, BOTH: course}
+
+
 METRICS: dict[str, Metric] = {
-    "error": Metric("the track's error, on which the score rests", float, CAP, least=1e-300, spread=(1e-06, 0.001)),
+    "error": Metric(
+        "the track's error, on which the score rests", float, CAP, least=1e-300, spread=_spread(1e-06, 0.001)
+    ),
     "success": Metric("`info['is_success']` in the end", bool),
     "failed": Metric("ended early, late at a form, or not finished: costs the cap", bool),
     "failure": Metric("why, in words", str),
     "position_rms_m": Metric(
-        "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=(1e-05, 0.0)
+        "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=_spread(1e-05, 0.0)
     ),
     "attitude_rms_rad": Metric(
-        "RMS of ‖attitude error‖ after the first second; on the ground of the tilt",
+        "RMS of ‖attitude error‖ after the first second; on the ground and on a course of the tilt",
         float,
         math.tau,
-        spread=(1e-05, 0.0003),
+        spread=_spread(1e-05, 0.0003),
     ),
     "joint_rms_rad": Metric(
         "RMS over the joints of the scenario's plan − measured; ground: setpoint − measured",
         float,
         math.tau,
-        spread=(2e-06, 5e-04),
+        (FLIGHT, GROUND),
+        spread=_spread(2e-06, 5e-04),
     ),
     "late_forms": Metric("flight: forms not reached within 0.5 s after their deadline", int, 100.0, (FLIGHT,)),
-    "final_error_m": Metric("ground: distance from the goal in the end", float, 10.0, (GROUND,), spread=(0.0, 5e-05)),
-    "final_yaw_rad": Metric("ground: |heading error| in the end", float, math.tau, (GROUND,), spread=(0.0, 1e-4)),
+    "final_error_m": Metric(
+        "ground, course: distance from the goal in the end", float, 100.0, (GROUND, BOTH), spread=_spread(0.0, 5e-05)
+    ),
+    "final_yaw_rad": Metric(
+        "ground, course: |heading error| in the end", float, math.tau, (GROUND, BOTH), spread=_spread(0.0, 1e-4)
+    ),
     "drift": Metric(
-        "ground: final error over the way, a radian counting 0.5 m", float, 100.0, (GROUND,), spread=(0.0, 1e-4)
+        "ground: final error over the way, a radian counting 0.5 m", float, 100.0, (GROUND,), spread=_spread(0.0, 1e-4)
     ),
     "slip_m": Metric(
-        "ground: way of the worst foot's touching point on the floor", float, 100.0, (GROUND,), spread=(0.0, 0.003)
+        "ground: way of the worst foot's touching point on the floor",
+        float,
+        100.0,
+        (GROUND,),
+        spread=_spread(0.0, 0.003),
     ),
-    "duration_s": Metric("flown, or until the crawl was finished", float, 100.0, spread=(0.026, 0.026)),
-    "energy_wh": Metric("electrical energy", float, 1e3, spread=(1e-06, 0.04)),
-    "endurance_min": Metric("predicted from the mean power", float, 1e6, spread=(1e-06, 0.1)),
-    "cost_of_transport": Metric("ground: energy over weight times way", float, 1e6, (GROUND,), spread=(0.0, 1.5)),
-    "thrust_mean": Metric("mean commanded Σλ over the weight", float, 10.0, spread=(1e-07, 0.0003)),
-    "torque_share": Metric("largest |joint torque| over the servo's limit", float, 10.0, spread=(1e-05, 5e-05)),
+    "duration_s": Metric(
+        "flown, or until the crawl or the course was finished", float, 1e3, spread=_spread(0.026, 0.026)
+    ),
+    "energy_wh": Metric("electrical energy", float, 1e3, spread=_spread(1e-06, 0.04)),
+    "endurance_min": Metric("predicted from the mean power", float, 1e6, spread=_spread(1e-06, 0.1)),
+    "cost_of_transport": Metric(
+        "ground: energy over weight times way", float, 1e6, (GROUND,), spread=_spread(0.0, 1.5)
+    ),
+    "thrust_mean": Metric("mean commanded Σλ over the weight", float, 10.0, spread=_spread(1e-07, 0.0003)),
+    "torque_share": Metric("largest |joint torque| over the servo's limit", float, 10.0, spread=_spread(1e-05, 5e-05)),
     "violations": Metric(
         "share of ticks with a static joint torque above the limit or a rotor that blows on another",
         float,
-        spread=(0.0025, 0.0025),
+        worlds=(FLIGHT, GROUND),
+        spread=_spread(0.0025, 0.0025),
     ),
-    "unsolved": Metric("ticks whose QP had no optimum", int, 1e5),
+    "unsolved": Metric("ticks whose QP had no optimum; of a course the last of every step counts", int, 1e5),
+    "flown_s": Metric("course: time with the weight on the rotors, or on its way there", float, 1e3, (BOTH,)),
+    "crawled_s": Metric("course: time of crawling", float, 1e3, (BOTH,)),
+    "hit_n": Metric("course: largest force on anything but feet and pegs", float, 1e6, (BOTH,)),
 }
 """Every number of an episode, by name, which ends in its unit where it has one.
 
@@ -110,31 +132,38 @@ flight and on the ground: error 1.5e-9, 3.3e-5; position 3.5e-7 m; attitude 2.5e
 """
 
 
-def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, flies: bool) -> dict[str, float]:
+def told_in(world: str) -> dict[str, Metric]:
+    """What is told of an episode there: rows of flights and crawls have all that either of them knows."""
+    others = (FLIGHT, GROUND) if world in (FLIGHT, GROUND) else (world,)
+    return {name: metric for name, metric in METRICS.items() if set(others) & set(metric.worlds)}
+
+
+def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, world: str) -> dict[str, float]:
     """How far each metric that is not equal has moved, as a share of its `spread`; infinity where none is allowed."""
     found = {}
-    for name, metric in METRICS.items():
+    for name, metric in told_in(world).items():
         a, b = then[name], now[name]
         if a != b:
-            spread = metric.spread[0 if flies else 1]
+            spread = metric.spread.get(world, 0.0)
             numbers = isinstance(a, float) and isinstance(b, float) and spread > 0.0
             found[name] = abs(a - b) / spread if numbers else math.inf
     return found
 
 
-def check_metrics(metrics: Mapping[str, Any], *, flies: bool) -> None:
-    """Refuse what no episode of a flight or of a crawl can have given.
+def check_metrics(metrics: Mapping[str, Any], *, world: str) -> None:
+    """Refuse what no episode of a flight, of a crawl or of a course can have given.
 
     Raises:
         InvalidValueError: For a metric that is missing, too many, of another type, out of its range, or at odds with
             the others.
     """
-    if set(metrics) != set(METRICS):
-        odd = sorted(set(metrics) ^ set(METRICS))[:3]
-        raise InvalidValueError("metrics", odd, f"all of {', '.join(METRICS)}, and no others")
+    known = told_in(world)
+    if set(metrics) != set(known):
+        odd = sorted(set(metrics) ^ set(known))[:3]
+        raise InvalidValueError("metrics", odd, f"all of {', '.join(known)}, and no others")
     failed = metrics["failed"] is True
-    for name, metric in METRICS.items():
-        if not metric.admits(metrics[name], flies=flies, failed=failed):
+    for name, metric in known.items():
+        if not metric.admits(metrics[name], world=world, failed=failed):
             raise InvalidValueError(name, metrics[name], metric.expected)
     if failed and (metrics["success"] or metrics["error"] != CAP):
         raise InvalidValueError("error", metrics["error"], f"{CAP:g} and no success where a scenario failed")

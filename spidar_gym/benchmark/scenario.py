@@ -12,9 +12,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS, Track, find_track
+from spidar_gym.benchmark.track import BOTH, GROUND, SCENARIOS, SPLITS, TRACKS, Track, find_track
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.course.task import CourseTask, parse_course, plain_course
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
@@ -49,6 +50,8 @@ START = {
     "path": ([[float]], None),
 }  # fmt: skip
 """What stands in the start of a flight."""
+COURSE_START = {"gates": [list], "goal": [float], "tiles": [float], "dares": bool}
+"""What stands in that of a course."""
 HOVER_TICKS = 200
 """A robot has hovered in its wind for so long before the episode [ticks]."""
 
@@ -64,7 +67,8 @@ class Scenario:
     options: Mapping[str, Any]
     """Arguments of the environment beside the track's."""
     start: Mapping[str, Any] | None
-    """A flight's offset, goals with start and deadline, wrench with which the integrals begin, knots of its path."""
+    """A flight's offset, goals with start and deadline, wrench with which the integrals begin, knots of its path; the
+    gates, goal and tiles of a course."""
     disturbances: Mapping[str, Any]
     """What happens to the robot."""
     robot: str
@@ -92,10 +96,11 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
     if track.calm and rng.random() < track.calm:
         disturbances = {}
     start = None
-    if track.flies:
+    if track.world == BOTH:
+        start = _rounded(plain_course(CourseTask(**_own(CourseTask, track)).draw(rng)))
+    elif track.flies:
         kind = PathTask if track.env_id == PATH else HoverTask
-        own = {field.name: track.options[field.name] for field in fields(kind) if field.name in track.options}
-        task = kind(horizon_s=track.seconds, perturbation=OFFSET, **own)
+        task = kind(horizon_s=track.seconds, perturbation=OFFSET, **_own(kind, track))
         goals = [
             [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()]
             for goal in task.schedule(rng)
@@ -112,12 +117,13 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
     # Robot and wind are drawn by the environment; a flight's preload is what that robot needs at rest in that wind.
     env = make_env(track, scenario, {})
     env.reset(seed=seed, options=reset_options(scenario))
-    if start is not None:
-        assert isinstance(env, HoverEnv)
+    if isinstance(env, HoverEnv):
+        assert start is not None
         trim = env.compute_trim()
         if disturbances:
             trim[:3] -= _mean_air_force(track, scenario)
         start["trim"] = trim.round(3).tolist()
+    env.close()
     return Scenario(index, seed, options, start, disturbances, robot_digest(env.sampled_parameters))
 
 
@@ -136,6 +142,20 @@ def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
     force = np.mean([step.info["air_force"] for step in steps], axis=0)
     yaw = start["path"][0][4] if "path" in start else 0.0
     return force @ exp(np.array([0.0, 0.0, yaw])) if yaw else force
+
+
+def _own(kind: type[Any], track: Track) -> dict[str, Any]:
+    """The track's arguments that are those of its task."""
+    return {field.name: track.options[field.name] for field in fields(kind) if field.name in track.options}
+
+
+def _rounded(value: Any) -> Any:  # noqa: ANN401 - numbers, and lists and dictionaries of them
+    """All of its numbers to six digits."""
+    if isinstance(value, Mapping):
+        return {key: _rounded(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    return round(value, 6) + 0.0 if isinstance(value, float) else value
 
 
 def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -163,7 +183,9 @@ def make_env(track: Track, scenario: Scenario, arguments: Mapping[str, Any]) -> 
 def reset_options(scenario: Scenario) -> dict[str, Any]:
     """Options of `reset`."""
     options: dict[str, Any] = {"disturbances": dict(scenario.disturbances)}
-    return options if scenario.start is None else {"start": scenario.start, **options}
+    if scenario.start is None:
+        return options
+    return {"course" if "gates" in scenario.start else "start": scenario.start, **options}
 
 
 def scenario_text(name: str, split: str, *, on_scenario: Callable[[], object] = lambda: None) -> str:
@@ -228,7 +250,7 @@ def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...]
 def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
     """The scenario of an entry that has the form, where its numbers are some that the track can have."""
     start, drawn = entry["start"], ((entry["options"], track.ranges), (entry["disturbances"], track.disturbances))
-    fits = entry["index"] == index and 0 <= entry["seed"] < 2**31 and (start is not None) == track.flies
+    fits = entry["index"] == index and 0 <= entry["seed"] < 2**31 and (start is not None) == (track.world != GROUND)
     for values, ranges in drawn:
         none = values is entry["disturbances"] and track.calm > 0.0 and not values
         fits = fits and (none or values.keys() == ranges.keys())
@@ -236,7 +258,10 @@ def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
         fits = fits and all(low - 1e-6 <= values.get(key, low) <= high + 1e-6 for key, (low, high) in ranges.items())
     if not fits:
         raise BorderError(f"scenario {index} is none of its track")
-    if start is not None:
+    if track.world == BOTH:
+        require_form({**start}, COURSE_START, "start")
+        parse_course(start)
+    elif start is not None:
         require_form({"trim": None, "path": None, **start}, START, "start")
         if (FlightStart.parse(start).path is None) != (track.env_id != PATH):
             raise BorderError(f"scenario {index} is none of its track")

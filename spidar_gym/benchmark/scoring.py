@@ -11,6 +11,7 @@ from spidar_gym.benchmark.scenario import Scenario, check_drawn, make_env, reset
 from spidar_gym.benchmark.tally import EnvWatch, FleetWatch, Look, Tally
 from spidar_gym.benchmark.track import REST_S, Track, find_track
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.course.task import CourseProgress, parse_course
 from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
@@ -64,13 +65,18 @@ def play_scenario(
     place = f"{name}, scenario {scenario.index}"
     actor = Actor(policy, env.action_space.shape or (), place, limit_s=act_limit_s)
     steps = rollout(
-        env, actor, seed=scenario.seed, options=reset_options(scenario), ticks=_ticks(track), until_finished=False
+        env,
+        actor,
+        seed=scenario.seed,
+        options=reset_options(scenario),
+        ticks=_steps_of(track.seconds, env),
+        until_finished=False,
     )
     check_drawn(env.sampled_parameters, scenario, place)
-    look, tally = _watch(env), Tally(1, flies=track.flies)
+    look, tally = _watch(env), Tally(1)
     times: list[float] = []
     info: dict[str, Any] = {}
-    rest, only = round(REST_S * CONTROL_RATE), np.zeros(1, int)
+    rest, only = _steps_of(REST_S, env), np.zeros(1, int)
     for step in steps:
         info = step.info
         times.append(step.seconds)
@@ -131,25 +137,29 @@ def play_scenarios(
         fleet.disturb(k, Disturbances.parse(options["disturbances"]))
         if "start" in options:
             fleet.begin_with(k, FlightStart.parse(options["start"]))
+        if "course" in options:
+            fleet.go(k, parse_course(options["course"]))
         fleet.seed(k, np_random(scenario.seed)[0])
     fleet.reset()
     for k, scenario in enumerate(scenarios):
         draws = drawn(fleet, k) if track.options.get("randomization") else {}
         check_drawn(draws, scenario, f"{name}, scenario {scenario.index}")
     actor.reset_batch([scenario.seed for scenario in scenarios])
-    tally, times = _fly(fleet, FleetWatch(fleet, env.failures), actor, _ticks(track), flies=track.flies)
+    tally, times = _fly(
+        fleet, FleetWatch(fleet, env.failures), actor, _steps_of(track.seconds, env), _steps_of(REST_S, env)
+    )
     metrics = [tally.metrics(k, env.tell(fleet, k), _progress(fleet, k)) for k in range(count)]
     fleet.close()
     wall = time.perf_counter() - begin
     return [{"metrics": own, "timing": _timing(actor.times, times, wall, count)} for own in metrics]
 
 
-def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, ticks: int, *, flies: bool) -> tuple[Tally, list[float]]:
+def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, steps: int, rest_steps: int) -> tuple[Tally, list[float]]:
     """Step robots until everyone's episode is over; what was counted, and how long the steps took."""
     count = len(fleet.robots)
-    tally, times = Tally(count, flies=flies), list[float]()
-    rest, ids = np.full(count, round(REST_S * CONTROL_RATE)), np.arange(count)
-    for _ in range(ticks):
+    tally, times = Tally(count), list[float]()
+    rest, ids = np.full(count, rest_steps), np.arange(count)
+    for _ in range(steps):
         # A copy: what a policy does to its observations changes nothing.
         fleet.actions[:] = actor.act_batch(fleet.observations.copy())
         begin = time.perf_counter()
@@ -172,8 +182,9 @@ def _arguments(policy: Policy, name: str, track: Track, control: str) -> dict[st
     return {**arguments, "control": "python" if "allocator" in arguments else control}
 
 
-def _ticks(track: Track) -> int:
-    return round(track.seconds * CONTROL_RATE)
+def _steps_of(seconds: float, env: SpidarEnv) -> int:
+    """How many steps of an environment take so long."""
+    return round(seconds * CONTROL_RATE / env.hold)
 
 
 def _watch(env: SpidarEnv) -> Callable[[dict[str, Any]], Look]:
@@ -184,10 +195,12 @@ def _watch(env: SpidarEnv) -> Callable[[dict[str, Any]], Look]:
     return lambda _: watch.look(only)
 
 
-def _progress(fleet: Fleet, robot: int) -> Progress | CrawlProgress:
+def _progress(fleet: Fleet, robot: int) -> Progress | CrawlProgress | CourseProgress:
     """How far a robot's episode has come."""
     record = fleet.robots[robot]
-    return Progress.read(record, fleet.goals[robot]) if fleet.kind == "hover" else CrawlProgress.read(record)
+    if fleet.kind == "hover":
+        return Progress.read(record, fleet.goals[robot])
+    return (CourseProgress if fleet.kind == "coursing" else CrawlProgress).read(record)
 
 
 def _timing(acts: Sequence[float], steps: Sequence[float], wall: float, share: int) -> dict[str, Any]:

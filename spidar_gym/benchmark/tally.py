@@ -1,4 +1,4 @@
-"""What is counted of episodes, tick by tick: of an environment's, or of many side by side in the engine."""
+"""What is counted of episodes, step by step: of an environment's, or of many side by side in the engine."""
 
 import math
 from collections.abc import Sequence
@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.benchmark.metrics import METRICS
-from spidar_gym.benchmark.track import SETTLE_S, flight_error, ground_error
+from spidar_gym.benchmark.metrics import METRICS, told_in
+from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, SETTLE_S, course_error, flight_error, ground_error
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.course.env import CourseEnv
+from spidar_gym.envs.course.task import CourseProgress
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.envs.env import SpidarEnv
@@ -38,18 +40,18 @@ _REST = PROGRAMS.index("rest")
 
 @dataclass(frozen=True)
 class Look:
-    """What is seen of N robots after a tick."""
+    """What is seen of N robots after a step."""
 
     diverged: np.ndarray
     """Whether nothing in it is a number (N,)."""
     finished: np.ndarray
-    """Whether a crawl has arrived (N,)."""
+    """Whether a crawl or a course has arrived (N,)."""
     position: np.ndarray
     """Position error of a flight, world (N, 3) [m]; zeros on the ground."""
     attitude: np.ndarray
-    """Attitude error of a flight (N, 3), tilt of a crawl (N, 1) [rad]."""
+    """Attitude error of a flight (N, 3), tilt of a crawl or on a course (N, 1) [rad]."""
     joints: np.ndarray
-    """Planned less true joint angles (N, 16) [rad]."""
+    """Planned less true joint angles (N, 16) [rad]; zeros on a course."""
     joint_torque: np.ndarray
     """Torque of the servos (N, 16) [Nm]."""
     torque_limit: np.ndarray
@@ -59,7 +61,7 @@ class Look:
     unsolved: np.ndarray
     """Whether the allocation has no answer (N,)."""
     breaks: np.ndarray
-    """Whether a constraint is broken (N,)."""
+    """Whether a constraint is broken (N,); never on a course."""
 
 
 class EnvWatch:
@@ -79,6 +81,9 @@ class EnvWatch:
             position, attitude = info["position_error"], info["attitude_error"]
             wanted = env.progress.plan()
             broken = broken or (info["failure"] != "diverged" and self._interferes(env))
+        elif isinstance(env, CourseEnv):
+            attitude, finished, broken = np.array([info["tilt_rad"]]), info["finished"], False
+            wanted = state.joint_position
         else:
             assert isinstance(env, CrawlEnv)
             attitude, finished = np.array([info["tilt_rad"]]), info["finished"]
@@ -129,6 +134,9 @@ class FleetWatch:
             position, attitude, finished = infos["position_error"], infos["attitude_error"], np.zeros(len(ids), bool)
             wanted = self._watches["planned"][ids]
             breaks |= self._watches["interferes"][ids] > 0
+        elif fleet.kind == "coursing":
+            position, attitude, finished = np.zeros((len(ids), 3)), infos["tilt_rad"][:, None], infos["finished"]
+            wanted, breaks = plant["state"]["joint_position"][ids], np.zeros(len(ids), bool)
         else:
             crawl = robots["crawl"]
             position, attitude, finished = np.zeros((len(ids), 3)), infos["tilt_rad"][:, None], infos["finished"]
@@ -144,9 +152,8 @@ class FleetWatch:
 class Tally:
     """Counts N episodes: what one adds up to depends neither on N nor on the others."""
 
-    def __init__(self, robots: int, *, flies: bool) -> None:
+    def __init__(self, robots: int) -> None:
         """Begin at nothing."""
-        self._flies = flies
         self.ticks = np.zeros(robots, int)
         self._numbers = np.zeros(robots, int)
         self._squares: list[tuple[np.ndarray, ...]] = []
@@ -154,7 +161,7 @@ class Tally:
         self._violations, self._unsolved = np.zeros(robots, int), np.zeros(robots, int)
 
     def count(self, look: Look, ids: np.ndarray) -> None:
-        """Count a tick of some of them, which all those before it were counted of."""
+        """Count a step of some of them, which all those before it were counted of."""
         self.ticks[ids] += 1
         good = ~look.diverged
         if not good.all():
@@ -173,10 +180,17 @@ class Tally:
         self._thrust[ids] += np.where(under_way, _sum(look.thrust_command) / ROBOT.weight, 0.0)
         self._violations[ids] += under_way & look.breaks
 
-    def metrics(self, robot: int, info: dict[str, Any], progress: Progress | CrawlProgress) -> dict[str, Any]:
+    def metrics(
+        self, robot: int, info: dict[str, Any], progress: Progress | CrawlProgress | CourseProgress
+    ) -> dict[str, Any]:
         """The `METRICS` by name (None where one has no meaning) of an episode that is over, from its last `info`."""
-        own = self._flight(robot, info, progress) if isinstance(progress, Progress) else _crawl(info, progress)
         counted = int(self.ticks[robot])
+        if isinstance(progress, Progress):
+            world, own = FLIGHT, self._flight(robot, info, progress)
+        elif isinstance(progress, CrawlProgress):
+            world, own = GROUND, _crawl(info, progress)
+        else:
+            world, own = BOTH, _course(info, progress)
         if isinstance(progress, CrawlProgress) and progress.finished:
             counted = max(1, round(progress.finished * CONTROL_RATE))
         both = {
@@ -190,7 +204,8 @@ class Tally:
             "violations": int(self._violations[robot]) / counted,
             "unsolved": int(self._unsolved[robot]),
         }
-        found: dict[str, Any] = {**dict.fromkeys(METRICS), **own, **both}
+        every = {**both, **own}
+        found = {name: every.get(name) for name in told_in(world)}
         # What a simulation that diverged leaves behind is no number.
         return {k: None if isinstance(v, float) and not v <= METRICS[k].most else v for k, v in found.items()}
 
@@ -229,6 +244,24 @@ def _crawl(info: dict[str, Any], progress: CrawlProgress) -> dict[str, Any]:
         "slip_m": info["foot_slip_m"],
         "duration_s": float(info["time_s"]),
         "cost_of_transport": info["cost_of_transport"],
+    }
+
+
+def _course(info: dict[str, Any], progress: CourseProgress) -> dict[str, Any]:
+    """What only courses have."""
+    x, y, yaw = info["goal_error"].tolist()
+    seconds, way, hit = float(info["time_s"]), progress.initial_distance, float(info["most_hit_n"])
+    failed = bool(info["failure"]) or not info["finished"]
+    return {
+        "error": course_error(seconds / way, info["energy_wh"] / way, progress.distance, hit, failed=failed),
+        "failed": failed,
+        "failure": info["failure"] or ("" if info["finished"] else "late"),
+        "final_error_m": math.hypot(x, y),
+        "final_yaw_rad": abs(yaw),
+        "duration_s": seconds,
+        "flown_s": float(info["flown_s"]),
+        "crawled_s": float(info["crawled_s"]),
+        "hit_n": hit,
     }
 
 

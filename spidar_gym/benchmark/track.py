@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from spidar_gym.envs.registry import CRAWL, HOVER, PATH
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.errors import require_name
 
 CAP = 5.0
@@ -17,15 +17,20 @@ SPLITS = ("test", "validation")
 SETTLE_S = 1.0
 """RMS errors of a flight count from here on [s]."""
 REST_S = 1.0
-"""A crawl is watched for so long after it is finished [s]."""
+"""A crawl or a course is watched for so long after it is finished [s]."""
 POSITION_SCALE, ATTITUDE_SCALE = 0.05, 0.05
 """A flight with these RMS errors [m], [rad] has error 1: the limits of `is_success`."""
 REST_SCALE, ENERGY_SCALE = 0.02, 20.0
 """A crawl that ends this far from the goal [m, a radian counts 0.5 m] and takes this much energy [Wh/m] has error 1."""
-
-
-GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path"}
+TIME_SCALE, WAY_SCALE, MISS_SCALE, HIT_SCALE = 10.0, 5.0, 0.03, 20.0
+"""A course that takes this much time [s/m] and energy [Wh/m] for the way from start to goal, ends this far from the
+goal [m, a radian counts 0.5 m] and hits something with this force [N] has error 1."""
+FLIGHT, GROUND, BOTH = "flight", "ground", "course"
+"""Where a track is: in the air, on the floor, or both."""
+GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course"}
 """Environment → group of its tracks. The scores of `flight` and of `ground` are summed up, each in one."""
+REFERENCES = {"flight": "qp", "ground": "qp", "path": "qp", "course": "course_rule"}
+"""Group → the row that scores refer to."""
 
 
 @dataclass(frozen=True)
@@ -48,18 +53,33 @@ class Track:
     """Share of the scenarios that have none of them."""
 
     @property
+    def world(self) -> str:
+        """One of FLIGHT, GROUND and BOTH."""
+        return {CRAWL: GROUND, COURSE: BOTH}.get(self.env_id, FLIGHT)
+
+    @property
     def flies(self) -> bool:
         """Whether it is a flight."""
-        return self.env_id != CRAWL
+        return self.world == FLIGHT
 
     @property
     def group(self) -> str:
-        """Tracks of one environment: `flight`, `ground`, or `path`."""
+        """Tracks of one environment: `flight`, `ground`, `path`, or `course`."""
         return GROUPED[self.env_id]
+
+    @property
+    def reference(self) -> str:
+        """The row that its scores refer to."""
+        return REFERENCES[self.group]
 
     @property
     def formula(self) -> str:
         """Error of a scenario, in words."""
+        if self.world == BOTH:
+            return (
+                f"¼ (time per metre / {TIME_SCALE:g} s/m + energy per metre / {WAY_SCALE:g} Wh/m + final error / "
+                f"{MISS_SCALE:g} m + largest contact force / {HIT_SCALE:g} N), a radian counts 0.5 m"
+            )
         if self.flies:
             return f"½ (position RMS / {POSITION_SCALE:g} m + attitude RMS / {ATTITUDE_SCALE:g} rad)"
         return f"½ (final error / {REST_SCALE:g} m + energy per metre / {ENERGY_SCALE:g} Wh/m), a radian counts 0.5 m"
@@ -119,6 +139,20 @@ TRACKS: dict[str, Track] = {
         PATH, 20.0, {**_REAL, "forms": "independent", "joint_speed": 0.2},
         disturbances={"wind": (1.0, 3.0)}, calm=0.5,
     ),
+    "course-takeoff": Track(
+        "take off, over a wall, land, crawl to the mark; robots drawn at strength 1, real sensors, wind of 1 … 2 m/s",
+        COURSE, 300.0,
+        {"sensors": True, "randomization": 1.0, "gates": ("wall",), "floors": ("plain",), "count": (1, 1)},
+        disturbances={"wind": (1.0, 2.0)},
+    ),
+    "course-gates": Track(
+        "over walls and, in a narrow form, through slots; robots drawn at strength 0.3, real sensors", COURSE, 300.0,
+        {**_REAL, "gates": ("wall", "slot"), "floors": ("plain",), "count": (2, 3)},
+    ),
+    "course-mixed": Track(
+        "walls, beams, slots, the goal on a plain floor, platform, tiles or slope; robots drawn at strength 1, real "
+        "sensors", COURSE, 300.0, {"sensors": True, "randomization": 1.0},
+    ),
 }  # fmt: skip
 """Every track by id."""
 
@@ -150,3 +184,17 @@ def ground_error(rest: float, energy_per_m: float, *, failed: bool) -> float:
         failed: Whether it ended early or was not finished in time.
     """
     return CAP if failed else min(CAP, 0.5 * (rest / REST_SCALE + energy_per_m / ENERGY_SCALE))
+
+
+def course_error(seconds_per_m: float, energy_per_m: float, rest: float, hit: float, *, failed: bool) -> float:
+    """Error of a course: ¼ (time / 10 s/m + energy / 5 Wh/m + final error / 0.03 m + contact / 20 N), `CAP` at most.
+
+    Args:
+        seconds_per_m: Time over the way from start to goal, a radian counting 0.5 m [s/m].
+        energy_per_m: Energy over that way [Wh/m].
+        rest: Distance from the goal in the end, a radian counting 0.5 m [m].
+        hit: Largest force on anything but feet and pegs [N].
+        failed: Whether it ended early or did not lie at the goal in time: it costs the cap.
+    """
+    error = 0.25 * (seconds_per_m / TIME_SCALE + energy_per_m / WAY_SCALE + rest / MISS_SCALE + hit / HIT_SCALE)
+    return CAP if failed else min(CAP, error)

@@ -129,7 +129,7 @@ def verify(
 
 def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], conditions: str) -> Check:
     then = {name: values[k] for name, values in row.part(track).content["tracks"][track]["runs"][run].items()}
-    moved = differences(then, metrics, flies=TRACKS[track].flies)
+    moved = differences(then, metrics, world=TRACKS[track].world)
     where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
     check = Check(row.name, f"{where}, equal", conditions, moved)
     if check.equal:

@@ -20,7 +20,6 @@ from spidar_gym.benchmark.row import (
     ROWS,
     Row,
     among_committed,
-    committed_row,
     committed_rows,
     eval_command,
     make_row,
@@ -32,7 +31,7 @@ from spidar_gym.benchmark.row import (
 )
 from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
-from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
+from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, SPLITS, TRACKS
 from spidar_gym.cli.arguments import Flag, JsonArg, choice
 from spidar_gym.cli.console import goes_on, kept, progress
 from spidar_gym.cli.held_out import held_out
@@ -48,6 +47,8 @@ BASELINES = (
     "baselines.pinv:Pinv", "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPTunedV1",
     "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
     "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.hold:Hold",
+    "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
+    "baselines.course_planner:CoursePlanner",
 )  # fmt: skip
 """The classical baselines of a checkout."""
 
@@ -103,12 +104,12 @@ def eval_(
         row = make_row(policies, specs, scores, command=eval_command(specs, tracks, split, scenarios))
         write_row(row, out)
         rows.append(row)
-    base = next((row for row in rows if row.name == "qp"), None) or committed_row()
+    references = committed_rows() | {row.name: row for row in rows if row.name in REFERENCES.values()}
     if json:
-        print(json_text({"rows": [summary(row, base) for row in rows]}))
+        print(json_text({"rows": [summary(row, references) for row in rows]}))
         return
     for row in rows:
-        print(report(row, base))
+        print(report(row, references))
         print(f"written to {out / (row.name + '.json')}\n")
 
 

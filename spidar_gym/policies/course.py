@@ -1,5 +1,6 @@
 """Policies on a course that say where to go: what they see, as a map, and the action of what they answer."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from spidar_gym.control.course.gates import FARTHEST, HALF_WIDTH, KINDS, Course, Gate
 from spidar_gym.control.course.observation import AHEAD, FAR, course_layout
 from spidar_gym.control.course.rule import course_rule
-from spidar_gym.control.course.target import ACTION, Target
+from spidar_gym.control.course.target import ACTION, Target, take_target
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.path import wrap
 from spidar_gym.control.locomotion.orders import PHASES
@@ -52,6 +53,8 @@ class Sight:
         """Height of the goal's floor [m]."""
         self.charge = float(seen["charge"][0])
         """What is left of the battery."""
+        self.target = _target(seen["target"], seen["previous_action"], self.position_w)
+        """Where it was told to go last, if anywhere."""
 
 
 def _gate(row: np.ndarray, y: float) -> Gate | None:
@@ -60,6 +63,16 @@ def _gate(row: np.ndarray, y: float) -> Gate | None:
         return None
     kind = KINDS[int(np.argmax(row[: len(KINDS)]))]
     return Gate(kind, HERE + begin, HERE + end, size, min(max(middle + y, -HALF_WIDTH), HALF_WIDTH))
+
+
+def _target(row: np.ndarray, action: np.ndarray, position_w: np.ndarray) -> Target | None:
+    """What is followed now: places as they are told, the rest as the last action said."""
+    is_there, flies, *way = row.tolist()
+    if not is_there:
+        return None
+    said = take_target(action, Course(goal=Pose2(HERE)), position_w)
+    x, y, z = (position_w + way).tolist()
+    return replace(said, flies=flies > 0.5, x=x, y=y, z=z)
 
 
 class CoursePolicy(PresetPolicy):

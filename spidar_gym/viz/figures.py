@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.leaderboard import Board, ranking
-from spidar_gym.benchmark.row import REFERENCE
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, PAPER_FLIGHT, UNRESTRICTED, FlightLog
@@ -218,8 +217,8 @@ def leaderboard_picture(board: Board, path: Path) -> None:
                 axis.plot([score.value], [y], mark, color=color, markersize=4)
             axis.set_yticks(range(len(ranked[track])), ranked[track])
             for label, name in zip(axis.get_yticklabels(), ranked[track], strict=True):
-                label.set_color(BLACK if name == REFERENCE else CLASSES[board.rows[name].kind][0])
-                label.set_fontweight("bold" if name == REFERENCE else "normal")
+                label.set_color(BLACK if name == TRACKS[track].reference else CLASSES[board.rows[name].kind][0])
+                label.set_fontweight("bold" if name == TRACKS[track].reference else "normal")
             axis.set_ylim(len(ranked[track]) - 0.4, -0.6)
             axis.tick_params(axis="y", length=0)
             axis.set_xscale("log")
@@ -229,7 +228,7 @@ def leaderboard_picture(board: Board, path: Path) -> None:
             axis.minorticks_off()
             axis.grid(axis="y", visible=False)
     figure.supxlabel(
-        f"score: mean error of {REFERENCE} over one's own, 95 % interval, log scale; right of 1 is better", fontsize=8
+        "score: mean error of the black row over one's own, 95 % interval, log scale; right of 1 is better", fontsize=8
     )
     kinds = [kind for kind in CLASSES if any(row.kind == kind for row in board.rows.values())]
     handles = [

@@ -42,6 +42,10 @@ FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
 """Moments of the paper's flight [s]."""
 
 
+BY_RULE: dict[str, Any] = {"action_mode": "residual", "hold": DECIDE}
+"""Arguments of a course on which the zero action is the rule."""
+
+
 def gallery() -> dict[str, Callable[[Path], object]]:
     """Every picture of the guide that a command can draw: name → what draws it at a path."""
     drawings: dict[str, Callable[[Path], object]] = {
@@ -96,19 +100,27 @@ def cameras(env_id: str, path: Path) -> None:
 
 def course_strip(path: Path) -> None:
     """The rule on a course: over a wall, under a beam, through a slot, at the goal on a platform."""
-    env = gymnasium.make(COURSE, course=SHOWN, action_mode="residual", hold=DECIDE, charge=1.0).unwrapped
+    env = gymnasium.make(COURSE, course=SHOWN, **BY_RULE, charge=1.0).unwrapped
     assert isinstance(env, CourseEnv)
+    _passages(env, path, seed=0)
+
+
+def _passages(env: CourseEnv, path: Path, *, seed: int, options: dict[str, Any] | None = None) -> None:
+    """An episode by the rule: how each gate is passed, and at the goal."""
     rows: list[tuple[np.ndarray, np.ndarray]] = []
-    for step in rollout(env, seed=0, ticks=env.horizon):
+    for step in rollout(env, seed=seed, options=options, ticks=env.horizon):
         rows.append((env.plant.data.qpos.copy(), step.info["thrust"]))
-        if step.info["is_success"]:
-            break
     places = np.array([qpos[0] for qpos, _ in rows])
-    shots = []
-    for gate in SHOWN.gates:
-        tick = int(np.abs(places - 0.5 * (gate.begin + gate.end)).argmin()) if gate.is_passed else len(rows) - 1
-        words = {"wall": "over", "beam": "under", "slot": "through", "platform": "at the goal"}[gate.kind]
-        shots.append(Shot(f"{words}, {tick * DECIDE / CONTROL_RATE:.0f} s", *rows[tick]))
+    words = {"wall": "over", "beam": "under", "slot": "through"}
+    moments = [
+        (words[gate.kind], int(np.abs(places - 0.5 * (gate.begin + gate.end)).argmin()))
+        for gate in env.course.gates
+        if gate.is_passed
+    ]
+    shots = [
+        Shot(f"{word}, {tick * DECIDE / CONTROL_RATE:.0f} s", *rows[tick])
+        for word, tick in (*moments, ("at the goal", len(rows) - 1))
+    ]
     pictures = []
     for shot in shots:  # each from where its robot is near
         stage = Stage(standing(extent(shot.qpos[None]), SIZE[0] / SIZE[1], AROUND), *SIZE, env.plant.config.ground)
@@ -119,9 +131,12 @@ def course_strip(path: Path) -> None:
 
 
 def track_strip(track: str, path: Path) -> None:
-    """The paper's controller in the first test scenario of a track: beginning, middle and end."""
+    """The paper's controller in the first test scenario of a track: beginning, middle and end; the rule on a course."""
     scenario = load_scenarios(track)[0][0]
-    env = make_env(TRACKS[track], scenario, {})
+    env = make_env(TRACKS[track], scenario, BY_RULE if TRACKS[track].env_id == COURSE else {})
+    if isinstance(env, CourseEnv):
+        _passages(env, path, seed=scenario.seed, options=reset_options(scenario))
+        return
     steps = rollout(
         env, seed=scenario.seed, options=reset_options(scenario), ticks=round(TRACKS[track].seconds * CONTROL_RATE)
     )

@@ -35,6 +35,10 @@ def qp(tracks=(FLIGHT, GROUND), **options):
     return made_row({track: [errors(seed=k)] for k, track in enumerate(tracks)}, "qp", **options)
 
 
+PAPERS = [name for name, track in TRACKS.items() if track.reference == "qp"]
+"""Tracks on which scores refer to the paper's controller."""
+
+
 def board_of(*rows):
     return tabulate({row.name: row for row in rows})
 
@@ -148,14 +152,14 @@ def test_rows_and_tracks_have_draws_of_their_own():
 
 
 def test_an_overall_score_is_the_geometric_mean_and_only_where_no_track_of_the_group_is_missing():
-    base = qp(TRACKS)
+    base = qp(PAPERS)
 
     def row(name, tracks):
         """Halves the error on the first track, quarters it on the next …"""
         return made_row({t: [(0.5**k * base.errors(t)[0]).tolist()] for k, t in enumerate(tracks, 1)}, name)
 
     flights, ground = GROUPS["flight"], GROUPS["ground"]
-    board = board_of(base, row("flier", flights), row("walker", ground), row("half", flights[1:]), row("both", TRACKS))
+    board = board_of(base, row("flier", flights), row("walker", ground), row("half", flights[1:]), row("both", PAPERS))
     assert set(board.overall) == {("qp", "flight"), ("qp", "ground"), ("flier", "flight"), ("walker", "ground"),
                                   ("both", "flight"), ("both", "ground")}  # fmt: skip
     for name, group in (("flier", "flight"), ("walker", "ground")):
@@ -181,13 +185,33 @@ def test_only_a_row_that_learned_with_fewer_than_five_runs_is_flagged(kind, runs
         assert "qp †" not in shown
 
 
+def test_on_courses_scores_refer_to_the_rule_and_to_nobody_else():
+    flown, walked = [1.0, 2.0, 4.0], [0.5, 1.0, CAP]
+    rule, other = (made_row({"course-mixed": [e]}, n) for e, n in ((flown, "course_rule"), (walked, "other")))
+    board = board_of(qp([FLIGHT]), rule, other)
+    assert board.cells["course_rule", "course-mixed"].score.value == 1.0
+    assert board.cells["other", "course-mixed"].score.value == pytest.approx(sum(flown) / sum(walked))
+    assert ("qp", "course-mixed") not in board.cells
+    assert not [key for key in board.overall if key[0] != "qp"]
+    page, said = markdown(board), report(other, {"qp": qp([FLIGHT]), "course_rule": rule})
+    lines = {line["policy"]: line for line in table(page, "course-mixed")}
+    assert lines["course_rule"]["against course_rule"] == ""
+    assert lines["other"]["against course_rule"].startswith(
+        f"{board.cells['other', 'course-mixed'].difference.value:+.0%}"
+    )
+    assert "course_rule" in lines_of(said, "course-mixed")[0].split()
+    with pytest.raises(RowError, match="no row course_rule"):
+        board_of(qp([FLIGHT]), other)
+    assert "there is no row course_rule" in report(other, {"qp": qp([FLIGHT])})
+
+
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
     """A board of rows that were written and read: three on all tracks, one on flights, one on a single track."""
     folder = tmp_path_factory.mktemp("rows")
-    base = qp(TRACKS)
+    base = qp(PAPERS)
     for name, scale, tracks in (
-        ("good", 0.5, TRACKS), ("bad", 3.0, TRACKS), ("flier", 0.8, GROUPS["flight"]), ("lone", 0.1, [GROUND]),
+        ("good", 0.5, PAPERS), ("bad", 3.0, PAPERS), ("flier", 0.8, GROUPS["flight"]), ("lone", 0.1, [GROUND]),
     ):  # fmt: skip
         scores = {track: [(scale * base.errors(track)[0]).tolist()] for track in tracks}
         write_row(made_row(scores, name, doc=f"Has {scale} of the error."), folder)
@@ -204,7 +228,7 @@ def test_tables_are_sorted_by_score_and_rows_without_an_overall_score_have_their
     assert (lone["policy"], lone["track"], lone["place"]) == ("lone", GROUND, "1 of 4")
     assert lone["score"] == cell_of_it["score"]
     assert "on some tracks only" not in markdown(board_of(full.rows["qp"], full.rows["good"]))
-    for track in TRACKS:
+    for track in PAPERS:
         scores = [float(line["score"].split()[0]) for line in table(page, track)]
         assert scores == sorted(scores, reverse=True)
     assert [line["policy"] for line in table(page, GROUND)] == ["lone", "good", "qp", "bad"]
@@ -234,7 +258,7 @@ def test_the_page_shows_what_the_cells_hold(full):
     assert overall["flier"]["ground"] == "–"
     assert overall["flier"]["… on ground"] == "–"
     assert overall["good"]["what it is"] == "Has 0.5 of the error."
-    for track in TRACKS:
+    for track in PAPERS:
         for line in table(page, track):
             c = full.cells[line["policy"], track]
             assert line["error, IQM"] == f"{c.error:.3f}"
@@ -251,8 +275,8 @@ def test_the_page_shows_what_the_cells_hold(full):
 
 def test_the_page_has_every_row_and_every_track_and_says_how_to_make_the_row_anew(full):
     page, shown = markdown(full), text(full, full.tracks)
-    assert full.tracks == list(TRACKS)
-    for track in TRACKS:
+    assert full.tracks == PAPERS
+    for track in PAPERS:
         assert {line["policy"] for line in table(page, track)} == {n for n in full.rows if (n, track) in full.cells}
         assert TRACKS[track].doc in shown
         assert TRACKS[track].formula in page
@@ -322,7 +346,7 @@ def test_the_page_says_what_the_training_cost(kind, training, words):
 def test_a_report_without_the_reference_has_errors_but_no_scores():
     own = made_row({FLIGHT: [[1.0, 4.0, 2.0, CAP]], GROUND: [[0.5, 0.7]]}, "own")
     strangers = made_row({"flight-wind": [[1.0]]}, "qp")
-    for said in (report(own, None), report(own, strangers)):
+    for said in (report(own, {}), report(own, {"qp": strangers})):
         assert "there is no row qp to compare it with" in said
         assert lines_of(said, FLIGHT)[0].split() == [FLIGHT, "3.000", "0%", "25%"]
         assert lines_of(said, GROUND)[0].split() == [GROUND, "0.600", "100%", "0%"]
@@ -330,13 +354,13 @@ def test_a_report_without_the_reference_has_errors_but_no_scores():
 
 
 def test_a_report_stands_beside_the_reference():
-    base = made_row({t: [[1.0, 0.5]] for t in TRACKS}, "qp")
+    base = made_row({t: [[1.0, 0.5]] for t in PAPERS}, "qp")
     own = made_row({t: [[0.5, 0.25]] for t in GROUPS["flight"]}, "own", doc="Half of it.")
-    said = report(own, base)
+    said = report(own, {"qp": base})
     assert said.startswith("own: Half of it.\n")
     for track in GROUPS["flight"]:
-        assert lines_of(said, track)[0].split() == [track, "2", "[2,", "2]", "0.375", "-50%", "[-50%,", "-50%]", "1.00",
-                                                    "100%", "0%", "50%"]  # fmt: skip
+        assert lines_of(said, track)[0].split() == [track, "2", "[2,", "2]", "0.375", "qp", "-50%", "[-50%,", "-50%]",
+                                                    "1.00", "100%", "0%", "50%"]  # fmt: skip
     assert lines_of(said, "all flight")[0].split() == ["all", "flight", "2", "[2,", "2]"]
     assert not lines_of(said, "all ground")
     assert not lines_of(said, GROUND)
@@ -344,13 +368,13 @@ def test_a_report_stands_beside_the_reference():
 
 def test_a_summary_names_both_rows_and_has_the_cells_of_the_board():
     base, own = qp(), made_row({FLIGHT: [errors(0.5, seed=3)], GROUND: [errors(0.5, seed=4)]}, "own")
-    found = json.loads(json.dumps(summary(own, base), allow_nan=False))
-    assert (found["sha256"], found["reference"]) == (own.content["sha256"], base.content["sha256"])
+    found = json.loads(json.dumps(summary(own, {"qp": base}), allow_nan=False))
+    assert (found["sha256"], found["reference"]) == (own.content["sha256"], {"qp": base.content["sha256"]})
     board = as_json(board_of(base, own))
     for part in (entry for entry in board["tracks"] if entry["policy"] == "own"):
         assert found["tracks"][part["track"]] == {k: v for k, v in part.items() if k not in ("policy", "track")}
-    assert summary(own, None)["reference"] is None
-    assert list(summary(own, None)["tracks"]) == [FLIGHT, GROUND]
+    assert summary(own, {})["reference"] is None
+    assert list(summary(own, {})["tracks"]) == [FLIGHT, GROUND]
 
 
 def test_a_residual_is_compared_with_the_controller_that_it_adds_to_and_with_no_other():

@@ -163,7 +163,8 @@ def test_flights_of_the_described_robot_drawn_again_are_the_committed_file(name,
         ("flight-randomised", "test", 0), ("flight-randomised", "validation", 49), ("flight-wind", "test", 7),
         ("ground-paper", "test", 0), ("ground-directions", "validation", 3), ("ground-friction", "test", 11),
         ("ground-uneven", "test", 2), ("ground-randomised", "test", 49), ("flight-path", "test", 1),
-        ("flight-path", "validation", 49),
+        ("flight-path", "validation", 49), ("course-takeoff", "test", 3), ("course-gates", "validation", 0),
+        ("course-mixed", "test", 49),
     ],
 )  # fmt: skip
 def test_a_scenario_drawn_again_is_the_committed_one(name, split, index):
@@ -196,13 +197,14 @@ def test_what_is_drawn_lies_within_the_tracks_ranges_and_fills_them(name, split)
 
 
 @pytest.mark.parametrize(("name", "split"), EVERY)
-def test_only_flights_have_a_start_and_only_robots_that_are_drawn_a_digest(name, split):
+def test_only_crawls_have_no_start_and_only_robots_that_are_drawn_a_digest(name, split):
     track, found = TRACKS[name], load_scenarios(name, split)[0]
     drawn = bool(track.options.get("randomization"))
     digests = {one.robot for one in found}
     assert len(digests) == (SCENARIOS if drawn else 1)
     assert ("" in digests) != drawn
-    assert all((one.start is not None) == track.flies for one in found)
+    assert all((one.start is not None) == (track.world != "ground") for one in found)
+    assert all(("gates" in one.start) == (track.world == "course") for one in found if one.start)
 
 
 @pytest.mark.parametrize("split", SPLITS)

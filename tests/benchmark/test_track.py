@@ -7,10 +7,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-from spidar_gym.benchmark import CRAWL, HOVER, TRACKS
-from spidar_gym.benchmark.track import CAP, find_track, flight_error, ground_error
+from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS
+from spidar_gym.benchmark.track import CAP, REFERENCES, course_error, find_track, flight_error, ground_error
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.course import task as course
 from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.envs.hover.task import SUCCESS_ATTITUDE, SUCCESS_POSITION
 from spidar_gym.envs.registry import PATH
@@ -20,13 +21,13 @@ from spidar_gym.sim.disturbances import Disturbances
 IDS = [
     "flight-paper", "flight-forms", "flight-fast3", "flight-fast5", "flight-randomised", "flight-wind",
     "flight-narrow", "ground-paper", "ground-directions", "ground-friction", "ground-uneven", "ground-randomised",
-    "flight-path",
+    "flight-path", "course-takeoff", "course-gates", "course-mixed",
 ]  # fmt: skip
 
 
 def by_words(formula: str, **numbers: float) -> float:
     """What a formula in words gives: its names replaced by numbers, its units left out."""
-    text = formula.split(", a radian")[0].replace("½", "0.5 *")
+    text = formula.split(", a radian")[0].replace("½", "0.5 *").replace("¼", "0.25 *")
     for name, number in numbers.items():
         assert name.replace("_", " ") in text
         text = text.replace(name.replace("_", " "), f"{number:.15f}")
@@ -51,10 +52,16 @@ def test_a_track_that_does_not_exist_is_refused_with_all_that_do(name):
 @pytest.mark.parametrize("name", IDS)
 def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name):
     track = TRACKS[name]
-    assert track.env_id == (PATH if name == "flight-path" else HOVER if name.startswith("flight-") else CRAWL)
-    assert track.flies == name.startswith("flight-")
-    assert track.group == ("path" if name == "flight-path" else name.split("-")[0])
-    assert track.formula == TRACKS["flight-paper" if track.flies else "ground-paper"].formula
+    world = name.split("-")[0]
+    assert track.env_id == (
+        PATH if name == "flight-path" else {"flight": HOVER, "ground": CRAWL, "course": COURSE}[world]
+    )
+    assert (track.world, track.flies) == (world, world == "flight")
+    assert track.group == ("path" if name == "flight-path" else world)
+    assert (
+        track.formula == TRACKS[{"flight": "flight-paper", "ground": "ground-paper"}.get(world, "course-gates")].formula
+    )
+    assert track.reference == REFERENCES[track.group] == ("course_rule" if world == "course" else "qp")
     assert track.doc
     assert "\n" not in track.doc
     assert sum(other.doc == track.doc for other in TRACKS.values()) == 1
@@ -101,7 +108,23 @@ def test_the_error_of_a_crawl_by_hand():
     assert ground_error(0.0, 0.0, failed=False) == 0.0
 
 
-@pytest.mark.parametrize("error", [flight_error, ground_error])
+def test_the_error_of_a_course_by_hand():
+    assert course_error(10.0, 5.0, 0.03, 20.0, failed=False) == pytest.approx(1.0)
+    assert course_error(20.0, 0.0, 0.0, 0.0, failed=False) == pytest.approx(0.5)
+    assert course_error(0.0, 2.5, 0.0, 0.0, failed=False) == pytest.approx(0.125)
+    assert course_error(0.0, 0.0, 0.015, 10.0, failed=False) == pytest.approx(0.25)
+    assert course_error(0.0, 0.0, 0.0, 0.0, failed=False) == 0.0
+
+
+def test_what_ends_a_course_or_is_no_success_counts_as_one_in_its_term():
+    assert course_error(0.0, 0.0, course.SUCCESS_POSITION, course.MAX_HIT, failed=False) == pytest.approx(0.5)
+
+
+def _course_error(rest: float, energy: float, *, failed: bool) -> float:
+    return course_error(0.0, energy, rest, 0.0, failed=failed)
+
+
+@pytest.mark.parametrize("error", [flight_error, ground_error, _course_error])
 def test_a_failure_costs_the_cap_and_nothing_costs_more(error):
     assert error(0.0, 0.0, failed=True) == CAP
     assert error(1e9, 1e9, failed=True) == CAP
@@ -118,6 +141,9 @@ def test_the_formulas_in_words_agree_with_the_numbers():
         assert flight_error(a, b, failed=False) == pytest.approx(flight, rel=1e-9)
         ground = by_words(TRACKS["ground-paper"].formula, final_error=a, energy_per_metre=100.0 * b)
         assert ground_error(a, 100.0 * b, failed=False) == pytest.approx(ground, rel=1e-9)
+        numbers = {"time_per_metre": 400.0 * a, "energy_per_metre": 100.0 * b, "final_error": a}
+        words = by_words(TRACKS["course-mixed"].formula, **numbers, largest_contact_force=100.0 * b)
+        assert course_error(400.0 * a, 100.0 * b, a, 100.0 * b, failed=False) == pytest.approx(words, rel=1e-9)
 
 
 def test_on_the_ground_a_radian_counts_what_the_formula_says():

@@ -13,8 +13,7 @@ from support.rows import SPEC, TRACK, changed, made_row, score, stored
 
 from spidar_gym.benchmark import verify as verifying
 from spidar_gym.benchmark.evaluate import evaluate
-from spidar_gym.benchmark.metrics import FLIGHT, METRICS
-from spidar_gym.benchmark.metrics import GROUND as GROUND_WORLD
+from spidar_gym.benchmark.metrics import told_in
 from spidar_gym.benchmark.row import RowError, make_row, read_row, row_hash, row_of, write_row
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, TRACKS
@@ -202,15 +201,15 @@ def test_another_version_or_processor_may_change_every_number_a_little(tmp_path,
     require_verified([check])
 
 
-@pytest.mark.parametrize("track", [TRACK, GROUND])
+@pytest.mark.parametrize("track", [TRACK, GROUND, "course-mixed"])
 @pytest.mark.parametrize("share", [0.99, 1.01, -0.99, -1.01])
 def test_how_little_a_metric_may_change_is_its_own_affair(tmp_path, replay, track, share):
     row = elsewhere(made_row({track: [[0.5]]}), tmp_path)
-    flies = TRACKS[track].flies
-    numbers = {n: m for n, m in METRICS.items() if m.kind is float and (FLIGHT if flies else GROUND_WORLD) in m.worlds}
+    world = TRACKS[track].world
+    numbers = {n: m for n, m in told_in(world).items() if m.kind is float and world in m.worlds}
     assert len(numbers) > 8
     for name, metric in numbers.items():
-        spread = metric.spread[0 if flies else 1]
+        spread = metric.spread[world]
         assert 0.0 < spread < 0.1 * metric.most
         replay(row, lambda metrics, name=name, spread=spread: metrics.update({name: metrics[name] + share * spread}))
         assert check_of(row).passes == (abs(share) < 1.0), name

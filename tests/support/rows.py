@@ -4,7 +4,7 @@ import json
 from copy import deepcopy
 
 from spidar_gym.benchmark.evaluate import Score
-from spidar_gym.benchmark.metrics import FLIGHT, GROUND, METRICS
+from spidar_gym.benchmark.metrics import told_in
 from spidar_gym.benchmark.row import make_row, row_hash
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, TRACKS
@@ -24,13 +24,14 @@ def policy(name="qp", kind="classical", doc="What it is.", training=None, argume
 
 def score(track, errors, *, indices=None, split="test", steps=0.001, **columns):
     """A score whose metrics nobody has flown; a scenario at the cap has failed."""
-    n, world = len(errors), FLIGHT if TRACKS[track].flies else GROUND
+    n, world = len(errors), TRACKS[track].world
     plain = {float: 0.5, int: 0}
-    metrics = {name: [plain.get(m.kind) if world in m.worlds else None] * n for name, m in METRICS.items()}
+    metrics = {name: [plain.get(m.kind) if world in m.worlds else None] * n for name, m in told_in(world).items()}
     failed = [error >= CAP for error in errors]
     metrics |= {"error": list(errors), "failed": failed, "success": [error < 1.0 for error in errors]}
     metrics |= {"failure": ["tilt" if lost else "" for lost in failed], "energy_wh": [10.0 + error for error in errors]}
-    metrics |= {"violations": [0.0] * n, "unsolved": list(range(n)), "attitude_rms_rad": [0.1 * e for e in errors]}
+    metrics |= {"violations": [0.0] * n} if "violations" in metrics else {}
+    metrics |= {"unsolved": list(range(n)), "attitude_rms_rad": [0.1 * e for e in errors]}
     timing = [{"act_s": [1e-5, 2e-5], "step_s": [steps, 3.0 * steps], "wall_s": 0.5} for _ in errors]
     digest = load_scenarios(track, split)[1]
     return Score(track, split, digest, tuple(indices or range(n)), metrics | columns, timing)

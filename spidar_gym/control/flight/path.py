@@ -158,7 +158,11 @@ def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, en
     """
     way = end - pose
     length, fast = math.sqrt(float(way[:3] @ way[:3])), math.sqrt(float(rate[:3] @ rate[:3]))
-    seconds = max(1.875 * length / speed, 2.0 * fast / EASE, 1.875 * abs(float(way[3])) / TURN_RATE, LEAST_SECONDS)
+    turn = abs(float(way[3]))
+    seconds = max(
+        1.875 * length / speed, math.sqrt(3.0 * length / EASE), 2.0 * fast / EASE,
+        1.875 * turn / TURN_RATE, math.sqrt(3.0 * turn / TURN_RATE), LEAST_SECONDS,
+    )  # fmt: skip
     fades, takes = [False] * 4, [0.0] * 4
     brakes = (EASE, EASE, EASE, TURN_RATE)
     for k in range(4):

@@ -178,8 +178,10 @@ int sp_path_from_motion(const sp_knot *begin, const double *end, double speed, s
     int counts[4], fades[4], count = 1;
     double way[4], takes[4], fade = SP_PATH_FADE;
     for (int k = 0; k < 4; k++) way[k] = end[k] - p[k];
-    double seconds = sp_max(sp_max(1.875 * sp_norm(way) / speed, 2.0 * sp_norm(v) / SP_PATH_EASE),
-                            sp_max(1.875 * fabs(way[3]) / SP_PATH_TURN_RATE, SP_PATH_LEAST_SECONDS));
+    double length = sp_norm(way), turn = fabs(way[3]);
+    double seconds = sp_max(sp_max(1.875 * length / speed, sqrt(3.0 * length / SP_PATH_EASE)),
+                            sp_max(2.0 * sp_norm(v) / SP_PATH_EASE, SP_PATH_LEAST_SECONDS));
+    seconds = sp_max(seconds, sp_max(1.875 * turn / SP_PATH_TURN_RATE, sqrt(3.0 * turn / SP_PATH_TURN_RATE)));
     for (int k = 0; k < 4; k++) {
         double brake = k == 3 ? SP_PATH_TURN_RATE : SP_PATH_EASE;
         takes[k] = time_from_motion(way[k], v[k], a[k], k == 3 ? SP_PATH_TURN_RATE : speed, brake, seconds, &fades[k]);

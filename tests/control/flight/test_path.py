@@ -181,6 +181,18 @@ def test_from_rest_it_is_straight():
     assert fastest <= 0.8 + 1e-9
 
 
+@pytest.mark.parametrize("length", [0.05, 0.3, 1.0, 5.0])
+@pytest.mark.parametrize("speed", [0.3, 1.2, 1.5])
+def test_from_rest_and_from_a_slow_flight_it_asks_for_no_more_than_a_gentle_acceleration(length, speed):
+    """Only its speed bounded a short way: 0.3 m were to be flown in half a second, at 6 m/s²."""
+    for fast in (0.0, 0.2):
+        for way in np.eye(3):
+            begin, rate = np.zeros(4), np.array([fast, 0.0, 0.0, 0.0])
+            path = from_motion(begin, rate, np.zeros(4), np.array([*(length * way), 0.0]), speed)
+            found = max(np.linalg.norm(path.at(t)[2][:3]) for t in np.linspace(0.0, path.seconds, 400))
+            assert found < 1.95 * EASE + 6.0 * fast
+
+
 def test_it_begins_as_it_moves_ends_at_rest_and_nothing_jumps():
     for pose, rate, acceleration, end, speed in motions():
         path = from_motion(pose, rate, acceleration, end, speed)
