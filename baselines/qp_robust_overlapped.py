@@ -1,7 +1,7 @@
 """`qp_robust_overlapped`: our best classical crawler, and `qp_robust_overlapped_v1`, its first version.
 
 The preset `robust_overlapped` is what `spidar tune crawl` found: `baselines/searches/crawl.json` is its log, which the
-command replays. `robust_overlapped_v1` has the margins of `robust` and the phases of `overlapped`, put together by hand.
+command replays. `robust_overlapped_v1` has the margins of `robust` and the phases of `overlapped`, tried by hand.
 """
 
 from spidar_gym.benchmark import CRAWL, PresetPolicy

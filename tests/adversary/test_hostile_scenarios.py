@@ -136,9 +136,21 @@ def test_a_scenario_that_is_none_of_its_track_is_refused(change, files):
         ("flight-path", lambda one: one.update(disturbances={"push": 20.0})),
         ("flight-fast5", lambda one: one["start"].update(path=[[1.0, *[0.0] * 12]])),
         ("flight-wind", lambda one: one.update(disturbances={})),
+        ("course-mixed", lambda one: one.update(start=None)),
+        ("course-mixed", lambda one: one["start"].pop("goal")),
+        ("course-mixed", lambda one: one["start"].update(goal=[1e9, 0.0, 0.0])),
+        ("course-mixed", lambda one: one["start"].update(gates=[["door", 2.0, 2.2, 1.0, 0.0]])),
+        ("course-mixed", lambda one: one["start"]["gates"][0].__setitem__(1, 0.1)),
+        ("course-mixed", lambda one: one["start"]["gates"][0].clear()),
+        ("course-mixed", lambda one: one["start"].update(dares=1)),
+        ("course-takeoff", lambda one: one.update(disturbances={})),
+        (
+            "ground-paper",
+            lambda one: one.update(start={"gates": [], "goal": [2.0, 0.0, 0.0], "tiles": [], "dares": False}),
+        ),
     ],
 )
-def test_only_a_path_has_knots_each_whole_and_in_its_time(name, change, files):
+def test_a_start_is_whole_and_that_of_its_track(name, change, files):
     content = json.loads((files / "test" / f"{name}.json").read_bytes())
     change(content["scenarios"][3])
     pin(files, name, json.dumps(content).encode())
