@@ -99,7 +99,7 @@ def test_who_never_crawls_waits_before_a_beam_and_who_never_flies_goes_straight_
     module = importlib.import_module("baselines.course")
     course = Course((BEAM,), Pose2(8.0, 0.3, 0.2))
     fly, crawl, rule = module.CourseFly(), module.CourseCrawl(), module.CourseRule()
-    seen = Seen(course, x=1.4, z=0.15 if phase == "lie" else 1.0, phase=phase)
+    seen = Seen(course, x=1.5, z=0.15 if phase == "lie" else 1.0, phase=phase)
     assert fly.choose(seen).flies
     assert fly.choose(seen).x < BEAM.begin
     straight = crawl.choose(seen)
