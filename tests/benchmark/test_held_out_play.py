@@ -53,7 +53,7 @@ def test_every_row_with_a_controller_below_it_is_played_where_it_is_defined(rows
         assert worlds == {HOVER if track.startswith("flight") else CRAWL for track in rows[name].tracks}
     assert found["supervised_tuned"].against == "qp_tuned_v1"
     assert len(found["supervised_tuned"].policies) == 5
-    assert found["learned_gait"].against == "qp_robust_overlapped"
+    assert found["learned_gait"].against == "qp_robust_overlapped_v1"
     assert found["qp"].against == ""
     assert set(found["qp"].conditions) == set(CONDITIONS)
 
