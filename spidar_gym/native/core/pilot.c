@@ -186,8 +186,11 @@ sp_target sp_course_rule(const sp_course *course, const double *position_w, cons
     int lands = phase == SP_MANAGER_DESCEND || phase == SP_MANAGER_UNLOAD;
     const sp_gate *gate = NULL;
     if (!flies) return on_floor(goal.x, goal.y, goal.yaw);
-    for (int k = 0; k < course->count && gate == NULL; k++)
-        if (is_passed(&course->gates[k]) && x < course->gates[k].end + SP_RULE_PASSED) gate = &course->gates[k];
+    for (int k = 0; k < course->count && gate == NULL; k++) {
+        const sp_gate *next = &course->gates[k];
+        double passed = next->kind == SP_GATE_BEAM && !lies ? 0.0 : SP_RULE_PASSED;
+        if (is_passed(next) && x < next->end + passed) gate = next;
+    }
     if (gate == NULL || gate->begin > goal.x) {
         if (lands || (lies && !crawls)) return on_floor(x, y, 0.0);
         if (lies && length(goal.x - x, goal.y - y) < SP_RULE_CRAWLS / 3.0) return on_floor(goal.x, goal.y, goal.yaw);
