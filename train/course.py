@@ -19,6 +19,7 @@ import numpy as np
 from spidar_gym.cli.console import run_cli
 from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.course.target import ACTION
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.registry import COURSE
 from spidar_gym.errors import require_above, require_least, require_name, require_not_negative
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
@@ -133,7 +134,8 @@ def go(args: Args, piece: Piece) -> tuple[float, int]:
     numbers, track, scenarios = piece
     policy = LearnedPolicy(artifact(args, numbers, State()))
     metrics = [each["metrics"] for each in COURSES.play(policy, track, scenarios, control=args.control)]
-    return float(np.mean([args.cost(each) for each in metrics])), sum(each["ticks"] for each in metrics)
+    seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None where it diverged
+    return float(np.mean([args.cost(each) for each in metrics])), round(seconds * CONTROL_RATE)
 
 
 def learn(args: Args) -> Path:

@@ -78,8 +78,8 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkey
         if len(calls) == stop:
             raise KeyboardInterrupt
         error = 1.0 + float(np.mean((numbers_of(policy) - 0.5) ** 2))
-        names = ("error", "duration_s", "energy_wh")
-        own = {**dict.fromkeys(names, error), "success": True, "failed": False, "hit_n": 0.0, "ticks": 100}
+        names = ("error", "energy_wh")
+        own = {**dict.fromkeys(names, error), "duration_s": 2.5, "success": True, "failed": False, "hit_n": 0.0}
         return [{"metrics": dict(own)} for _ in scenarios]
 
     monkeypatch.setattr(course, "COURSES", replace(COURSES, play=bowl))

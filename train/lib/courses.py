@@ -7,7 +7,6 @@ import numpy as np
 
 from spidar_gym.benchmark.scenario import Scenario
 from spidar_gym.benchmark.track import CAP
-from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.registry import COURSE
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import require_name
@@ -83,7 +82,6 @@ def _metrics(info: Any, lost: bool) -> dict[str, Any]:  # noqa: ANN401 - a recor
         "energy_wh": energy,
         "final_error_m": float(info["distance_m"]),
         "hit_n": float(info["most_hit_n"]),
-        "ticks": round(seconds * CONTROL_RATE),
     }
 
 
