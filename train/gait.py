@@ -8,8 +8,6 @@ episode's cost is known at its end alone: so the numbers are tried together, all
 same robots, floors and goals, and `train/lib/search.py` says what follows from their costs.
 """
 
-import time
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -19,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.evaluate import play
-from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
 from spidar_gym.benchmark.track import CRAWL, TRACKS, find_track
-from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.cli.console import run_cli
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.flight.controller import CONTROL_RATE
@@ -29,16 +26,15 @@ from spidar_gym.envs.actions import CRAWL_MODES, GAIT, find_action_mode
 from spidar_gym.envs.crawl.task import SUCCESS_POSITION
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
-from spidar_gym.processes import Pool, cpu_count
 from spidar_gym.robot import GRAVITY, ROBOT
-from train.lib.config import TrackRecipe, parse
-from train.lib.envs import Scaling, training_seed
-from train.lib.evaluate import Base, PairedEvaluator, Verdict
+from train.lib.config import parse
+from train.lib.envs import Scaling
+from train.lib.evaluate import Base
 from train.lib.learner import Layers
 from train.lib.report import report
-from train.lib.run import Run, State, curve_line, make_artifact, require_frameworks
-from train.lib.search import SearchConfig, make_search
-from train.lib.stages import Stages
+from train.lib.run import State, make_artifact
+from train.lib.search import SearchConfig
+from train.lib.trials import Piece, Task, TrialRecipe, learn_by_trials
 
 ACTION_MODE = "residual_gait_force"
 """Action mode that the numbers are given to."""
@@ -87,20 +83,7 @@ class CostConfig:
 
 
 @dataclass(frozen=True)
-class EvaluationConfig:
-    """How often, and on what, the numbers are compared with the gait as it is."""
-
-    scenarios: int = 12
-    """Validation scenarios of each track."""
-    validations: int = 6
-    """How often it is evaluated."""
-
-    def __post_init__(self) -> None:
-        require_least(1, scenarios=self.scenarios, validations=self.validations)
-
-
-@dataclass(frozen=True)
-class Args(TrackRecipe):
+class Args(TrialRecipe):
     """Learn the gait's parameters by phase."""
 
     action_mode = ACTION_MODE
@@ -109,15 +92,11 @@ class Args(TrackRecipe):
     """What is learned, of rate, force, raise, stride and lift; the rest stays as the crawler has it."""
     crawls: int = 1
     """Crawls of a trial on each track."""
-    workers: int = cpu_count()
-    """Processes that crawl."""
-    search: SearchConfig = field(default_factory=SearchConfig)
     cost: CostConfig = field(default_factory=CostConfig)
-    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_least(1, crawls=self.crawls, workers=self.workers)
+        require_least(1, crawls=self.crawls)
         for name in self.learned:
             require_name("learned", name, COLUMNS)
         for track in self.tracks:
@@ -196,17 +175,7 @@ def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
     )  # fmt: skip
 
 
-def draw_scenarios(args: Args, generation: int) -> list[tuple[str, list[Scenario]]]:
-    """The crawls of a generation, the same for all its trials: scenarios of each track, of no split."""
-    found = []
-    for name in args.tracks:
-        seeds = [training_seed(args.seed, 6, generation, zlib.crc32(name.encode()), k) for k in range(args.crawls)]
-        rngs = [np.random.Generator(np.random.PCG64(seed)) for seed in seeds]
-        found.append((name, [draw_scenario_from(TRACKS[name], rng, k) for k, rng in enumerate(rngs)]))
-    return found
-
-
-def crawl(args: Args, piece: tuple[np.ndarray, str, list[Scenario]]) -> tuple[float, int]:
+def crawl(args: Args, piece: Piece) -> tuple[float, int]:
     """Cost of numbers on a track's scenarios, mean, and the ticks that it took."""
     numbers, track, scenarios = piece
     played = play(LearnedPolicy(artifact(args, numbers, State())), track, scenarios, control=args.control)
@@ -217,71 +186,11 @@ def crawl(args: Args, piece: tuple[np.ndarray, str, list[Scenario]]) -> tuple[fl
 
 def learn(args: Args) -> Path:
     """One run, from its beginning or from where it was interrupted; the path of its artifact."""
-    require_frameworks()
-    run = Run.of(args, CRAWL, args.arguments)
-    state = run.load() or State()
-    with (
-        kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command goes on"),
-        Pool(args.workers) as pool,
-        Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
-    ):
-        return _learn(args, run, state, pool, stages)
-
-
-def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages) -> Path:
-    """Learn from a state on; the path of the artifact."""
-    config, evaluation, size = args.search, args.evaluation, len(places(args.learned))
-    stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario", "validation")
-    evaluator = PairedEvaluator(
-        args.tracks, Base(args.arguments), evaluation.scenarios, control=args.control, on_scenario=stages.count,
-        each=pool.map,
+    task = Task(
+        CRAWL, len(places(args.learned)), args.crawls, "crawls", Base(args.arguments), scaling(),
+        partial(artifact, args), partial(crawl, args),
     )  # fmt: skip
-    state.base, state.scaling = evaluator.means, vars(scaling())
-    fresh = {"costs": np.zeros((0, config.population)), "best": np.zeros(size), "ticks": 0}
-    learner = dict(state.learner) or fresh
-    run.require_alike(learner, fresh)
-    if not state.learner:
-        evaluator.require_same_as_base(artifact(args, np.zeros(size), state))
-    search = make_search(config, size, args.seed)
-    for costs in learner["costs"]:
-        search.ask()
-        search.tell(costs)
-
-    def choose(verdict: Verdict, numbers: np.ndarray) -> None:
-        learner["best"], state.best_score, state.best_steps = numbers, verdict.score, learner["ticks"]
-
-    stages.begin("learning", config.generations, "generation", "crawls", len(learner["costs"]))
-    while (generation := len(learner["costs"])) < config.generations:
-        began = time.perf_counter()
-        stages.say("learning", "crawls")
-        trials, drawn = search.ask(), draw_scenarios(args, generation)
-        found = list(pool.map(partial(crawl, args), [(numbers, *own) for numbers in trials for own in drawn]))
-        costs = np.array([cost for cost, _ in found]).reshape(len(trials), len(drawn)).mean(axis=1)
-        search.tell(costs)
-        learner["costs"] = np.concatenate([learner["costs"], costs[None]])
-        learner["ticks"] += sum(ticks for _, ticks in found)
-        stages.count()
-        verdict = None
-        if (generation + 1) * evaluation.validations >= config.generations * (state.segment + 1):
-            stages.say("playing against the base", "validation")
-            verdict = evaluator.evaluate(artifact(args, search.mean, state))
-            stages.evaluated(verdict)
-            if verdict.admissible and verdict.score < state.best_score:
-                choose(verdict, search.mean)
-            state.segment += 1
-        state.learner = dict(learner)
-        state.seconds += time.perf_counter() - began
-        if verdict is not None:
-            state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
-        run.save(state)
-    if not state.best_steps:
-        # All of it made something worse at every validation; perhaps less of it does not.
-        stages.say("playing less of it against the base", "validation")
-        verdict, fraction = evaluator.largest_fraction(lambda fraction: artifact(args, fraction * search.mean, state))
-        if verdict.admissible and verdict.score < 0.0:
-            choose(verdict, fraction * search.mean)
-    run.write_curve(state)
-    return run.publish(artifact(args, learner["best"], state))
+    return learn_by_trials(args, task)
 
 
 def main() -> None:

@@ -11,10 +11,10 @@ import numpy as np
 
 from spidar_gym.border import MOST_WORDS, BorderError, pack, read_file, require_form, unpack
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.registry import ENVIRONMENTS, HOVER
+from spidar_gym.envs.registry import COURSE, ENVIRONMENTS, HOVER
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
-from spidar_gym.policies import external, torso
+from spidar_gym.policies import course, external, torso
 from spidar_gym.policies.external import ExternalForce
 from spidar_gym.policies.filters import Traces, Washout
 from spidar_gym.policies.policy import KINDS, check_name
@@ -27,10 +27,11 @@ READABLE = (2, FORMAT)
 """Versions that are read: those before 3 had neither traces nor a skip matrix."""
 ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))}
 """Valid activations of the hidden layers."""
-OUTPUTS = ("clip", "tanh", "torso")
+OUTPUTS = ("clip", "tanh", "torso", "rule")
 """How the last layer becomes an action: clipped to ± 1 (PPO), squashed (SAC), or a `direct` command in torso axes.
 
-With `torso` the network sees the `features` of an observation in its place, and its numbers are a `command`'s.
+With `torso` the network sees the `features` of an observation in its place, and its numbers are a `command`'s. With
+`rule` they are clipped, and are the numbers by which the rule on a course acts.
 """
 VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
 """Fields of an artifact that are vectors in its file, and what they are part of."""
@@ -145,6 +146,8 @@ class Artifact:
             raise InvalidValueError("skip", self.skip.shape, f"({size}, {len(self.mean)}), or none")
         if self.output == "torso" and (self.sees, size) != (torso.OBSERVATION, torso.ACTION):
             raise InvalidValueError("network", (len(self.mean), size), f"{torso.FEATURES} and traces to {torso.ACTION}")
+        if self.output == "rule" and (self.env_id != COURSE or size != len(course.RANGES)):
+            raise InvalidValueError("network", (self.env_id, size), f"one of {COURSE} to {len(course.RANGES)}")
 
     def _check_memory(self) -> None:
         """Refuse a washout and traces of what is not there."""
@@ -169,7 +172,7 @@ class Artifact:
     @property
     def answers(self) -> int:
         """Length of an action."""
-        return len(self.biases[-1])
+        return len(course.ACTION) if self.output == "rule" else len(self.biases[-1])
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The network's answer, in [−1, 1], in single precision as it was learned.
@@ -193,7 +196,10 @@ class Artifact:
             x = x + np.matmul(self.skip, first[..., None])[..., 0]
         if in_torso:
             return torso.command(x, observation).astype(np.float32)
-        return np.tanh(x) if self.output == "tanh" else np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
+        if self.output == "tanh":
+            return np.tanh(x)
+        x = np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
+        return course.command(x, observation) if self.output == "rule" else x
 
 
 def interface(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:

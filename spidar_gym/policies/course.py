@@ -7,7 +7,7 @@ import numpy as np
 
 from spidar_gym.control.course.gates import FARTHEST, HALF_WIDTH, KINDS, Course, Gate
 from spidar_gym.control.course.observation import AHEAD, FAR, course_layout
-from spidar_gym.control.course.rule import course_rule
+from spidar_gym.control.course.rule import PRESENT, RuleNumbers, course_rule
 from spidar_gym.control.course.target import ACTION, Target, take_target
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.path import wrap
@@ -17,6 +17,15 @@ from spidar_gym.robot import ROBOT
 
 HERE = 0.5 * FARTHEST
 """Where the torso is on the map that a policy makes of an observation: only what lies ahead of it counts [m]."""
+
+RANGES = {
+    "wall_before": (0.9, 2.2), "wall_passed": (0.8, 1.8), "wall_beyond": (0.1, 0.8), "wall_over": (0.6, 1.3),
+    "wall_beneath": (0.05, 0.4), "wall_speed": (0.4, 1.5), "slot_before": (1.1, 2.0), "slot_passed": (0.8, 1.8),
+    "slot_beyond": (0.1, 0.8), "slot_height": (1.1, 1.8), "slot_speed": (0.2, 1.2), "slot_aligned": (0.01, 0.12),
+    "beam_before": (1.2, 1.6), "beam_crawls": (1.9, 3.2), "beam_passed": (1.1, 1.8), "beam_beyond": (0.03, 0.4),
+    "goal_crawls": (0.4, 1.5), "above": (0.8, 1.3), "speed": (0.4, 1.5), "near": (0.04, 0.2), "formed": (0.03, 0.2),
+}  # fmt: skip
+"""What −1 and 1 of a learned policy make of each of the rule's numbers; 0 leaves it as it is."""
 
 
 @cache
@@ -90,3 +99,31 @@ class CoursePolicy(PresetPolicy):
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
         """The same for each."""
         return np.array([self.act(observation) for observation in observations])
+
+
+def rule_numbers(answer: np.ndarray) -> RuleNumbers:
+    """The rule's numbers that a network's answer stands for, an entry within ± 1 each, in the order of `RANGES`."""
+    found = {}
+    for (name, (low, high)), share in zip(RANGES.items(), answer.tolist(), strict=True):
+        present = getattr(PRESENT, name)
+        found[name] = present + share * (high - present if share > 0.0 else present - low)
+    return RuleNumbers(**found)
+
+
+def command(answers: np.ndarray, observations: np.ndarray) -> np.ndarray:
+    """The actions of the rule with the numbers that a network answers.
+
+    Args:
+        answers: Within ± 1 (…, numbers).
+        observations: Of the action mode `waypoint` (…, size).
+
+    Returns:
+        Actions (…, 8) in double precision: with zeros those of the rule, bit for bit.
+    """
+    found = []
+    for answer, observation in zip(np.atleast_2d(answers), np.atleast_2d(observations), strict=True):
+        sight = Sight(observation)
+        own = rule_numbers(answer)
+        target = course_rule(sight.course, sight.position_w, sight.joint_position, sight.phase, numbers=own)
+        found.append(target.action(sight.course, sight.position_w))
+    return np.array(found).reshape(*observations.shape[:-1], len(ACTION))

@@ -10,8 +10,8 @@ import pytest
 pytestmark = pytest.mark.train
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = {
-    "residual": ["hover-paper-ppo"], "supervised": ["hover-paper"], "gait": ["crawl"], "sweep": ["hover-paper-ppo"],
-    "speed": [], "plain": [],
+    "residual": ["hover-paper-ppo"], "supervised": ["hover-paper"], "gait": ["crawl"], "course": ["rule"],
+    "sweep": ["hover-paper-ppo"], "speed": [], "plain": [],
 }  # fmt: skip
 """Scripts that learn, each with what a run needs to be told."""
 

@@ -16,10 +16,11 @@ from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.policies.artifact import read_artifact
 from train import gait
-from train.gait import PRESETS, artifact, crawl, draw_scenarios, learn, phase_table, places
+from train.gait import PRESETS, artifact, crawl, learn, phase_table, places
 from train.lib.config import override
 from train.lib.evaluate import Base
 from train.lib.run import TITLE, CheckpointError, State
+from train.lib.trials import draw_scenarios
 
 pytestmark = pytest.mark.train
 TINY = override(PRESETS["crawl"], tracks=("ground-randomised",), scenarios=1, workers=1)
@@ -65,7 +66,7 @@ def test_trials_of_a_generation_share_their_crawls_and_no_generation_those_of_an
     first, again, second, other = (
         {
             name: [(one.seed, dict(one.options)) for one in own]
-            for name, own in draw_scenarios(override(args, seed=s), g)
+            for name, own in draw_scenarios(override(args, seed=s), g, args.crawls)
         }
         for s, g in ((0, 0), (0, 0), (0, 1), (1, 0))
     )
@@ -76,7 +77,7 @@ def test_trials_of_a_generation_share_their_crawls_and_no_generation_those_of_an
 
 
 def test_a_crawl_costs_its_energy_its_time_and_what_is_missing_at_its_end():
-    ((track, scenarios),) = draw_scenarios(TINY, 0)
+    ((track, scenarios),) = draw_scenarios(TINY, 0, TINY.crawls)
     cost, ticks = crawl(TINY, (np.zeros(SIZE), track, scenarios))
     (played,) = play(Base(TINY.arguments), track, scenarios, control=TINY.control)
     found, options = played["metrics"], scenarios[0].options

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.evaluate import play
-from spidar_gym.benchmark.scenario import Scenario, load_scenarios
+from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from, load_scenarios
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
@@ -26,6 +26,32 @@ TOGETHER = 12
 """How many scenarios of a track are played side by side at most: a portion is what a process does and a bar counts."""
 FRACTIONS = (1.0, 0.7, 0.5, 0.3)
 """Fractions of what was learned that are tried where all of it makes anything worse."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Who has scenarios, and plays them."""
+
+    load: Callable[[str, str], tuple[Sequence[Scenario], str]]
+    """Scenarios of a track and split, and the hash of their file."""
+    draw: Callable[[str, np.random.Generator, int], Scenario]
+    """One of a track from any generator, of no split."""
+    play: Callable[..., list[dict[str, Any]]]
+    """What a policy does on scenarios of a track."""
+    metrics: Callable[[str], tuple[str, ...]]
+    """What is compared on a track."""
+
+
+def _draw(track: str, rng: np.random.Generator, index: int) -> Scenario:
+    return draw_scenario_from(find_track(track), rng, index)
+
+
+def _compared(track: str) -> tuple[str, ...]:
+    return FLIGHT if find_track(track).flies else GROUND
+
+
+BENCHMARK = Bench(load_scenarios, _draw, play, _compared)
+"""The benchmark."""
 
 
 class Base(PresetPolicy):
@@ -67,9 +93,11 @@ class Verdict:
         return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
 
 
-def _metrics(policy: Policy, control: str, portion: Sequence[tuple[str, Scenario]]) -> list[dict[str, Any]]:
+def _metrics(
+    bench: Bench, policy: Policy, control: str, portion: Sequence[tuple[str, Scenario]]
+) -> list[dict[str, Any]]:  # fmt: skip
     scenarios = [scenario for _, scenario in portion]
-    return [each["metrics"] for each in play(policy, portion[0][0], scenarios, control=control)]
+    return [each["metrics"] for each in bench.play(policy, portion[0][0], scenarios, control=control)]
 
 
 def _portions(scenarios: Sequence[tuple[str, Scenario]]) -> Iterator[list[tuple[str, Scenario]]]:
@@ -85,6 +113,7 @@ class PairedEvaluator:
     def __init__(
         self, tracks: Sequence[str], base: Policy, scenarios: int, *, control: str,
         on_scenario: Callable[[], object] = lambda: None, each: Callable[..., Iterable[Any]] = map,
+        bench: Bench = BENCHMARK,
     ) -> None:  # fmt: skip
         """Play the base.
 
@@ -95,9 +124,10 @@ class PairedEvaluator:
             control: `python` or `core`.
             on_scenario: Called after each.
             each: `map`, or that of a pool of processes: no scenario depends on another.
+            bench: Who has scenarios, and plays them.
         """
-        self._control, self._each = control, each
-        self._scenarios = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
+        self._control, self._each, self._bench = control, each, bench
+        self._scenarios = [(t, s) for t in tracks for s in bench.load(t, SPLIT)[0][:scenarios]]
         if not self._scenarios:
             raise InvalidValueError("validation scenarios", scenarios, "at least one scenario of one track")
         self._tracks = tuple(tracks)
@@ -110,8 +140,7 @@ class PairedEvaluator:
         means = {}
         for track in self._tracks:
             own = [m for (name, _), m in zip(self._scenarios, found, strict=True) if name == track]
-            metrics = FLIGHT if find_track(track).flies else GROUND
-            means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
+            means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in self._bench.metrics(track)}
         return means
 
     def relative_errors(self, *, apart: bool = False) -> dict[str, tuple[float, ...]]:
@@ -136,7 +165,7 @@ class PairedEvaluator:
         on_scenario: Callable[[], object] = lambda: None,
     ) -> list[dict[str, Any]]:
         found = list[dict[str, Any]]()
-        for metrics in self._each(partial(_metrics, policy, self._control), list(_portions(scenarios))):
+        for metrics in self._each(partial(_metrics, self._bench, policy, self._control), list(_portions(scenarios))):
             found += metrics
             for _ in metrics:
                 on_scenario()

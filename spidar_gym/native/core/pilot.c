@@ -162,7 +162,7 @@ static sp_target above(double to_x, double to_y, double floor, double x, double 
 
 static sp_target over(const sp_gate *gate, double x, double z, const double *q)
 {
-    sp_target over = flight(gate->end + SP_RULE_FLOWN, 0.0, gate->size + SP_RULE_OVER, SP_RULE_FAST, 0.0);
+    sp_target over = flight(gate->end + SP_RULE_FLOWN, 0.0, sp_min(gate->size + SP_RULE_OVER, SP_COURSE_CEILING), SP_RULE_FAST, 0.0);
     if (z > over.z - SP_RULE_BENEATH && has_form(q, &over)) return over;
     return flight(sp_min(x, gate->begin - SP_RULE_FLOWN), 0.0, over.z, SP_RULE_FAST, 0.0);
 }

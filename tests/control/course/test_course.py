@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.control.course.gates import CEILING, GATES, HALF_WIDTH, ROOM, Course, Gate
-from spidar_gym.control.course.rule import PASSED, course_rule
+from spidar_gym.control.course.rule import FLOWN, PASSED, course_rule
 from spidar_gym.control.course.target import SWEEP, WAY, Target, take_target
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.orders import form_radius
@@ -169,6 +169,12 @@ def test_it_lands_before_beams_and_over_the_goal():
     far = rule(12.3, 0.0, 1.4)
     assert far.flies
     assert far.z == pytest.approx(1.3)
+
+
+def test_a_take_off_behind_a_beam_that_drifts_back_goes_on_to_the_next_gate():
+    assert rule(BEAM.end + PASSED - 0.05, z=0.15, phase="crawl").x > BEAM.end + PASSED
+    for phase in ("spool", "climb", "hover", "form", "fly"):
+        assert rule(BEAM.end + PASSED - 0.15, z=0.6, phase=phase).x == SLOT.begin - FLOWN
 
 
 def test_on_the_goals_floor_it_crawls_to_the_goal():

@@ -1,0 +1,111 @@
+"""Pins the search for the rule's numbers on courses: zeros are the rule, trials share courses, runs resume."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
+
+from spidar_gym.errors import InvalidValueError, UnknownNameError
+from spidar_gym.policies.artifact import LearnedPolicy, read_artifact
+from spidar_gym.policies.course import RANGES, rule_numbers
+from train import course
+from train.course import PRESETS, Rule, artifact, go, learn
+from train.lib import courses
+from train.lib.config import override
+from train.lib.courses import COURSES
+from train.lib.run import State
+from train.lib.trials import draw_scenarios
+
+pytestmark = pytest.mark.train
+(TRACK,) = PRESETS["rule"].tracks
+TINY = override(PRESETS["rule"], courses=2, scenarios=2, workers=1)
+
+
+def test_only_what_is_learned_is_another_number_than_the_rules():
+    args = override(TINY, learned=("speed", "near"))
+    (layer,) = artifact(args, np.array([0.5, -0.5]), State()).biases
+    found, present = rule_numbers(layer), rule_numbers(np.zeros(len(RANGES)))
+    assert found == replace(present, speed=found.speed, near=found.near)
+    assert found.speed > present.speed
+    assert found.near < present.near
+
+
+def test_courses_of_a_generation_are_its_own_and_none_to_validate_on():
+    first, again, second, other = (
+        [one.seed for _, own in draw_scenarios(override(TINY, seed=s), g, 3, COURSES) for one in own]
+        for s, g in ((0, 0), (0, 0), (0, 1), (1, 0))
+    )
+    assert first == again
+    assert len({*first, *second, *other}) == 9
+    assert not {*first, *second, *other} & {one.seed for one in COURSES.load(TRACK, "validation")[0]}
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Courses without gates: up, over and down."""
+    monkeypatch.setitem(courses.TRACKS, TRACK, {"count": (0, 0), "floors": ("plain",)})
+
+
+def test_a_course_costs_its_time_its_energy_and_what_is_hit_and_zeros_go_as_the_rule(plain):
+    ((track, scenarios),) = draw_scenarios(TINY, 0, 2, COURSES)
+    zeros = np.zeros(len(TINY.learned))
+    played = courses.play(LearnedPolicy(artifact(TINY, zeros, State())), track, scenarios)
+    assert played == courses.play(Rule(), track, scenarios)
+    assert played[1:] == courses.play(Rule(), track, scenarios[1:])
+    metrics = [each["metrics"] for each in played]
+    assert all(each["success"] for each in metrics)
+    cost, ticks = go(TINY, (zeros, track, scenarios))
+    mean = {name: float(np.mean([each[name] for each in metrics])) for name in ("duration_s", "energy_wh", "hit_n")}
+    assert cost == pytest.approx(0.005 * mean["duration_s"] + mean["energy_wh"] / 120.0 + 0.02 * mean["hit_n"])
+    assert ticks == pytest.approx(80.0 * mean["duration_s"])
+    assert TINY.cost({**metrics[0], "failed": True}) == 2.5
+
+
+def numbers_of(policy):
+    """Numbers of an artifact that plays, or those of the rule."""
+    return policy.artifact.biases[0] if isinstance(policy, LearnedPolicy) else np.zeros(len(RANGES))
+
+
+def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
+    calls, stop = [], 0
+
+    def bowl(policy, _name, scenarios, **_how):
+        """Instead of courses: errors with their least at numbers of ½."""
+        calls.append(len(scenarios))
+        if len(calls) == stop:
+            raise KeyboardInterrupt
+        error = 1.0 + float(np.mean((numbers_of(policy) - 0.5) ** 2))
+        names = ("error", "energy_wh")
+        own = {**dict.fromkeys(names, error), "duration_s": 2.5, "success": True, "failed": False, "hit_n": 0.0}
+        return [{"metrics": dict(own)} for _ in scenarios]
+
+    monkeypatch.setattr(course, "COURSES", replace(COURSES, play=bowl))
+    args = override(TINY, generations=4, validations=2, population=6)
+    whole = learn(override(args, out=tmp_path / "whole")).read_bytes()
+    assert len(calls) == 2 + 4 * 6 + 2  # base, zeros that are to be the base, trials, validations
+
+    calls, stop = [], 2 + 15
+    with pytest.raises(KeyboardInterrupt):
+        learn(override(args, out=tmp_path / "cut"))
+    stop = 0
+    path = learn(override(args, out=tmp_path / "cut"))
+    assert path.read_bytes() == whole
+    curve = json.loads((path.parent / "curve.json").read_text())
+    assert [line["steps"] for line in curve["curve"]] == [2400, 4800]
+    assert curve["chosen"]["score"] < 0.0
+    agent = read_artifact(path)
+    assert (agent.kind, agent.output, dict(agent.arguments)) == ("learned", "rule", {"action_mode": "waypoint"})
+
+
+def test_bad_settings_are_refused_in_one_line():
+    with pytest.raises(UnknownNameError, match=r"unknown learned 'height'; valid: .*wall_over"):
+        override(TINY, learned=("height",))
+    with pytest.raises(UnknownNameError, match="unknown track 'flight-fast3'; valid: course-mixed"):
+        override(TINY, tracks=("flight-fast3",))
+    with pytest.raises(InvalidValueError, match="courses"):
+        override(TINY, courses=0)
+    with pytest.raises(InvalidValueError, match="failure"):
+        override(TINY, failure=0.0)
