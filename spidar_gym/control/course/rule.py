@@ -11,7 +11,7 @@ from spidar_gym.control.course.target import Target
 FLOWN, CRAWLED = 1.5, 1.35
 """A flight begins to pass a gate so far before it, and is past it so far behind; a crawl is, so far behind it [m]."""
 PASSED = 1.25
-"""A gate counts as passed so far behind it [m]."""
+"""A gate counts as passed so far behind it [m]; in the air a beam does at its end: no other way leads there."""
 OVER, ABOVE, THROUGH = 1.0, 1.0, 1.4
 """Heights of the torso over a wall, over where it lands, and in a slot [m]."""
 SLOW, FAST = 0.5, 0.8
@@ -44,7 +44,7 @@ def course_rule(
     here, to_goal = Target(x=x, y=y), Target(x=goal.x, y=goal.y, yaw=goal.yaw)
     if not flies:
         return to_goal
-    gate = next((g for g in course.gates if g.is_passed and x < g.end + PASSED), None)
+    gate = next((g for g in course.gates if g.is_passed and x < g.end + _behind(g, on_floor)), None)
     if gate is None or gate.begin > goal.x:
         if lands or (on_floor and not crawls):
             return here
@@ -60,6 +60,11 @@ def course_rule(
     if on_floor and crawls and gate.begin - x < CRAWLS:
         return Target(x=gate.end + CRAWLED, y=0.0)
     return _above(gate.begin - FLOWN, 0.0, 0.0, x, y, on_floor or not crawls)
+
+
+def _behind(gate: Gate, on_floor: bool) -> float:
+    """From how far behind it a gate is passed: who drifts back while taking off is not sent back through a beam [m]."""
+    return PASSED if on_floor or gate.kind != "beam" else 0.0
 
 
 def _above(to_x: float, to_y: float, floor: float, x: float, y: float, stays: bool) -> Target:

@@ -176,6 +176,9 @@ static sp_target through(const sp_gate *gate, double x, double y, const double *
     return flight(before, gate->middle, SP_RULE_THROUGH, SP_RULE_FAST, 1.0);
 }
 
+/* From how far behind it a gate is passed. */
+static double behind(const sp_gate *gate, int lies) { return lies || gate->kind != SP_GATE_BEAM ? SP_RULE_PASSED : 0.0; }
+
 /* Where to go from here. */
 sp_target sp_course_rule(const sp_course *course, const double *position_w, const double *q, int32_t phase, int flies,
                          int crawls)
@@ -187,7 +190,7 @@ sp_target sp_course_rule(const sp_course *course, const double *position_w, cons
     const sp_gate *gate = NULL;
     if (!flies) return on_floor(goal.x, goal.y, goal.yaw);
     for (int k = 0; k < course->count && gate == NULL; k++)
-        if (is_passed(&course->gates[k]) && x < course->gates[k].end + SP_RULE_PASSED) gate = &course->gates[k];
+        if (is_passed(&course->gates[k]) && x < course->gates[k].end + behind(&course->gates[k], lies)) gate = &course->gates[k];
     if (gate == NULL || gate->begin > goal.x) {
         if (lands || (lies && !crawls)) return on_floor(x, y, 0.0);
         if (lies && length(goal.x - x, goal.y - y) < SP_RULE_CRAWLS / 3.0) return on_floor(goal.x, goal.y, goal.yaw);
