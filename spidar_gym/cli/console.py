@@ -6,6 +6,7 @@ import io
 import os
 import re
 import select
+import shutil
 import signal
 import sys
 import threading
@@ -75,6 +76,30 @@ def named_steps(bar: tqdm) -> Callable[[str], None]:
 def goes_on(bar: tqdm, folder: Path) -> Callable[[], str]:
     """For `kept`: how much of a bar's work lies in a folder, from which the same command goes on."""
     return lambda: f"{bar.n} of {bar.total} {bar.unit}s kept in {folder}; the same command goes on"
+
+
+def studied(
+    folder: Path, name: str, unit: str, total: int, *, json: bool,
+    play: Callable[[Path, Callable[[], object]], list[dict[str, Any]]], table: Callable[[list[dict[str, Any]]], str],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Play a study, whose pieces survive an interruption; write NAME.json, and print it or its table.
+
+    Args:
+        folder: For NAME.json, and for the pieces while it is unfinished.
+        name: Of the file and of its only key.
+        unit: What a piece is called.
+        total: Pieces in all.
+        json: Whether the JSON is printed.
+        play: Called with the folder of the pieces and what counts them; gives the rows.
+        table: Rows → what is printed of them.
+    """
+    unfinished = folder / "unfinished"
+    with progress(total=total, unit=unit, desc=name) as bar, kept(goes_on(bar, unfinished)):
+        rows = play(unfinished, bar.update)
+    text = published(folder, name, {name: rows}, table(rows), json)
+    shutil.rmtree(unfinished, ignore_errors=True)
+    print(text)
+    return rows
 
 
 @contextlib.contextmanager

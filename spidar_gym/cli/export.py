@@ -4,7 +4,17 @@ from pathlib import Path
 
 from spidar_gym.onboard.export import export
 from spidar_gym.onboard.policy import RATE
-from spidar_gym.sitl.missions import course_mission, crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.missions import (
+    course_mission,
+    crawl_mission,
+    drawn_course,
+    flight_mission,
+    hover_mission,
+    map_mission,
+)
+
+GATES_SEED = 1
+"""At this one Course-v0 draws a beam, a slot, a wall and a platform."""
 
 
 def export_(
@@ -19,6 +29,7 @@ def export_(
         residual: Artifact of a learned policy that adds to the controller; it goes into the folder.
         residual_rate: Largest change of every entry of its action in a second [1/s]; from −1 to 1 it is 2.
     """
-    plans = (flight_mission(), crawl_mission(), hover_mission(), course_mission())
+    gates = map_mission(drawn_course(3, GATES_SEED))
+    plans = (flight_mission(), crawl_mission(), hover_mission(), course_mission(), gates)
     missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
     print(f"{len(export(out, residual=residual, rate=residual_rate, extra=missions))} files in {out}")

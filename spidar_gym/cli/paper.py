@@ -1,8 +1,6 @@
 """`spidar paper`: the paper's experiments and the comparisons that go beyond them."""
 
 import math
-import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +10,7 @@ import tyro
 
 from spidar_gym import viz
 from spidar_gym.cli.arguments import CameraArg, CrawlPresetArg, Flag, FlightPresetArg, JsonArg
-from spidar_gym.cli.console import drawn, goes_on, kept, progress, published
+from spidar_gym.cli.console import drawn, progress, published, studied
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.crawl.task import RANGES
 from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
@@ -112,25 +110,11 @@ def _report(text: str, folder: Path, pattern: str, json: bool) -> None:
         print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob(pattern)))}")
 
 
-def _study(
-    folder: Path, name: str, unit: str, total: int, *, json: bool,
-    play: Callable[[Path, Callable[[], object]], list[dict[str, Any]]], table: Callable[[list[dict[str, Any]]], str],
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Play a study, whose pieces survive an interruption; write NAME.json, and print it or its table."""
-    unfinished = folder / "unfinished"
-    with progress(total=total, unit=unit, desc=name) as bar, kept(goes_on(bar, unfinished)):
-        rows = play(unfinished, bar.update)
-    text = published(folder, name, {name: rows}, table(rows), json)
-    shutil.rmtree(unfinished, ignore_errors=True)
-    print(text)
-    return rows
-
-
 def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: int) -> None:
     """Compare controllers over joint speeds: table, JSON and figure."""
     name = "ablation" if ablation else "speeds"
     joint_speeds = studies.SPEEDS if ablation else studies.MANY_SPEEDS
-    rows = _study(
+    rows = studied(
         folder, name, "flight",
         len(CONDITIONS) * len(joint_speeds) * len(studies.controllers(ablation)) * scenarios,
         json=json,
@@ -152,7 +136,7 @@ def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int)
     """Crawl many cases: table and JSON."""
     cases = crawl_study.RANDOM_CASES if draws else crawl_study.CASES
     numbers = range(1000, 1000 + draws) if draws else range(seeds)
-    _study(
+    studied(
         folder, "draws" if draws else "study", "crawl", len(cases) * len(numbers), json=json,
         play=lambda unfinished, on_run: crawl_study.run_cases(
             cases, numbers, workers=workers, folder=unfinished, on_run=on_run

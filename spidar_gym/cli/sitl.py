@@ -13,18 +13,28 @@ import tyro
 
 from spidar_gym import viz
 from spidar_gym.cli.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
-from spidar_gym.cli.console import drawn, progress, published
+from spidar_gym.cli.console import drawn, progress, published, studied
+from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.crawl.task import CrawlTask
-from spidar_gym.errors import SpidarError, require_above, require_least, require_name
+from spidar_gym.errors import InvalidValueError, SpidarError, require_above, require_least, require_name, require_within
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
+from spidar_gym.processes import cpu_count
 from spidar_gym.sitl import report
-from spidar_gym.sitl.course import course_figures, course_in_process, course_report
-from spidar_gym.sitl.course_faults import course_fault_lines, play_course_faults
+from spidar_gym.sitl.course import course_report, courses_in_process
+from spidar_gym.sitl.course_faults import course_fault_lines, pairs_of, play_course_faults
 from spidar_gym.sitl.link_socket import SocketLink
-from spidar_gym.sitl.missions import Mission, course_mission, crawl_mission, flight_mission, hover_mission
+from spidar_gym.sitl.missions import (
+    Mission,
+    course_mission,
+    crawl_mission,
+    drawn_course,
+    flight_mission,
+    hover_mission,
+    map_mission,
+)
 from spidar_gym.sitl.play import (
     IN_PHASE,
     LINKS,
@@ -147,23 +157,34 @@ def crawl(
 
 
 @sitl_app.command
-def course(robots: int = 16, out: Path = Path("out/sitl-course"), options: OptionsArg = Options()) -> None:
+def course(
+    robots: int = 16,
+    gates: int = 0,
+    out: Path = Path("out/sitl-course"),
+    workers: int = cpu_count(),
+    options: OptionsArg = Options(),
+) -> None:
     """Arm, and let the runner take off, fly over in the narrow form, land and crawl on; beside the same in process.
 
     Args:
         robots: How many robots go the course in process: the spread that the runner's is held against.
-        out: Folder for course.json, mission.txt and run.log, which `runner replay` repeats bit for bit.
+        gates: Instead, a course of so many gates that Course-v0 draws at --seed, and through which the runner finds its
+            way by itself; 0 for none.
+        out: Folder for course.json or course_gates.json, mission.txt and run.log, which `runner replay` repeats bit for
+            bit.
+        workers: Processes for the robots in process.
     """
-    require_least(1, robots=robots)
+    require_least(1, robots=robots, workers=workers)
+    require_within(0, MAX_GATES - 1, "1", gates=gates)
     if options.residual is not None:
         raise SpidarError("a course has no learned residual; valid: flight or crawl with --residual")
-    mission = course_mission(odometry=options.odometry)
+    if gates:
+        mission = map_mission(drawn_course(gates, options.seed), odometry=options.odometry)
+    else:
+        mission = course_mission(odometry=options.odometry)
     played, folder = _played(mission, out, options)
-    with progress(total=robots, unit="robot", desc="course in process") as bar:
-        others = []
-        for seed in range(robots):
-            others.append(course_figures(course_in_process(mission, seed), mission))
-            bar.update()
+    with progress(total=robots, unit="robot", desc=f"{mission.name} in process") as bar:
+        others = courses_in_process(mission, robots, workers=workers, on_robot=bar.update)
     figures, table = course_report(played.run, played.log, mission, others)
     _say_figures(folder, mission.name, figures, table, options.json)
 
@@ -224,23 +245,32 @@ def faults(
     only: tuple[str, ...] = (),
     course: Flag = False,
     phases: tuple[str, ...] = (),
+    sample: int = 0,
     seed: int = 0,
+    workers: int = 1,
     out: Path = Path("out/sitl-faults"),
     json: JsonArg = False,
 ) -> None:
     """Put every fault into a hover, or into every phase of a course; a table of reactions.
+
+    In a course it goes on where it stopped.
 
     Args:
         link: ros: in real time (20 s a fault); socket: in lock-step, without the fault of ROS itself.
         only: Names of the faults; all that the link allows if none is given.
         course: Into the phases of a course, in place of a hover.
         phases: Which of them; all if none is given.
+        sample: Each fault into so many of these phases only, from another one on for each; 0 into all of them.
         seed: Seed of the robot's noise and of what is drawn.
+        workers: Processes for a course over the socket; in real time there is room for one.
         out: Folder for faults.json, or course_faults.json.
     """
-    require_least(0, seed=seed)
+    require_least(0, seed=seed, sample=sample)
     require_name("link", link, LINKS)
-    course = course or bool(phases)
+    course = course or bool(phases) or bool(sample)
+    require_least(1, workers=workers)
+    if workers > 1 and not (course and link == "socket"):
+        raise InvalidValueError("workers", workers, "1, but for a course over the socket")
     names = only or faults_of(link, course=course)
     for name in names:
         require_name(f"fault over {link}", name, faults_of(link, course=course))
@@ -248,11 +278,14 @@ def faults(
         require_name("phase", phase, IN_PHASE)
     folder = output_folder(out)
     if course:
-        pairs = [(name, phase) for phase in phases or tuple(IN_PHASE) for name in names]
-        with progress(total=len(pairs), unit="fault", desc=f"faults of a course over {link}") as bar:
-            found = play_course_faults(link, pairs, seed=seed, on_fault=bar.update)
-        table = format_table(course_fault_lines(found))
-        print(published(folder, "course_faults", {"course_faults": found}, table, json))
+        pairs = pairs_of(names, phases or tuple(IN_PHASE), sample)
+        studied(
+            folder, "course_faults", "fault", len(pairs), json=json,
+            play=lambda unfinished, on_fault: play_course_faults(
+                link, pairs, seed=seed, workers=workers, folder=unfinished, on_fault=on_fault
+            ),
+            table=lambda rows: format_table(course_fault_lines(rows)),
+        )  # fmt: skip
         return
     with progress(total=len(names), unit="fault", desc=f"faults over {link}") as bar:
         rows = play_faults(link, names, seed=seed, on_fault=bar.update)

@@ -21,6 +21,8 @@ from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import lost_lines, speed_lines
+from spidar_gym.paper.hops import hop_lines
+from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import margin_lines
 
@@ -98,6 +100,8 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "study": lambda result: study_lines(result["study"]),
     "draws": lambda result: study_lines(result["draws"]),
     "lost": lambda result: lost_lines(result["lost_rotors"]),
+    "course_faults": lambda result: course_fault_lines(result["course_faults"]),
+    "hops": lambda result: hop_lines(result["hops"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
 """What a command prints with `--json` → the table that it prints without: the key `table` of a result."""

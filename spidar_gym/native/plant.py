@@ -202,6 +202,11 @@ class Plant:
         """Whether any part of the robot touches the floor."""
         return bool(self.record["in_contact"])
 
+    @property
+    def hit(self) -> float:
+        """Largest force since the last command on anything but feet and pegs, where there are boxes [N]."""
+        return float(self.record["hit"])
+
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
         found = np.zeros((), engine_layouts()["touch"])

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES
+from spidar_gym.control.course import gates
 from spidar_gym.control.locomotion.commands import FIELD, HEIGHTS, SPEEDS, STEEPEST
 from spidar_gym.control.locomotion.orders import PHASES
+from spidar_gym.envs.course.task import DECIDE
 from spidar_gym.native.codegen.header import (
     array,
     define,
@@ -161,7 +163,8 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, a crawl and a course in ARM_ON"),
         ("odometry", "i4", (), "1 takes the lab's estimate `uav/cog/odom`, 0 estimates from mocap and inertial unit"),
         ("residual", "i4", (), "1 lets the exported residual add"),
-        ("form_count window_count move_count order_count unused", "i4", (), ""),
+        ("form_count window_count move_count order_count", "i4", (), ""),
+        ("has_goal", "i4", (), "of a course: whether it goes by the map, not by orders"),
         ("limits", "limits", (), ""),
         ("controller", "controller_config", (), ""),
         ("crawler", "crawler_config", (), ""),
@@ -171,6 +174,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("windows", "window", (MAX_WINDOWS,), ""),
         ("moves", "move", (MAX_MOVES,), ""),
         ("orders", "waypoint", (MAX_WAYPOINTS,), "of a course"),
+        ("map", "course", (), "likewise; nothing is known of its tiles but how high they are"),
         ("end", "f8", (), "of the flight, since the take-over; it goes on hovering [s]"),
     )),
     CStruct("log_head", "Head of a log; see runner.h for what follows it.", (
@@ -248,6 +252,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("flight", "flight", (), ""),
         ("crawl", "crawl", (), ""),
         ("manager", "manager", (), "of a course"),
+        ("pilot", "pilot", (), "of one that goes by a map"),
         ("policy", "policy", (), ""),
         ("goal", "f8", (3,), "of a crawl: x, y [m], yaw [rad], world"),
         ("reference", "reference", (), ""),
@@ -258,7 +263,8 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("trim", "f8", (6,), "what the robot's own stack adds to the weight to hover [N, Nm]"),
         ("left", "f8", (), "of the thrust with which a rest began, a share"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
-        ("ending told", "i4", (), "sp_fault that ends a course; whether it was ever told anything"),
+        ("ending told", "i4", (), "sp_fault that ends a course; whether it was ever told anything, by a map: is there"),
+        ("by_map undecided", "i4", (), "whether the map decides; ticks until it does again"),
         ("reason", "u1", (REASON,), "why orders were refused last"),
     )),
     CStruct("sim_hello", "The first thing that the simulator says.", (
@@ -282,7 +288,8 @@ def _header_lines() -> list[str]:
     """Text of spidar_runner.h but for its digest."""
     sizes = {
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES,
-        "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON,
+        "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
+        "DECIDE": DECIDE,
     }  # fmt: skip
     bounds = {
         "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
@@ -290,9 +297,11 @@ def _header_lines() -> list[str]:
     }  # fmt: skip
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
+    lines += [define(f"MAP_{name}", getattr(gates, name), "m") for name in ("ROOM", "REACH", "FARTHEST")]
     lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
     lines += [line for each in ENUMERATIONS for line in enumeration(each)]
     names, rates = zip(*TOPICS.values(), strict=True)
+    least, most, _ = zip(*(gates.POSSIBLE[kind] for kind in gates.KINDS), strict=True)
     lines += [
         "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
         *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
@@ -300,6 +309,10 @@ def _header_lines() -> list[str]:
         "/* What is said of each of sp_fault and sp_manager_phase. */",
         *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
         *array("char *const", "SP_MANAGER_PHASE_WORDS", [f'"{phase}"' for phase in PHASES]),
+        "/* What each of sp_gate_kind is called, and between which sizes it can be passed or stood on [m], [rad]. */",
+        *array("char *const", "SP_GATE_WORDS", [f'"{kind}"' for kind in gates.KINDS]),
+        define("GATE_LEAST", least),
+        define("GATE_MOST", most),
         "",
     ]
     return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]

@@ -7,13 +7,18 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import ANSWERED
+from spidar_gym.control.course.gates import Course
+from spidar_gym.control.course.pilot import Pilot
+from spidar_gym.control.course.rule import course_rule
 from spidar_gym.control.crawl.footsteps import lying_pose
+from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.path import wrap
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
 from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.envs.course.task import DECIDE
 from spidar_gym.errors import SpidarError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
@@ -23,8 +28,12 @@ from spidar_gym.native.plant import Plant
 from spidar_gym.onboard.runner_structs import Stage
 from spidar_gym.paper.crawl import crawl_robot
 from spidar_gym.policies.rollout import columns
+from spidar_gym.processes import Pool
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sitl.missions import COURSE_CRAWL_SPEED, COURSE_SPEED, Mission
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.course import boxes
+from spidar_gym.sim.ground import GroundConfig, with_boxes
+from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing
 from spidar_gym.sitl.session import Run, tilt_of
 from spidar_gym.so3 import quat_to_matrix
@@ -39,8 +48,8 @@ SETTLING = 40
 """Ticks that a robot lies before a course in process begins."""
 PERIOD = 1.0 / CONTROL_RATE
 """Length of a tick [s]."""
-LONGEST = 90.0
-"""No course takes longer than this in process [s]."""
+LATER = 30.0
+"""No course takes longer than it may by so much [s]."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +78,10 @@ class CourseLog:
     """Commanded Σλ [N]."""
     status: np.ndarray
     """How the allocation was answered."""
+    hit: np.ndarray
+    """Largest force in the tick on anything but feet and pegs, where there are gates [N]."""
+    energy_wh: np.ndarray
+    """Taken from the battery since the take-over [Wh]."""
 
 
 def manager_config(mission: Mission) -> ManagerConfig:
@@ -76,12 +89,18 @@ def manager_config(mission: Mission) -> ManagerConfig:
     flight, crawl = controller_config(mission.preset), crawler_config(mission.crawler)
     return ManagerConfig(
         replace(
-            flight, joint_speed=COURSE_SPEED, allocator=replace(flight.allocator, max_iter=ONBOARD_ITERATIONS)
+            flight, joint_speed=mission.speeds[0], allocator=replace(flight.allocator, max_iter=ONBOARD_ITERATIONS)
         ),
         replace(
-            crawl, joint_speed=COURSE_CRAWL_SPEED, allocator=replace(crawl.allocator, max_iter=ONBOARD_ITERATIONS)
+            crawl, joint_speed=mission.speeds[1], allocator=replace(crawl.allocator, max_iter=ONBOARD_ITERATIONS)
         ),
     )  # fmt: skip
+
+
+def course_robot(mission: Mission, rng: np.random.Generator) -> PlantConfig:
+    """A robot for a course, among the gates of its map."""
+    robot = replace(crawl_robot(rng), joint_speed=max(mission.speeds))
+    return robot if mission.map is None else replace(robot, ground=with_boxes(GroundConfig(), boxes(mission.map)))
 
 
 def _row(model: Model, state: RobotState, fell: float) -> dict[str, Any]:
@@ -118,6 +137,8 @@ def driven_course(run: Run, log: RunnerLog) -> CourseLog:
                 "in_contact": row.in_contact,
                 "thrust": float(answer["command"]["thrust"].sum()),
                 "status": str(STATUS[answer["status"]]),
+                "hit": row.hit,
+                "energy_wh": row.energy_wh - rows[0].energy_wh,
             }
         )
         fell = -float(row.state.velocity_w[2])
@@ -126,20 +147,40 @@ def driven_course(run: Run, log: RunnerLog) -> CourseLog:
     raise SpidarError(f"the course ended after {len(kept)} ticks: {run.board or 'too late'}; valid: a whole one")
 
 
-def course_in_process(mission: Mission, seed: int, on_tick: Callable[[], object] = lambda: None) -> CourseLog:
+class Guide:
+    """The rule that decides twice a second where to go by a map, as the runner's does (`onboard/runner/map.c`)."""
+
+    def __init__(self, manager: CoreManager, course: Course) -> None:
+        """Tell this manager what to do."""
+        self._manager, self._course, self._pilot = manager, course, Pilot(manager)
+        self._undecided, self._is_there = 0, False
+
+    def decide(self, seen: RobotState) -> bool:
+        """Before the manager's tick; whether the robot lies at the goal."""
+        manager, course = self._manager, self._course
+        if self._undecided == 0:
+            self._undecided = DECIDE
+            target = course_rule(course, seen.position_w, seen.joint_position, manager.phase)
+            self._pilot.follow(target, seen, course)
+            is_goal = not target.flies and Pose2(target.x, target.y, target.yaw) == course.goal
+            self._is_there = is_goal and manager.phase == "lie" and manager.done
+        self._undecided -= 1
+        return self._is_there
+
+
+def course_in_process(mission: Mission, seed: int) -> CourseLog:
     """The same course without a runner: the core's manager and the estimator, 40 times a second, on the same robot.
 
     Args:
         mission: A course.
         seed: Of the robot and its noise, as for the robot that a runner drives.
-        on_tick: Called at every tick, for progress.
 
     Raises:
         SpidarError: When it does not come to its end.
     """
     config, model, estimator = manager_config(mission), Model(), Estimator()
     rng = np.random.Generator(np.random.PCG64(seed))
-    plant, form = Plant(replace(crawl_robot(rng), joint_speed=COURSE_SPEED)), lying_pose(config.crawl.gait)
+    plant, form = Plant(course_robot(mission, rng)), lying_pose(config.crawl.gait)
     state = plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]), joint_position=form, rng=rng)
     still = Command(np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), form, np.full(N_JOINTS, ROBOT.max_joint_torque))
     for _ in range(SETTLING):
@@ -149,8 +190,9 @@ def course_in_process(mission: Mission, seed: int, on_tick: Callable[[], object]
     seen = estimator.update(first, state.thrust)
     manager = CoreManager(config)
     manager.reset(seen, mission.commands)
-    kept = list[dict[str, Any]]()
-    while not manager.done:
+    guide = None if mission.map is None else Guide(manager, mission.map)
+    kept, before_wh = list[dict[str, Any]](), plant.energy_wh
+    while not (manager.done if guide is None else guide.decide(seen)):
         fell = -float(state.velocity_w[2])
         command = manager.step(seen)
         state = plant.step(command)
@@ -164,33 +206,48 @@ def course_in_process(mission: Mission, seed: int, on_tick: Callable[[], object]
                 "in_contact": plant.in_contact,
                 "thrust": float(command.thrust.sum()),
                 "status": str(manager.status),
+                "hit": plant.hit,
+                "energy_wh": plant.energy_wh - before_wh,
             }
         )
-        on_tick()
-        if len(kept) * PERIOD > LONGEST:
-            raise SpidarError(f"the course does not end within {LONGEST:g} s; valid: a shorter one")
+        if len(kept) * PERIOD > mission.seconds + LATER:
+            raise SpidarError(f"the course does not end within {mission.seconds + LATER:g} s; valid: a shorter one")
     return CourseLog(**columns(kept))
+
+
+def _touchdowns(log: CourseLog) -> list[float]:
+    """Downward speed of the torso before the first touch of each descent [m/s]."""
+    found, touched = [], False
+    for phase, in_contact, fall in zip(log.phase, log.in_contact, log.fall, strict=True):
+        if phase == "descend" and in_contact and not touched:
+            found.append(float(fall))
+        touched = phase == "descend" and (touched or bool(in_contact))
+    return found
 
 
 def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
     """Figures of a course: how it flew, touched down and crawled."""
     flown, near = np.isin(log.phase, IN_THE_AIR), np.isin(log.phase, NEAR_FLOOR)[1:]
     error = (log.asked_w - log.com_w)[flown]
-    touched = np.flatnonzero((log.phase == "descend") & log.in_contact)
     landed = np.flatnonzero(np.isin(log.phase, ("unload",)))
     places = [command.position_w for command in mission.commands if isinstance(command, FlyTo)]
     goals = [command.pose for command in mission.commands if isinstance(command, CrawlTo)]
+    goals += [] if mission.map is None else [mission.map.goal]
     steps = np.abs(np.diff(log.thrust))
     figures: dict[str, Any] = {
         "seconds": float(log.time[-1]),
         "rmse_position_m": np.sqrt((error**2).mean(0)).tolist(),
         "largest_error_m": float(np.linalg.norm(error, axis=1).max()),
         "largest_tilt_rad": float(log.tilt[flown].max()),
-        "touchdown_m_s": float(log.fall[touched[0]]) if len(touched) else None,
+        "touchdown_m_s": max(_touchdowns(log), default=None),
         "landing_error_m": None,
         "largest_step_n": float(steps[near].max()),
         "final_error_m": None,
         "final_yaw_rad": None,
+        "flown_s": PERIOD * int((~np.isin(log.phase, ("lie", "crawl"))).sum()),
+        "crawled_s": PERIOD * int((log.phase == "crawl").sum()),
+        "energy_wh": float(log.energy_wh[-1]),
+        "largest_hit_n": float(log.hit.max()),
         "unsolved": int((~np.isin(log.status, [str(each) for each in ANSWERED])).sum()),
     }
     if len(landed) and places:
@@ -199,6 +256,30 @@ def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
         figures["final_error_m"] = (log.position_w[-1, :2] - [goals[-1].x, goals[-1].y]).tolist()
         figures["final_yaw_rad"] = wrap(float(log.yaw[-1]) - goals[-1].yaw)
     return figures
+
+
+def courses_in_process(
+    mission: Mission, robots: int, *, workers: int = 1, on_robot: Callable[[], object] = lambda: None
+) -> list[dict[str, Any]]:
+    """Figures of the same course with many robots, whose seeds count from 0.
+
+    Args:
+        mission: A course.
+        robots: How many.
+        workers: Processes.
+        on_robot: Called after each, for progress.
+    """
+    found = []
+    with Pool(workers) as pool:
+        for figures in pool.map(_figures_in_process, [(mission, seed) for seed in range(robots)]):
+            found.append(figures)
+            on_robot()
+    return found
+
+
+def _figures_in_process(job: tuple[Mission, int]) -> dict[str, Any]:
+    mission, seed = job
+    return course_figures(course_in_process(mission, seed), mission)
 
 
 ROWS: tuple[tuple[str, str, float, int], ...] = (
@@ -214,6 +295,18 @@ ROWS: tuple[tuple[str, str, float, int], ...] = (
     ("ticks without an optimum", "unsolved", 1.0, 0),
 )
 """Lines of the table: label, figure, unit's factor, digits."""
+GATE_ROWS: tuple[tuple[str, str, float, int], ...] = (
+    ("duration [s]", "seconds", 1.0, 1),
+    ("… with rotors up [s]", "flown_s", 1.0, 1),
+    ("… crawling [s]", "crawled_s", 1.0, 1),
+    ("energy [Wh]", "energy_wh", 1.0, 1),
+    *(row for row in ROWS[1:-1] if row[1] not in ("landing_error_m", "final_error_m", "final_yaw_rad")),
+    ("largest force on anything but feet and pegs [N]", "largest_hit_n", 1.0, 1),
+    ("place at the goal x y [mm]", "final_error_m", 1e3, 1),
+    ("heading at the goal [mrad]", "final_yaw_rad", 1e3, 1),
+    ROWS[-1],
+)
+"""The same of a course by a map; the touchdown is the hardest of its landings."""
 MARGIN = 0.5
 """A figure is within the spread where it is no farther outside than this share of it."""
 
@@ -231,14 +324,21 @@ def within_spread(figures: dict[str, Any], others: Sequence[dict[str, Any]], key
     return bool(((value >= low - slack) & (value <= high + slack)).all())
 
 
-def course_lines(figures: dict[str, Any], others: Sequence[dict[str, Any]]) -> list[list[str]]:
+def rows_of(mission: Mission) -> tuple[tuple[str, str, float, int], ...]:
+    """Lines of a course's table: label, figure, unit's factor, digits."""
+    return ROWS if mission.map is None else GATE_ROWS
+
+
+def course_lines(
+    figures: dict[str, Any], others: Sequence[dict[str, Any]], rows: Sequence[tuple[str, str, float, int]] = ROWS
+) -> list[list[str]]:
     """The table: a course through the runner beside the spread of those in process."""
 
     def text(value: Any, factor: float, digits: int) -> str:  # noqa: ANN401 - a number or several
         return "–" if value is None else " ".join(f"{factor * x:.{digits}f}" for x in np.atleast_1d(value))
 
     lines = [["course", f"in process, {len(others)} robots: least", "largest", "through the runner", "within"]]
-    for label, key, factor, digits in ROWS:
+    for label, key, factor, digits in rows:
         low, high = spread(others, key)
         inside = "yes" if within_spread(figures, others, key) else "no"
         lines.append([label, *(text(value, factor, digits) for value in (low, high, figures[key])), inside])
@@ -250,6 +350,6 @@ def course_report(
 ) -> tuple[dict[str, Any], str]:
     """Figures of a course through the runner with its timing and those in process; its table."""
     figures = course_figures(driven_course(run, log), mission)
-    table = format_table(course_lines(figures, others))
-    inside = {key: within_spread(figures, others, key) for _, key, _, _ in ROWS}
+    table = format_table(course_lines(figures, others, rows_of(mission)))
+    inside = {key: within_spread(figures, others, key) for _, key, _, _ in rows_of(mission)}
     return {**figures, "timing": timing(log), "in_process": list(others), "within_spread": inside}, table

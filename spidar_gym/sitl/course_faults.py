@@ -1,20 +1,24 @@
 """Faults in every phase of a course: what each led to, against what is specified."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
 from spidar_gym.control.locomotion.orders import PHASES
+from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.runner_structs import Action, Stage
 from spidar_gym.robot import FORMS
 from spidar_gym.sitl.faults import FAULTS, FLOOR_PHASES, course_reaction
 from spidar_gym.sitl.missions import Mission, course_mission
-from spidar_gym.sitl.play import build_for, play
+from spidar_gym.sitl.play import IN_PHASE, build_for, play
 from spidar_gym.sitl.report import RunnerLog, drive_times, within_bounds
 from spidar_gym.sitl.session import Run
 
@@ -41,7 +45,12 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
     `as_specified`: the fault did begin in that phase, the reaction is that of `course_reaction`, old commands were in
     force for 100 ms at most, none was out of bounds or published after a landing was commanded, and where the manager
     landed it touched softly.
+
+    Raises:
+        SpidarError: When the fault did not begin.
     """
+    if run.fault_at == np.inf:
+        raise SpidarError(f"{name} never began: {phase} did not come; valid: a run that comes through the phase")
     outputs = log.outputs
     drive = outputs["stage"] > Stage.WAITING
     holds = [len(list(ticks)) for stage, ticks in groupby(outputs["stage"].tolist()) if stage == Stage.HOLDING]
@@ -83,28 +92,66 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
     }
 
 
+@dataclass(frozen=True)
+class Put:
+    """A fault that is put into a phase of a course."""
+
+    link: str
+    """`ros` or `socket`."""
+    fault: str
+    """Its name."""
+    phase: str
+    """One of `IN_PHASE`."""
+    seed: int = 0
+    """Seed of the robot, its noise and what is drawn."""
+
+
+def play_put(put: Put) -> dict[str, Any]:
+    """Figures of a fault in a phase, in a course of its own."""
+    how: dict[str, Any] = dict(seed=put.seed, fault=put.fault, phase=put.phase, runner=build_for(put.link))
+    played = play(phase_mission(put.phase), put.link, **how)
+    return course_fault_figures(put.fault, put.phase, played.run, played.log)
+
+
+def pairs_of(faults: Sequence[str], phases: Sequence[str], sample: int = 0) -> list[tuple[str, str]]:
+    """Faults and the phases that they are put into.
+
+    Args:
+        faults: Their names.
+        phases: Those of a course.
+        sample: How many of the phases for each fault, from another one on for each; 0 for all. A smaller sample is the
+            begin of a larger one.
+    """
+    if not sample:
+        return [(fault, phase) for phase in phases for fault in faults]
+    turns = range(min(sample, len(phases)))
+    return [(fault, phases[(k + turn) % len(phases)]) for turn in turns for k, fault in enumerate(faults)]
+
+
 def play_course_faults(
-    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, on_fault: Callable[[], object] = lambda: None
-) -> list[dict[str, Any]]:
+    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, workers: int = 1, folder: Path | None = None,
+    on_fault: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:  # fmt: skip
     """Faults in phases, each in a course of its own: figures of each.
+
+    Those of an interrupted call are in `folder`, and are not played again.
 
     Args:
         link: `ros` or `socket`.
         pairs: Names of faults and of phases.
         seed: Of the robot and its noise.
+        workers: Processes; in real time there is room for one.
+        folder: Where figures are kept as they come.
         on_fault: Called after each, for progress.
     """
-    rows, runner = [], build_for(link)
-    for name, phase in pairs:
-        played = play(phase_mission(phase), link, seed=seed, fault=name, phase=phase, runner=runner)
-        rows.append(course_fault_figures(name, phase, played.run, played.log))
-        on_fault()
-    return rows
+    build_for(link)  # once, before several look for it
+    puts = [Put(link, name, phase, seed) for name, phase in pairs]
+    return finish(play_put, puts, workers=workers, folder=folder, on_done=lambda *_: on_fault())
 
 
 def course_fault_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
     """The table: a line for each fault, a column for each phase; a reaction that is not the specified one is marked."""
-    phases = list(dict.fromkeys(row["phase"] for row in rows))
+    phases = [phase for phase in IN_PHASE if any(row["phase"] == phase for row in rows)]
     lines = [["fault", "what", *phases]]
     for name in dict.fromkeys(row["fault"] for row in rows):
         cells = {row["phase"]: _cell(row) for row in rows if row["fault"] == name}

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spidar_gym.control.course.gates import BEFORE, CEILING, HALF_WIDTH, Course, Gate
 from spidar_gym.control.crawl.footsteps import Move, plan_cycles
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff, require_order
 from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.envs.course.task import CourseTask
 from spidar_gym.envs.crawl.task import PAPER_WAY
 from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
@@ -19,13 +21,18 @@ from spidar_gym.robot import FORMS
 PREPARE = 8.0
 """From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
 
+COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
+"""Joint speed of a course in flight, where at the paper's 0.2 a form takes eight seconds, and of its crawls [rad/s]."""
+MAP_SECONDS = 300.0
+"""A course by a map takes no longer: the horizon of Course-v0 [s]."""
+
 
 @dataclass(frozen=True)
 class Mission:
     """What the runner is told, and what that means for whoever evaluates it."""
 
     name: str
-    """flight, crawl, hover or course."""
+    """flight, crawl, hover, course, or course_gates of one by a map."""
     preset: str
     """Controller."""
     text: str
@@ -42,6 +49,10 @@ class Mission:
     """What a course consists of."""
     orders: tuple[tuple[float, str], ...] = ()
     """What it is told while it runs: when since the take-over [s], and the lines."""
+    map: Course | None = None
+    """Gates and goal of a course by which the runner decides itself; None where it has commands."""
+    speeds: tuple[float, float] = (COURSE_SPEED, COURSE_CRAWL_SPEED)
+    """Joint speed of a course in flight, and of its crawls [rad/s]."""
 
     @property
     def is_course(self) -> bool:
@@ -88,10 +99,6 @@ def crawl_mission(
     # Whoever waits longer than twice the nominal time waits for nothing.
     seconds = 15.0 + 2.0 * nominal_time(config.gait, [Move(way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
     return Mission("crawl", preset, "\n".join([*lines, ""]), seconds, way=way)
-
-
-COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
-"""Joint speed of a course in flight, where at the paper's 0.2 a form takes eight seconds, and of its crawls [rad/s]."""
 
 
 def fly_over() -> tuple[LocomotionCommand, ...]:
@@ -143,6 +150,40 @@ def course_mission(
     lines += [f"speed {COURSE_SPEED:g} {COURSE_CRAWL_SPEED:g}", _fence(told)]
     text = "\n".join([*lines, *map(order_line, told), ""])
     return Mission("course", preset, text, seconds, crawler=crawler, commands=told, orders=orders)
+
+
+def map_mission(
+    course: Course, preset: str = "tuned", crawler: str = "robust_overlapped", *, odometry: bool = False,
+    orders: tuple[tuple[float, str], ...] = (),
+) -> Mission:  # fmt: skip
+    """A course of gates, over, under and through which the runner finds its way by itself, at Course-v0's joint speeds.
+
+    Args:
+        course: What the map tells.
+        preset: Controller in flight.
+        crawler: Crawler.
+        odometry: Whether the runner takes the robot's own estimate.
+        orders: What it is told while it runs, as in `Mission`; from then on the map decides no more.
+    """
+    controller_config(preset)
+    crawler_config(crawler)
+    task, goal = CourseTask(), course.goal
+    speeds = task.joint_speed, task.crawl_speed
+    corners = (-BEFORE, -HALF_WIDTH, -0.2, course.end, HALF_WIDTH, CEILING)
+    lines = [f"course {preset} {crawler}", *_switches(odometry, False), f"speed {speeds[0]:g} {speeds[1]:g}"]
+    lines += ["fence " + " ".join(f"{float(x)!r}" for x in corners), *map(gate_line, course.gates)]
+    text = "\n".join([*lines, f"goal {goal.x!r} {goal.y!r} {goal.yaw!r}", ""])
+    return Mission("course_gates", preset, text, MAP_SECONDS, crawler=crawler, orders=orders, map=course, speeds=speeds)
+
+
+def gate_line(gate: Gate) -> str:
+    """A gate as the line that the runner reads."""
+    return f"gate {gate.kind} {gate.begin!r} {gate.end!r} {gate.size!r} {gate.middle!r}"
+
+
+def drawn_course(gates: int, seed: int = 0) -> Course:
+    """The course that Course-v0 draws at a reset with this seed, where it draws so many gates."""
+    return CourseTask(count=(gates, gates)).draw(np.random.Generator(np.random.PCG64(seed)))
 
 
 def _fence(commands: Iterable[LocomotionCommand]) -> str:

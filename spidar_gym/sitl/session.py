@@ -65,6 +65,8 @@ class Row:
     """What touches it, where the runner begins on the floor."""
     contacts: np.ndarray
     """Contact points and forces, (k, 6) [m, N], likewise."""
+    hit: float
+    """Largest force in this tick on anything but feet and pegs, where there are gates [N]."""
 
 
 @dataclass
@@ -178,6 +180,7 @@ class Session:
         self.phase, self.stage = PHASES[0], Stage.WAITING
         """What the runner says of itself, as far as it has been heard."""
         self._landing_asked = self._touched = self._rested = np.inf
+        self._hit = 0.0
         self._orders = list(mission.orders)
 
     def operate(self, *, finished: bool) -> None:
@@ -200,6 +203,7 @@ class Session:
         """5 ms of the robot; what reaches the runner of what it says."""
         robot, run = self.robot, self.run
         messages = robot.step()
+        self._hit = max(self._hit, robot.plant.hit)
         run.first_driven = min(run.first_driven, robot.first_driven)
         fault, driven = self.injector, robot.time > run.first_driven
         if fault is not None and driven and run.fault_at == np.inf and fault.phase in ("", self.phase):
@@ -231,9 +235,10 @@ class Session:
             Row(
                 robot.time, robot.flight_state, robot.state, tilt_of(robot.state),
                 plant.power, plant.energy_wh, plant.air_force, plant.data.qpos.copy(), plant.in_contact,
-                plant.touch() if crawls else None, plant.contact_forces() if crawls else np.zeros((0, 6)),
+                plant.touch() if crawls else None, plant.contact_forces() if crawls else np.zeros((0, 6)), self._hit,
             )
         )  # fmt: skip
+        self._hit = 0.0
 
     @property
     def over(self) -> bool:

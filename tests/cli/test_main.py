@@ -31,6 +31,7 @@ NAMES = (
     "docs",
     "sitl",
     "lost",
+    "hops",
     "tune",
     "view",
     "assets",
@@ -51,7 +52,7 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 13, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}.get(
+    assert len(quantities) == {"run": 13, "paper crawl": 4, "hops": 2, "bench": 1, "eval": 1, "export": 1}.get(
         " ".join(command), 0
     )
     # A strength has no unit, but a range; friction has neither. Degrees exist on the command line only, and it says so.
@@ -155,6 +156,9 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
         (["paper", "flight", "--speeds", "--workers", "0"], "at least 1"),
         (["paper", "flight", "--noise", "--seed", "-1"], "at least 0"),
         (["lost", "--preset", "mine"], "paper, as_flown, tuned, tuned_v1"),
+        *((["hops", f"--{name}", "0"], "at least 1") for name in ("robots", "workers")),
+        *((["hops", "--strength", v], "within 0 … 1") for v in ("-0.1", "1.5", "nan")),
+        *((["hops", "--wind", v], "at least 0 [m/s]") for v in ("-1", "nan")),
         *(
             (["tune", "flight", f"--{name}", "0"], "at least 1") for name in ("generations", "scenarios", "workers")
         ),

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from support.hops import CONFIG, HOP, Mission
 
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
@@ -10,6 +9,7 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.constants import MAX_WAYPOINTS
 from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.paper.hops import CONFIG, HOP, Trip
 from spidar_gym.robot import FORMS
 
 COURSE = (
@@ -71,7 +71,7 @@ class Both:
 
 def flown(commands, seconds=60.0, *, interrupt=None, **robot):
     both = Both()
-    seen = Mission(3, manager=both, **robot).fly(commands, seconds, interrupt=interrupt)
+    seen = Trip(3, manager=both, **robot).fly(commands, seconds, interrupt=interrupt)
     assert seen.done is not None
     assert both.worst["thrust"] < 1e-9
     assert both.worst["vectoring"] < 1e-9
@@ -92,7 +92,7 @@ def test_a_whole_course_is_that_of_the_readable_manager():
 
 def test_the_core_alone_refuses_what_cannot_follow_and_has_no_room_for_more():
     manager = CoreManager(CONFIG)
-    manager.reset(Mission(0).state, [TakeOff()])
+    manager.reset(Trip(0).state, [TakeOff()])
     with pytest.raises(InvalidValueError, match="Land first"):
         manager.command([TakeOff()])
     manager.command([Land()])

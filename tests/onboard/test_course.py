@@ -38,22 +38,28 @@ from support.runner import (
     said,
 )
 
+from spidar_gym.control.course.gates import KINDS, POSSIBLE, Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.course import write_course
 from spidar_gym.native.locomotion import CoreManager, waypoint
 from spidar_gym.native.plant import read_state
-from spidar_gym.onboard.runner_structs import ORDER_TEXT
+from spidar_gym.onboard.runner_structs import ORDER_TEXT, log_layouts
 from spidar_gym.robot import FORMS
-from spidar_gym.sitl.course import manager_config
+from spidar_gym.sitl.course import Guide, manager_config
 from spidar_gym.sitl.faults import FLOOR_PHASES
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.messages import ORDERS, Message
-from spidar_gym.sitl.missions import course_mission, order_line
+from spidar_gym.sitl.missions import course_mission, drawn_course, map_mission, order_line
 
 pytestmark = needs_compiler
 FRONT = "course tuned robust\n"
+
+
+HURDLE = Course((Gate("wall", 2.3, 2.5, 0.5),), Pose2(4.1, 0.05, 0.1))
+"""A course by a map, as short as one is."""
 
 
 def phases(outputs):
@@ -96,6 +102,82 @@ def test_the_runner_commands_what_the_manager_does_byte_for_byte(course):
     np.testing.assert_allclose(end.position_w[:2], [0.5, 0.0], atol=0.03)
     assert course.run.board == ""
     assert course.run.status == 0
+
+
+@pytest.fixture(scope="module")
+def hurdle(library, runner, folder):
+    return played(library, runner, folder, "hurdle", map_mission(HURDLE))
+
+
+@pytest.mark.slow
+def test_by_a_map_the_runner_decides_as_the_rule_does_byte_for_byte(hurdle):
+    outputs, mission = hurdle.played.outputs, map_mission(HURDLE)
+    driving = np.flatnonzero(outputs["stage"] == DRIVING)
+    manager = CoreManager(manager_config(mission))
+    manager.reset(read_state(outputs["state"][driving[0]]))
+    guide = Guide(manager, HURDLE)
+    for tick in driving:
+        seen, sent = read_state(outputs["state"][tick]), outputs["command"][tick]
+        assert guide.decide(seen) == bool(outputs["finished"][tick])
+        command = manager.step(seen)
+        assert command.thrust.tobytes() == sent["thrust"].tobytes()
+        assert command.joint_position.tobytes() == sent["joint_position"].tobytes()
+    assert guide.decide(seen)
+
+
+@pytest.mark.slow
+def test_by_a_map_it_flies_over_the_wall_and_lies_at_the_goal_in_the_end(hurdle):
+    rows, end = hurdle.run.rows, hurdle.run.rows[-1].state
+    assert hurdle.run.board == ""
+    assert hurdle.run.status == 0
+    assert max(row.hit for row in rows) == 0.0
+    over = [row.state.position_w[2] for row in rows if 2.3 < row.state.position_w[0] < 2.5]
+    assert min(over) > 1.2
+    np.testing.assert_allclose(end.position_w[:2], [4.1, 0.05], atol=0.03)
+    said = phases(hurdle.played.outputs)
+    assert said[:3] == ["spool", "climb", "hover"]
+    assert said[-1] == "lie"
+    check_bounds(hurdle.played.outputs)
+
+
+def by_map(library, course, ticks):
+    """A loop that goes by a map where the robot of another drive is, some ticks after the take-over."""
+    mission = read_mission(library, map_mission(HURDLE).text)
+    assert not isinstance(mission, str), mission
+    loop = Loop(library, mission)
+    first = course.drives + ticks
+    out = loop.run(course.inputs[:first])[-1]
+    assert out["stage"] == DRIVING
+    return loop, course.inputs[first:]
+
+
+def test_the_map_decides_twice_a_second_and_from_the_first_tick(library, course):
+    loop, inputs = by_map(library, course, 1)
+    assert (loop.record["by_map"], loop.record["told"]) == (1, 0)
+    assert PHASES[loop.record["manager"]["memory"]["phase"]] == "spool"
+    left = [int(loop.record["undecided"])]
+    for record in inputs[:40]:
+        loop(record)
+        left.append(int(loop.record["undecided"]))
+    assert left == [19 - k % 20 for k in range(41)]
+
+
+def test_whoever_gives_orders_takes_the_course_from_the_map(library, course):
+    loop, inputs = by_map(library, course, 10)
+    other = loop.copy()
+    out, reason = told(other, inputs[0], "now\nland\nland")
+    assert (out["heard"], other.record["by_map"]) == (REFUSED, 1), reason
+    out, _ = told(loop, inputs[0], "now")
+    assert (out["heard"], loop.record["by_map"]) == (TAKEN, 0)
+    assert loop.run(inputs[1:80])[-1]["finished"]
+    assert PHASES[loop.record["manager"]["memory"]["phase"]] == "lie"
+
+
+def test_a_fault_that_ends_a_course_ends_the_maps_say(library, course):
+    loop, inputs = by_map(library, course, 10)
+    out = loop.run(spoilt(inputs[:80], low))
+    assert RESTING in out["stage"]
+    assert loop.record["by_map"] == 0
 
 
 # Orders while it runs.
@@ -342,7 +424,47 @@ def test_every_order_is_read(library):
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("seed", [0, 1, 7])
+def test_every_gate_is_read_and_the_goal(library, seed):
+    course = drawn_course(3, seed)
+    m, wanted = read_mission(library, map_mission(course).text), np.zeros((), log_layouts()["course"])
+    assert not isinstance(m, str), m
+    write_course(wanted, course)
+    wanted["tiles"] = 0.0  # nothing decides by them
+    assert (m["kind"], m["order_count"], m["has_goal"]) == (COURSE, 0, 1)
+    assert m["map"].tobytes() == wanted.tobytes()
+    assert (m["controller"]["joint_speed"], m["crawler"]["joint_speed"]) == (0.6, 0.4)
+
+
+def test_of_gates_the_runner_refuses_what_a_course_does(library):
+    """Both are asked of random gates and goals, at bounds and beyond."""
+    rng, agreed = np.random.default_rng(3), {True: 0, False: 0}
+    for _ in range(600):
+        gates, x = [], 0.0
+        for _ in range(int(rng.integers(0, 4))):
+            kind = str(rng.choice([k for k in KINDS if k != "tiles"]))
+            low, high, _ = POSSIBLE[kind]
+            begin = x + float(rng.choice([1.1, 1.2, 2.3, 2.4, 3.0]))
+            x = begin + float(rng.choice([0.2, 3.0, 3.0, 3.0]))
+            size = low + (high - low) * float(rng.choice([0.01, 0.5, 0.99, 1.05]))
+            gates.append((kind, begin, x, size, float(rng.choice([0.0, 0.0, 0.5, 2.0])) if kind == "slot" else 0.0))
+        goal = (x + float(rng.choice([-1.5, -1.1, 1.1, 1.3, 2.0])), float(rng.choice([0.0, 1.7, 1.9])), 0.1)
+        lines = [" ".join(("gate", kind, *map(repr, numbers))) for kind, *numbers in gates]
+        text = FRONT + "\n".join([*lines, "goal " + " ".join(map(repr, goal))])
+        try:
+            Course(tuple(Gate(*gate) for gate in gates), Pose2(*goal))
+        except InvalidValueError:
+            possible = False
+        else:
+            possible = True
+        found = read_mission(library, text)
+        assert isinstance(found, str) != possible, (text, found)
+        agreed[possible] += 1
+    assert min(agreed.values()) > 50
+
+
 UP = FRONT + "take_off 1\n"
+WALL = "gate wall 2.3 2.5 0.5\n"
 BAD = {
     "course tuned": "line 1; valid: course, one of paper, as_flown, tuned",
     "course robust tuned": "course, one of paper, as_flown, tuned",
@@ -371,6 +493,22 @@ BAD = {
     FRONT + "take_off 1\nland\n" * 32 + "take_off 1": "line 66; valid: at most 64 orders at once",
     FRONT + "crawl_to 1 0": "crawl_to X Y [m] YAW [rad], where the torso comes to lie, within ± 100 m",
     FRONT + "now": "flight, crawl, course",
+    FRONT + "gate fence 2 3 1": "gate, one of wall, beam, slot, platform, tiles, slope",
+    FRONT + "gate wall 2 3": "then BEGIN END SIZE [m, rad] and a slot's MIDDLE [m]",
+    FRONT + "gate wall 2 nan 1": "gate, one of wall",
+    FRONT + "gate wall 3 2 1": "a gate that ends behind its begin, within ± 60 m",
+    FRONT + "gate beam 2 3 0.4": "gate beam with a clearance of 0.5 … 3 m",
+    FRONT + "gate slot 2 3 2 2.5": "a slot between the field's sides at ± 3 m",
+    FRONT + WALL + "gate wall 4 5 1": "line 3; valid: gates in their order, with 2.4 m between two",
+    FRONT + "".join(f"gate wall {3 * k}.3 {3 * k}.5 1\n" for k in range(1, 10)): "at most 8 gates",
+    FRONT + WALL: "a goal behind the gates",
+    FRONT + "goal 1 0": "goal X Y [m] YAW [rad]",
+    FRONT + "goal 1 2 0": "1.2 m from the field's sides",
+    FRONT + "goal 1 0 0\ngoal 1 0 0": "one goal",
+    FRONT + WALL + "goal 2.6 0 0": "a goal 1.2 m from walls, slots, and edges of floors",
+    UP + "goal 1 0 0": "orders, or a goal with gates: by a map the runner decides itself",
+    "flight tuned\n" + WALL: "gate and goal for a course",
+    "crawl robust\ngoal 1 0 0": "gate and goal for a course",
 }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from support.networks import made
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
 from spidar_gym.control.locomotion.commands import Land
+from spidar_gym.envs.course.task import SUCCESS_POSITION, SUCCESS_YAW
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
@@ -22,12 +23,20 @@ from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.paper.flight import PAPER_FLIGHT
 from spidar_gym.policies.artifact import write_artifact
+from spidar_gym.sitl import course_faults
 from spidar_gym.sitl.course import driven_course
-from spidar_gym.sitl.course_faults import course_fault_figures, phase_mission
+from spidar_gym.sitl.course_faults import (
+    course_fault_figures,
+    course_fault_lines,
+    pairs_of,
+    phase_mission,
+    play_course_faults,
+)
 from spidar_gym.sitl.faults import course_reaction
 from spidar_gym.sitl.missions import course_mission, crawl_mission, flight_mission, hover_mission
 from spidar_gym.sitl.play import build_for, fault_figures, faults_of, play
 from spidar_gym.sitl.report import fault_table, read_runner_log
+from spidar_gym.sitl.session import Run
 
 pytestmark = needs_compiler
 cross, ros = marked("cross"), marked("ros")
@@ -122,6 +131,29 @@ def test_a_course_through_the_runner_is_among_the_same_courses_in_process(driven
     assert {p.name for p in folder.iterdir()} == {"course.json", "mission.txt", "run.log"}
 
 
+def check_gates(ours):
+    """Acceptance: it touches no gate, lands softly, and lies at the goal as close as Course-v0 asks."""
+    assert ours["largest_hit_n"] == 0.0
+    assert ours["touchdown_m_s"] < 0.35
+    assert ours["largest_step_n"] <= 5.0 + 1e-9
+    assert np.hypot(*ours["final_error_m"]) <= SUCCESS_POSITION
+    assert abs(ours["final_yaw_rad"]) <= SUCCESS_YAW
+    assert ours["unsolved"] == 0
+
+
+@pytest.mark.slow
+def test_a_course_through_gates_is_driven_by_the_runner_alone(runner, tmp_path):
+    words = ("--gates", "1", "--seed", "2", "--robots", "1", "--link", "socket", "--out", tmp_path, "--json")
+    check_gates(sitl("sitl", "course", *words)["course_gates"])
+    assert {p.name for p in tmp_path.iterdir()} == {"course_gates.json", "mission.txt", "run.log"}
+    assert "gate slot" in (tmp_path / "mission.txt").read_text()
+    done = subprocess.run(
+        [runner, "replay", tmp_path / "run.log", tmp_path / "again"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "again").read_bytes() == (tmp_path / "run.log").read_bytes()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["flight", "crawl", "course"])
 def test_a_drive_replays_byte_for_byte(driven, runner, kind, tmp_path):
@@ -206,6 +238,43 @@ def test_faults_in_phases_of_a_course_end_as_specified(runner, tmp_path):
         assert row["peak_tilt_rad"] < 0.2
 
 
+def test_a_sample_of_faults_and_phases_has_every_fault_and_a_larger_one_begins_with_it():
+    faults, phases = ("none", "stall", "killed", "lossy"), ("lie", "fly", "unload")
+    one, two, all_ = (pairs_of(faults, phases, sample) for sample in (1, 2, 0))
+    assert one == [("none", "lie"), ("stall", "fly"), ("killed", "unload"), ("lossy", "lie")]
+    assert two[:4] == one
+    assert len(set(two)) == 8
+    assert set(all_) == set(pairs_of(faults, phases, 9)) == {(f, p) for f in faults for p in phases}
+
+
+def test_faults_in_phases_go_on_where_they_were(monkeypatch, tmp_path):
+    played = []
+
+    def play_put(put):
+        if len(played) == 2 and not stopped:
+            stopped.append(put)
+            raise KeyboardInterrupt
+        played.append((put.fault, put.phase))
+        return {
+            "fault": put.fault,
+            "phase": put.phase,
+            "happened": "rests",
+            "touchdown_m_s": None,
+            "as_specified": True,
+        }
+
+    stopped, pairs = [], pairs_of(("pose_stops", "imu_stops"), ("lie", "crawl"))
+    play_put.__qualname__ = "play_put"
+    monkeypatch.setattr(course_faults, "play_put", play_put)
+    with pytest.raises(KeyboardInterrupt):
+        play_course_faults("socket", pairs, folder=tmp_path)
+    rows = play_course_faults("socket", pairs, folder=tmp_path)
+    assert played == pairs
+    lines = course_fault_lines(rows)
+    assert lines[0][2:] == ["lie", "crawl"]
+    assert lines[1][2:] == ["rests", "rests"]
+
+
 def test_what_is_specified_for_a_course_depends_on_what_is_seen_and_on_the_floor():
     assert course_reaction("pose_stops", "fly") == "forced landing"
     assert course_reaction("pose_stops", "crawl") == course_reaction("low_battery", "spool") == "rests"
@@ -220,6 +289,8 @@ def test_a_wrong_report_of_a_course_would_be_noticed(runner):
     assert course_fault_figures("low_battery", "spool", played.run, played.log)["as_specified"]
     assert not course_fault_figures("none", "spool", played.run, played.log)["as_specified"]
     assert not course_fault_figures("low_battery", "climb", played.run, played.log)["as_specified"]
+    with pytest.raises(SpidarError, match="stall never began: fly did not come"):
+        course_fault_figures("stall", "fly", Run(), played.log)
     with pytest.raises(SpidarError, match="the course ended"):
         driven_course(played.run, played.log)
 
@@ -254,8 +325,9 @@ def test_bad_words_are_refused(tmp_path, capfd):
         ["flight", "--link", "x"], ["flight", "--preset", "x"], ["flight", "--seed", "-1"],
         ["crawl", "--distance", "-1"],
         ["faults", "--only", "gremlins"], ["faults", "--link", "socket", "--only", "master"],
-        ["faults", "--only", "low_battery"], ["faults", "--phases", "nap"], ["course", "--robots", "0"],
-        ["course", "--residual", "net.zip"],
+        ["faults", "--only", "low_battery"], ["faults", "--phases", "nap"], ["faults", "--sample", "-1"],
+        ["faults", "--sample", "1", "--workers", "2"], ["course", "--gates", "-1"], ["course", "--gates", "9"],
+        ["course", "--robots", "0"], ["course", "--residual", "net.zip"],
     )  # fmt: skip
     for words in wrong:
         with pytest.raises(SystemExit):
@@ -313,6 +385,13 @@ def test_the_papers_crawl_through_ros_in_real_time(tmp_path):
 @pytest.mark.slow
 def test_a_course_through_ros_in_real_time(tmp_path):
     check_course(sitl_in_real_time("course", "--out", tmp_path)["course"])
+
+
+@ros
+@pytest.mark.slow
+def test_a_course_through_gates_through_ros_in_real_time(tmp_path):
+    words = ("course", "--gates", "1", "--seed", "2", "--robots", "1", "--out", tmp_path)
+    check_gates(sitl_in_real_time(*words)["course_gates"])
 
 
 @ros

@@ -6,7 +6,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from support.hops import CONFIG, Mission
 from support.plants import VACUUM
 
 from spidar_gym.control.crawl.footsteps import GaitConfig, lying_pose
@@ -18,6 +17,7 @@ from spidar_gym.native.engine import Engine
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.plant import Plant
 from spidar_gym.native.structs import fill
+from spidar_gym.paper.hops import CONFIG, Trip
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.robot.description import mjcf_path
 from spidar_gym.sim.config import PlantConfig
@@ -164,13 +164,13 @@ def test_a_platform_throws_the_air_back_as_the_floor_does_and_only_where_it_is()
 
 def test_the_manager_lands_on_a_platform():
     box = (3.0, 0.0, 0.15, 1.5, 1.6, 0.15, 0.0)
-    mission = Mission(0, ground=floor(box), manager=Manager(CONFIG))
+    mission = Trip(0, ground=floor(box), manager=Manager(CONFIG))
     seen = mission.fly([TakeOff(0.8), FlyTo((3.0, 0.0, 1.0), speed=0.8), Land(floor=0.3)], 40.0)
     assert seen.phase[-1] == "lie"
     np.testing.assert_allclose(mission.state.position_w, [3.0, 0.0, 0.3 + ROBOT.peg_depth], rtol=0, atol=0.03)
     assert 0.0 < seen.touchdown < 0.35
     # The same where the map knows of no platform.
-    mission = Mission(0, ground=floor(box))
+    mission = Trip(0, ground=floor(box))
     seen = mission.fly([TakeOff(0.8), FlyTo((3.0, 0.0, 1.0), speed=0.8), Land()], 40.0)
     assert mission.state.position_w[2] == pytest.approx(0.3 + ROBOT.peg_depth, abs=0.01)
 

@@ -151,11 +151,13 @@ def said(*words):
 
 def junk(rng):
     """A mission of words that it knows, numbers, and rubbish."""
-    words = ["flight", "crawl", "course", "crawl_to", "take_off", "fly_to", "land", "along", "room", "form", "move",
+    words = ["flight", "crawl", "course", "crawl_to", "take_off", "fly_to", "land", "gate", "goal", "wall", "beam",
+             "slot", "tiles", "along", "room", "form", "move",
              "unrestricted", "estimate", "residual", "fence", "ages", "settle",
              "tilt", "speed", "end", "paper", "robust", "tuned", "odometry", "on", "0", "1", "-1", "1e300", "-1e-300",
              "nan", "0.1", "inf", "0x1p3", "#", "\t", "\r", "…", "2147483648", "%s%n", ZEROS]  # fmt: skip
-    head = [["flight paper"], ["crawl published"], ["course tuned robust", "take_off 1"], []][rng.integers(4)]
+    map_ = ["course tuned robust", "gate wall 2.3 2.5 0.5", "goal 4.1 0 0"]
+    head = [["flight paper"], ["crawl published"], ["course tuned robust", "take_off 1"], map_, []][rng.integers(5)]
     lines = [" ".join(rng.choice(words, rng.integers(0, 26))) for _ in range(rng.integers(0, 12))]
     if rng.random() < 0.5:
         lines = ["move " + " ".join(rng.choice(["1e300", "0.2", "-1e9", "3", "0", "1e-300"], 4)) for _ in range(3)]

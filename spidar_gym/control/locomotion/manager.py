@@ -400,11 +400,12 @@ class Manager(Orders):
         return Command(thrust, memory.vectoring, memory.joint_position, np.full(16, limit))
 
     def _limited(self, command: Command) -> Command:
-        """Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt."""
-        total = float(command.thrust.sum())
-        if self.memory.phase not in ("spool", "descend", "unload") or total <= 0.0:
+        """Near the floor Σλ changes evenly, into the climb too: what a foot finds there is no reason for a jolt."""
+        memory, total = self.memory, float(command.thrust.sum())
+        lifts = memory.phase == "climb" and memory.time <= self.dt
+        if not (memory.phase in ("spool", "descend", "unload") or lifts) or total <= 0.0:
             return command
-        slew, before = self.config.most_slew, self.memory.thrust
+        slew, before = self.config.most_slew, memory.thrust
         share = min(max(total, before - slew), before + slew) / total
         return replace(command, thrust=np.minimum(ROBOT.max_thrust, command.thrust * share))
 

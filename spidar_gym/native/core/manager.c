@@ -368,13 +368,15 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
     }
 }
 
-/* Near the floor Σλ changes evenly: what a foot finds there is no reason for a jolt. */
+/* Near the floor Σλ changes evenly, into the climb too: what a foot finds there is no reason for a jolt. */
 static void limit(const sp_robot *robot, const sp_manager *m, sp_command *command)
 {
     int32_t phase = m->memory.phase;
     double total = 0.0, slew = m->config.most_slew, before = m->memory.thrust;
     for (int i = 0; i < SP_ROTORS; i++) total += command->thrust[i];
-    if ((phase != SP_MANAGER_SPOOL && phase != SP_MANAGER_DESCEND && phase != SP_MANAGER_UNLOAD) || total <= 0.0) return;
+    int lifts = phase == SP_MANAGER_CLIMB && m->memory.time <= m->flight.dt;
+    int near_floor = phase == SP_MANAGER_SPOOL || phase == SP_MANAGER_DESCEND || phase == SP_MANAGER_UNLOAD;
+    if (!(near_floor || lifts) || total <= 0.0) return;
     double share = sp_min(sp_max(total, before - slew), before + slew) / total;
     for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(robot->max_thrust, command->thrust[i] * share);
 }

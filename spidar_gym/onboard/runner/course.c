@@ -38,6 +38,9 @@ const char *sp_course_begin(sp_loop *l, const sp_robot_state *state)
     const char *why = sp_refuse_orders(&l->manager, state, mission->orders, mission->order_count, 0);
     for (int k = 0; why == NULL && k < mission->order_count; k++) sp_manager_command(&l->manager, &mission->orders[k]);
     l->told = mission->order_count > 0;
+    l->by_map = mission->has_goal;
+    l->undecided = 0;
+    memset(&l->pilot, 0, sizeof l->pilot);
     return why;
 }
 
@@ -75,6 +78,7 @@ static void hear(sp_loop *l, const char *text)
     memset(l->reason, 0, sizeof l->reason);
     l->answer.heard = SP_HEARD_TAKEN;
     l->told = 1;
+    l->by_map = 0; /* whoever gives orders decides from now on */
 }
 
 /* One tick of the manager; what is wrong with it. */
@@ -82,6 +86,7 @@ static sp_fault step(sp_loop *l)
 {
     sp_manager *m = &l->manager;
     sp_command command;
+    sp_go_by_map(l);
     sp_manager_step(m, &l->sense.state, NULL, sp_own_room(), &command);
     l->answer.phase = m->crawl.gait.phase;
     l->answer.timeouts = m->crawl.gait.timeouts;
@@ -96,6 +101,7 @@ static void begin_to_end(sp_loop *l, sp_fault fault)
     sp_manager *m = &l->manager;
     sp_waypoint land;
     l->ending = fault;
+    l->by_map = 0;
     l->held = 0.0;
     if (m->count > 0 && m->commands[0].kind == SP_LOCOMOTION_LAND) {
         m->count = 1; /* it lands already */

@@ -166,7 +166,7 @@ static const struct {
     const char *(*read)(sp_mission *, char **, int);
 } LINES[] = {
     {"flight", read_kind}, {"crawl", read_kind}, {"course", read_kind}, {"form", read_form}, {"move", read_move},
-    {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order}, {"land", read_order},
+    {"gate", sp_read_gate}, {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order}, {"land", read_order},
     {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"fence", read_limit},
     {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
 };
@@ -193,8 +193,8 @@ static const char *read_line(sp_mission *m, char *line, int *kinds)
     if (count == 0) return NULL;
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
-        return "flight, crawl, course, form, move, crawl_to, take_off, fly_to, land, unrestricted, estimate, residual, "
-               "fence, ages, settle, tilt, speed, end";
+        return "flight, crawl, course, form, move, crawl_to, take_off, fly_to, land, gate, goal, unrestricted, estimate, "
+               "residual, fence, ages, settle, tilt, speed, end";
     *kinds += LINES[k].read == read_kind;
     if (*kinds > 1) return "one flight, crawl or course";
     const char *valid = LINES[k].read(m, words, count);
@@ -227,6 +227,7 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
     int flies = m->form_count + m->window_count > 0 || m->end > 0.0, crawls = m->move_count > 0;
     if (valid == NULL && ((m->kind != SP_MISSION_FLIGHT && flies) || (m->kind != SP_MISSION_CRAWL && crawls)))
         valid = "form, unrestricted, end for a flight; move for a crawl";
+    if (valid == NULL) valid = sp_refuse_map(m);
     if (valid == NULL) return 1;
     snprintf(reason, size, "mission, line %d; valid: %s", number_of_line, valid);
     return 0;

@@ -80,7 +80,8 @@ static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int 
     sp_loop_output was, is;
     sp_log_clock clock;
     if (!READ(mission) || !within(mission.form_count, SP_MAX_FORMS) || !within(mission.window_count, SP_MAX_WINDOWS) ||
-        !within(mission.move_count, SP_MAX_MOVES) || !within(mission.order_count, SP_MAX_WAYPOINTS))
+        !within(mission.move_count, SP_MAX_MOVES) || !within(mission.order_count, SP_MAX_WAYPOINTS) ||
+        !within(mission.map.count, SP_MAX_GATES))
         return ENDS_EARLY;
     if (sp_loop_init(&loop, &mission) != NULL) return IMPOSSIBLE;
     if (!WRITE(*head) || !WRITE(mission)) return UNWRITABLE;

@@ -27,6 +27,12 @@ const char *sp_refuse_orders(const sp_manager *manager, const sp_robot_state *st
 /* Lines of orders, the first of them `now` where they interrupt; all of them, or none. */
 const char *sp_take_orders(sp_manager *manager, const sp_mission *mission, const sp_robot_state *state, const char *text);
 
+/* map.c: gates and goal of a course, as lines of a mission; what would have been valid, or NULL. */
+const char *sp_read_gate(sp_mission *mission, char **words, int count);
+const char *sp_read_goal(sp_mission *mission, char **words, int count);
+const char *sp_refuse_map(const sp_mission *mission);
+void sp_go_by_map(sp_loop *loop); /* before the manager's tick: twice a second, what it is told */
+
 /* sense.c: check the samples, estimate the state; what is wrong. */
 #define SP_AHEAD 0.05 /* a stamp may be so far in the future [s] */
 void sp_sense_init(sp_sense *sense, const sp_mission *mission);

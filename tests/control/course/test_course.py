@@ -145,6 +145,18 @@ def test_it_crawls_under_beams_and_flies_over_walls_and_through_slots():
     assert before_slot.narrow == 1.0
 
 
+def test_who_drifts_back_while_taking_off_behind_a_beam_is_not_sent_back_through_it():
+    behind = BEAM.end + PASSED - 0.02
+    crawls_on = rule(behind, z=0.15, phase="lie")
+    assert not crawls_on.flies
+    assert crawls_on.x > behind
+    for phase in ("spool", "climb", "hover", "fly"):
+        target = rule(behind, z=0.15, phase=phase)
+        assert target.flies
+        assert target.x > behind
+    assert rule(BEAM.begin - 0.5, z=1.0, phase="hover").x < BEAM.begin
+
+
 def test_it_rises_before_it_flies_over_a_wall():
     low, high = rule(1.5, z=0.6), rule(1.5, z=1.8)
     assert low.x <= 1.5

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.hops import CONFIG, HOP, Mission, steps
 from support.states import model, resting, staying
 
 from spidar_gym.control.crawl.pose2 import Pose2
@@ -15,12 +14,12 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, form_radius
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.paper.hops import CONFIG, HOP, NEAR_FLOOR, Trip
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.so3 import exp
 from spidar_gym.state import Command
 
-NEAR_FLOOR = ("spool", "descend", "unload")
 FLOORS = {
     "flat": GroundConfig(),
     "a slope of 10 degrees": GroundConfig(slope=math.radians(10.0), heading=0.8),
@@ -33,9 +32,9 @@ def landed(seen):
     assert seen.phase[-1] == "lie"
     assert 0.0 < seen.touchdown < 0.35
     assert seen.slip < 0.05
-    thrust, turn = steps(seen, *NEAR_FLOOR)
-    assert thrust <= 5.0 + 1e-9
-    assert turn <= ROBOT.max_vectoring_speed / 40.0 + 1e-9
+    thrust, turn = seen.steps(*NEAR_FLOOR)
+    assert thrust.max() <= 5.0 + 1e-9
+    assert turn.max() <= ROBOT.max_vectoring_speed / 40.0 + 1e-9
     assert seen.thrust[-1] == 0.0
 
 
@@ -67,7 +66,7 @@ def test_what_the_floor_carries_is_a_share_of_the_whole():
 
 @pytest.mark.parametrize("floor", FLOORS)
 def test_up_and_down_again_on_any_floor(floor):
-    mission = Mission(0, sense=True, ground=FLOORS[floor])
+    mission = Trip(0, sense=True, ground=FLOORS[floor])
     seen = mission.fly(HOP)
     assert seen.phases() == ["spool", "climb", "hover", "form", "descend", "unload", "lie"]
     landed(seen)
@@ -83,7 +82,7 @@ def test_up_and_down_again_on_any_floor(floor):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_drawn_robots_in_wind_take_off_and_land(seed):
-    seen = Mission(seed, strength=1.0, sense=True, wind=2.0, push=10.0).fly(HOP)
+    seen = Trip(seed, strength=1.0, sense=True, wind=2.0, push=10.0).fly(HOP)
     landed(seen)
     assert np.array(seen.tilt).max() < 0.1
 
@@ -95,7 +94,7 @@ def test_a_whole_course():
         CrawlTo(Pose2(0.2, 0.0, 0.0)), TakeOff(1.0), FlyTo((2.0, 1.0, 1.6), FORMS["form3"], 0.8, along=True),
         FlyTo((2.0, 2.0, 1.4), FORMS["form2"]), Land(), CrawlTo(Pose2(2.1, 2.2, 1.0)),
     )  # fmt: skip
-    mission = Mission(2, sense=True, strength=0.3)
+    mission = Trip(2, sense=True, strength=0.3)
     seen = mission.fly(way, 90.0)
     order = ["crawl", "lie", "spool", "climb", "hover", "form", "fly", "hover", "form", "fly", "hover", "form",
              "descend", "unload", "lie", "crawl", "lie"]  # fmt: skip
@@ -103,7 +102,7 @@ def test_a_whole_course():
     landed(seen)
     np.testing.assert_allclose(mission.state.position_w[:2], [2.1, 2.2], atol=0.01)
     assert np.array(seen.tilt)[seen.during("fly", "hover", "form")].max() < 0.05
-    assert steps(seen, *PHASES)[0] < 40.0
+    assert seen.steps(*PHASES)[0].max() < 40.0
 
 
 # ---- interruptions ----
@@ -111,17 +110,17 @@ def test_a_whole_course():
 
 @pytest.mark.parametrize("at", [0.7, 2.5, 7.5])
 def test_it_lands_at_once_when_told_so(at):
-    seen = Mission(0).fly(HOP, interrupt=(at, [Land()]))
+    seen = Trip(0).fly(HOP, interrupt=(at, [Land()]))
     assert seen.phase[-1] == "lie"
     assert seen.done < 12.0
-    assert steps(seen, *NEAR_FLOOR)[0] <= 5.0 + 1e-9
+    assert seen.steps(*NEAR_FLOOR)[0].max() <= 5.0 + 1e-9
     if at == 0.7:
         assert seen.phases() == ["spool", "unload", "lie"]
 
 
 def test_a_climb_that_ends_in_a_landing_is_not_flown_again_while_the_legs_move():
     """It brakes, takes its pose where it has come to rest, and comes down from there."""
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, [TakeOff(1.0)])
     mission.until("climb", 60)
     mission.manager.interrupt([Land()])
@@ -138,7 +137,7 @@ def test_a_climb_that_ends_in_a_landing_is_not_flown_again_while_the_legs_move()
 
 def test_a_leg_that_hangs_keeps_no_robot_in_the_air():
     """A form that a joint does not reach is waited for two seconds; then it lands in what it has."""
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, [TakeOff(0.6), Land()])
     mission.until("form")
     ticks = 0
@@ -154,7 +153,7 @@ def test_a_leg_that_hangs_keeps_no_robot_in_the_air():
 
 
 def test_evening_out_of_the_thrust_asks_for_no_more_than_a_rotor_has():
-    manager = Mission(0).manager
+    manager = Trip(0).manager
     manager.memory.phase, manager.memory.thrust = "descend", 8.0 * ROBOT.max_thrust
     thrust = np.full(8, 10.0)
     thrust[0] = ROBOT.max_thrust
@@ -166,7 +165,7 @@ def test_evening_out_of_the_thrust_asks_for_no_more_than_a_rotor_has():
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [1.0, 2.6, 4.2, 6.0])
 def test_it_takes_off_from_the_middle_of_a_crawl(at):
-    seen = Mission(0, sense=True).fly([CrawlTo(Pose2(0.3, 0.0, 0.0))], interrupt=(at, HOP))
+    seen = Trip(0, sense=True).fly([CrawlTo(Pose2(0.3, 0.0, 0.0))], interrupt=(at, HOP))
     assert seen.phases()[:3] == ["crawl", "spool", "climb"]
     landed(seen)
     first = seen.phase.index("spool")
@@ -175,7 +174,7 @@ def test_it_takes_off_from_the_middle_of_a_crawl(at):
 
 
 def test_it_climbs_again_while_the_floor_takes_over():
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, HOP)
     mission.until("unload", 16)
     mission.manager.interrupt([TakeOff(0.5), Land()])
@@ -187,13 +186,13 @@ def test_it_climbs_again_while_the_floor_takes_over():
         "spool", "climb", "hover", "form", "descend", "unload", "spool", "climb", "hover", "form", "descend", "unload",
         "lie",
     ]  # fmt: skip
-    assert steps(seen, *NEAR_FLOOR)[0] <= 5.0 + 1e-9
+    assert seen.steps(*NEAR_FLOOR)[0].max() <= 5.0 + 1e-9
     np.testing.assert_allclose(mission.state.position_w[:2], 0.0, atol=0.02)
 
 
 @pytest.mark.slow
 def test_a_crawl_that_is_interrupted_ends_with_its_cycle():
-    mission = Mission(0)
+    mission = Trip(0)
     seen = mission.fly([CrawlTo(Pose2(0.6, 0.0, 0.0))], 60.0, interrupt=(1.0, []))
     assert seen.phase[-1] == "lie"
     assert seen.done < 12.0
@@ -205,12 +204,12 @@ def test_a_crawl_that_is_interrupted_ends_with_its_cycle():
 
 @pytest.mark.parametrize("expected", [-0.3, -3.0])
 def test_a_floor_higher_than_expected_is_a_floor(expected):
-    seen = Mission(0).fly([TakeOff(1.0), Land(floor=expected)])
+    seen = Trip(0).fly([TakeOff(1.0), Land(floor=expected)])
     assert seen.phase[-1] == "lie"
 
 
 def test_a_descent_goes_on_where_no_floor_is_and_is_broken_off_for_good_the_second_time():
-    seen = Mission(0).fly([TakeOff(2.0), Land(floor=0.95)], 60.0)
+    seen = Trip(0).fly([TakeOff(2.0), Land(floor=0.95)], 60.0)
     assert seen.phases() == ["spool", "climb", "hover", "form", "descend", "fly", "hover", "form", "descend", "hover"]
     heights = np.array(seen.position_w)[:, 2]
     assert heights[seen.during("descend")].min() < 0.95 + ROBOT.peg_depth - 0.4
@@ -223,7 +222,7 @@ def falling(manager, state, **changes):
 
 def test_what_gives_way_is_no_floor():
     """A gust that holds the robot up is taken for the floor, until it falls."""
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, HOP)
     mission.until("descend", 60)
     state, manager = mission.state, mission.manager
@@ -241,7 +240,7 @@ def test_what_gives_way_is_no_floor():
 
 
 def test_a_robot_that_tips_over_cuts_its_thrust():
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, HOP)
     mission.until("hover")
     state = mission.state
@@ -254,7 +253,7 @@ def test_a_robot_that_tips_over_cuts_its_thrust():
 
 
 def test_a_state_that_is_not_finite_changes_nothing_and_gets_the_last_command():
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, HOP)
     for _ in range(100):
         mission.tick()
@@ -302,7 +301,7 @@ def test_a_command_that_is_none_is_refused_in_one_line(build, words):
 )
 def test_what_cannot_follow_is_refused_and_nothing_has_changed(commands, words):
     manager = Manager(CONFIG)
-    manager.reset(Mission(0).state, [CrawlTo(Pose2(0.1, 0.0, 0.0))])
+    manager.reset(Trip(0).state, [CrawlTo(Pose2(0.1, 0.0, 0.0))])
     for tell in (manager.command, manager.interrupt):
         with pytest.raises(InvalidValueError, match=words):
             tell(commands)
@@ -318,7 +317,7 @@ def test_a_form_is_as_wide_as_it_is():
 
 def test_a_flight_that_is_interrupted_brakes_as_softly_as_a_path_does():
     """From a metre a second to rest, and no jump in what is asked for."""
-    mission = Mission(0)
+    mission = Trip(0)
     mission.manager.reset(mission.seen, [TakeOff(1.0), FlyTo((4.0, 0.0, 1.2), speed=1.0)])
     asked = []
     for _ in range(1200):
@@ -340,7 +339,7 @@ def test_a_flight_that_is_interrupted_brakes_as_softly_as_a_path_does():
 @pytest.mark.slow
 def test_steered_twice_a_second_it_flies_a_curve_without_a_jolt():
     """As a policy does: a place a metre ahead on a circle, told anew every half second, while the legs move."""
-    mission = Mission(0, sense=True)
+    mission = Trip(0, sense=True)
     manager = mission.manager
     manager.reset(mission.seen, [TakeOff(0.8)])
     asked, tick = [], 0

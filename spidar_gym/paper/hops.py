@@ -1,0 +1,320 @@
+"""Up and down again: a robot on a floor that a manager of both gaits takes to the air and back, and what many do."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.resume import finish
+from spidar_gym.control.crawl.footsteps import lying_pose
+from spidar_gym.control.estimator import Estimator
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.locomotion.commands import Land, LocomotionCommand, TakeOff
+from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.control.locomotion.orders import ManagerConfig
+from spidar_gym.control.presets import controller_config
+from spidar_gym.errors import SpidarError
+from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.native.plant import Plant
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.randomize import check_strength, randomize
+from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
+from spidar_gym.state import Command
+
+JOINT_SPEED = 0.6
+"""Joint speed of the legs [rad/s]."""
+HOP = (TakeOff(1.0), Land())
+"""From lying to a hover at 1 m and back."""
+CONFIG = ManagerConfig(flight=replace(controller_config("tuned"), joint_speed=JOINT_SPEED))
+"""Who flies and crawls on a hop."""
+NEAR_FLOOR = ("spool", "descend", "unload")
+"""Phases in which floor and rotors hand the robot over to each other."""
+SETTLING = 40
+"""Ticks that a robot lies before it is told anything."""
+LONGEST = 100.0
+"""No phase is waited for longer [s]."""
+
+
+@dataclass
+class Seen:
+    """What a trip looked like, tick by tick."""
+
+    time: list[float] = field(default_factory=list)
+    """[s]."""
+    phase: list[str] = field(default_factory=list)
+    """One of `PHASES`."""
+    position_w: list[np.ndarray] = field(default_factory=list)
+    """Torso, true, shape (3,) [m]."""
+    tilt: list[float] = field(default_factory=list)
+    """Angle between the torso's axis and the vertical [rad]."""
+    against_floor: list[float] = field(default_factory=list)
+    """The same to the floor's normal [rad]."""
+    thrust: list[float] = field(default_factory=list)
+    """Commanded Σλ [N]."""
+    vectoring: list[np.ndarray] = field(default_factory=list)
+    """Commanded, shape (8, 2) [rad]."""
+    touchdown: float = 0.0
+    """Downward speed of the torso before the first touch of a descent [m/s]."""
+    slip: float = 0.0
+    """How far feet have slid while the thrust came and went, the fastest foot of every tick [m]."""
+    done: float | None = None
+    """When nothing was left to do [s]."""
+
+    def phases(self) -> list[str]:
+        """Phases in their order."""
+        return [p for k, p in enumerate(self.phase) if k == 0 or self.phase[k - 1] != p]
+
+    def during(self, *phases: str) -> np.ndarray:
+        """Which ticks were in these phases, shape (n,)."""
+        return np.isin(self.phase, phases)
+
+    def steps(self, *phases: str, after: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Changes in every tick of these phases against the tick before it.
+
+        Args:
+            phases: Their names.
+            after: With the tick that follows upon each of them.
+
+        Returns:
+            Of Σλ, shape (k,) [N], and the largest of a vectoring angle, shape (k,) [rad].
+        """
+        during = self.during(*phases)
+        chosen = during[1:] | (during[:-1] & after)
+        thrust, vectoring = np.abs(np.diff(self.thrust)), np.abs(np.diff(self.vectoring, axis=0))
+        return thrust[chosen], vectoring.max(axis=(1, 2))[chosen]
+
+
+class Trip:
+    """One robot on a floor with a manager."""
+
+    def __init__(
+        self, seed: int = 0, *, strength: float = 0.0, sense: bool = False, ground: GroundConfig | None = None,
+        wind: float = 0.0, push: float = 0.0, manager: Any = None,  # noqa: ANN401 - either manager, or both at once
+    ) -> None:  # fmt: skip
+        """Lay it down.
+
+        Args:
+            seed: Of the robot, its noise and the weather.
+            strength: Of the randomisation, 0 for the nominal robot.
+            sense: Whether the manager sees what the sensors and the estimator make of the robot, not the robot.
+            ground: The floor.
+            wind: Mean wind [m/s].
+            push: Force of pushes [N].
+            manager: Who moves it; the readable manager if none is given.
+        """
+        rng, ground = np.random.Generator(np.random.PCG64(seed)), ground or GroundConfig()
+        config = PlantConfig(sense=sense, ground=ground, joint_speed=JOINT_SPEED)
+        if strength:
+            config = replace(randomize(config, rng, strength)[0], ground=ground, sense=sense)
+        self.plant, self.estimator, self.ground = Plant(config), Estimator(), ground
+        self.manager = manager or Manager(CONFIG)
+        gait = self.manager.config.crawl.gait
+        q = lying_pose(gait)
+        below = ground.height(np.vstack((gait.home_b, 0.12 * np.eye(3), -0.12 * np.eye(3)))).max()
+        place = ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth + float(below)])
+        state = self.plant.reset(
+            place, matrix_to_quat(ground.R_wf), q, np.zeros((N_ROTORS, 2)),
+            disturbances=Disturbances(wind=wind, push=push), rng=rng,
+        )  # fmt: skip
+        still = Command(np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), q, np.full(N_JOINTS, ROBOT.max_joint_torque))
+        for _ in range(SETTLING):
+            state = self.plant.step(still)
+        self.state = self.seen = state
+        """The true one, and what the manager sees."""
+        if sense:
+            first = self.plant.measure()
+            self.estimator.reset(replace(state, joint_position=first.joint_position, vectoring=first.vectoring))
+            self.seen = self.estimator.update(first, state.thrust)
+        self.seen_so_far = Seen()
+
+    def tick(self) -> None:
+        """One control period."""
+        seen, m, fell = self.seen_so_far, self.manager, float(self.state.velocity_w[2])
+        command = m.step(self.seen)
+        self.state = self.plant.step(command)
+        self.seen = self.state
+        if self.plant.config.sense:
+            self.seen = self.estimator.update(self.plant.measure(), command.thrust)
+        if m.phase == "descend" and self.plant.in_contact and not seen.touchdown:
+            seen.touchdown = -fell
+        if m.phase in ("spool", "unload"):
+            seen.slip += float(self.plant.touch().foot_slip.max()) / CONTROL_RATE
+        R_wb = quat_to_matrix(self.state.quat_wb)
+        seen.time.append(len(seen.time) / CONTROL_RATE)
+        seen.phase.append(m.phase)
+        seen.position_w.append(self.state.position_w)
+        seen.tilt.append(math.acos(min(1.0, float(R_wb[2, 2]))))
+        seen.against_floor.append(math.acos(min(1.0, float(R_wb[:, 2] @ self.ground.R_wf[:, 2]))))
+        seen.thrust.append(float(command.thrust.sum()))
+        seen.vectoring.append(command.vectoring)
+
+    def until(self, phase: str, ticks: int = 0) -> None:
+        """Tick until this phase, and that many ticks into it.
+
+        Raises:
+            SpidarError: When it does not come.
+        """
+        while self.manager.phase != phase:
+            self.tick()
+            if len(self.seen_so_far.time) > LONGEST * CONTROL_RATE:
+                raise SpidarError(f"{phase} did not come within {LONGEST:g} s; valid: a phase of what it was told")
+        for _ in range(ticks):
+            self.tick()
+
+    def fly(
+        self, commands: Iterable[LocomotionCommand], seconds: float = 40.0, *,
+        interrupt: tuple[float, Iterable[LocomotionCommand]] | None = None,
+    ) -> Seen:  # fmt: skip
+        """Do these commands, and half a second more.
+
+        Args:
+            commands: What the manager is told.
+            seconds: How long at most [s].
+            interrupt: From a time on [s] do others.
+        """
+        self.manager.reset(self.seen, commands)
+        seen = self.seen_so_far
+        for k in range(round(CONTROL_RATE * seconds)):
+            if interrupt is not None and k == round(CONTROL_RATE * interrupt[0]):
+                self.manager.interrupt(interrupt[1])
+            self.tick()
+            if self.manager.done and seen.done is None:
+                seen.done = k / CONTROL_RATE
+            if seen.done is not None and k / CONTROL_RATE >= seen.done + 0.5:
+                break
+        return seen
+
+
+# ---- many of them ----
+
+STRENGTH, WIND = 1.0, 2.0
+"""Strength of the drawn robots' randomisation, and the wind that they fly in [m/s]."""
+HOVERED = 10.0
+"""So long each robot hovers beside its hop, for the changes of Σλ that a hover takes [s]."""
+QUANTILE = 0.999
+"""What share of those changes, over all robots, is below the figure that is told."""
+LARGEST_STEP = 5.0
+"""Σλ of a nominal robot changes by no more in a tick of a hand-over [N]."""
+BARS = {"touchdown_m_s": 0.35, "tilt_rad": 0.1, "slip_m": 0.05, "seconds": 15.0,
+        "turn_rad": ROBOT.max_vectoring_speed / CONTROL_RATE}  # fmt: skip
+"""A hop has to stay below these, the last a vectoring servo's slew in a tick."""
+ROUNDING = 1e-9
+"""What is asked for at a limit is at it within this."""
+
+
+@dataclass(frozen=True)
+class Hop:
+    """One robot's hop, with sensors and the estimator."""
+
+    seed: int
+    """Seed of the robot, its noise and the weather."""
+    strength: float = 0.0
+    """Strength of the randomisation, 0 for the nominal robot."""
+    wind: float = 0.0
+    """Mean wind [m/s]."""
+
+
+def fly_hop(hop: Hop) -> dict[str, Any]:
+    """What a hop was like: whether it lies again, the figures of `BARS`, and every change of Σλ [N].
+
+    `steps_n` are those of the hand-overs, `hover_steps_n` those of the same robot in a hover of `HOVERED` seconds.
+    """
+    how: dict[str, Any] = dict(strength=hop.strength, wind=hop.wind, sense=True)
+    seen = Trip(hop.seed, manager=CoreManager(CONFIG), **how).fly(HOP)
+    hover = Trip(hop.seed, manager=CoreManager(CONFIG), **how)
+    hover.manager.reset(hover.seen, HOP[:1])
+    hover.until("hover", round(CONTROL_RATE * HOVERED))
+    hovered = hover.seen_so_far.steps("hover")[0]
+    return {
+        "landed": seen.done is not None and seen.phase[-1] == "lie",
+        "touchdown_m_s": seen.touchdown,
+        "tilt_rad": max(seen.tilt),
+        "slip_m": seen.slip,
+        "seconds": LONGEST if seen.done is None else seen.done,
+        "turn_rad": float(np.abs(np.diff(seen.vectoring, axis=0)).max()),
+        "steps_n": seen.steps(*NEAR_FLOOR, after=True)[0].tolist(),
+        "hover_steps_n": hovered.tolist(),
+    }
+
+
+def hop_study(
+    robots: int = 100, *, strength: float = STRENGTH, wind: float = WIND, workers: int = 1,
+    folder: Path | None = None, on_hop: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Hops of noisy nominal robots, and of drawn ones in wind; a row of figures each.
+
+    Hops of an interrupted call are in `folder`, and are not flown again.
+
+    Args:
+        robots: Of either kind; their seeds count from 0.
+        strength: Of the drawn ones' randomisation.
+        wind: That they fly in [m/s].
+        workers: Processes.
+        folder: Where finished hops are kept.
+        on_hop: Called after each, for progress.
+
+    Raises:
+        InvalidValueError: For a strength outside 0 … 1.
+    """
+    check_strength(strength)
+    kinds = ({}, {"strength": strength, "wind": wind})
+    hops = [Hop(seed, **kind) for kind in kinds for seed in range(robots)]
+    found = finish(fly_hop, hops, workers=workers, folder=folder, on_done=lambda *_: on_hop())
+    return [
+        {"robots": robots, "strength": 0.0, "wind": 0.0, **kind, **_row(found[k * robots : (k + 1) * robots], kind)}
+        for k, kind in enumerate(kinds)
+    ]
+
+
+def _row(hops: list[dict[str, Any]], drawn: dict[str, float]) -> dict[str, Any]:
+    """Figures of many hops: medians and worsts, and changes of Σλ over all ticks."""
+    steps, hovered = (np.concatenate([hop[key] for hop in hops]) for key in ("steps_n", "hover_steps_n"))
+    largest = [max(hop["steps_n"]) for hop in hops]
+    within = [hop["landed"] and all(hop[key] <= bar + ROUNDING for key, bar in BARS.items()) for hop in hops]
+    if not drawn:
+        within = [good and step <= LARGEST_STEP + ROUNDING for good, step in zip(within, largest, strict=True)]
+    return {
+        "landed": sum(hop["landed"] for hop in hops),
+        "within": sum(within),
+        "beyond": [seed for seed, good in enumerate(within) if not good],
+        **{key: {"median": float(np.median(values)), "worst": float(np.max(values))}
+           for key in BARS for values in [[hop[key] for hop in hops]]},
+        "largest_step_n": {"median": float(np.median(largest)), "worst": max(largest)},
+        "step_quantile_n": float(np.quantile(steps, QUANTILE)),
+        "hover_step_quantile_n": float(np.quantile(hovered, QUANTILE)),
+    }  # fmt: skip
+
+
+_LINES = (
+    ("touchdown [m/s]", "touchdown_m_s", 1.0, 2), ("tilt [mrad]", "tilt_rad", 1e3, 0),
+    ("slip of the feet [mm]", "slip_m", 1e3, 1), ("from lying to 1 m and back [s]", "seconds", 1.0, 1),
+    ("vectoring command, turn in a tick [mrad]", "turn_rad", 1e3, 1),
+)  # fmt: skip
+
+
+def hop_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """The rows as a table, a column each: median … worst robot, beside what is allowed."""
+    names = [f"drawn at strength {row['strength']:g}, wind {row['wind']:g} m/s" if row["strength"] or row["wind"]
+             else "noisy nominal" for row in rows]  # fmt: skip
+
+    def cells(key: str, factor: float, digits: int) -> list[str]:
+        return [f"{factor * row[key]['median']:.{digits}f} … {factor * row[key]['worst']:.{digits}f}" for row in rows]
+
+    lines = [["hop", "allowed", *names]]
+    lines += [["lies again", "", *(f"{row['landed']} of {row['robots']}" for row in rows)]]
+    lines += [["… within everything below", "", *(f"{row['within']} of {row['robots']}" for row in rows)]]
+    lines += [[label, f"{factor * BARS[key]:.{digits}f}", *cells(key, factor, digits)]
+              for label, key, factor, digits in _LINES]  # fmt: skip
+    lines += [["change of Σλ at hand-overs [N/tick]", f"{LARGEST_STEP:g}, nominal", *cells("largest_step_n", 1.0, 2)]]
+    for label, bar, key in (
+        (f"… {QUANTILE:.1%} of all ticks", "that of the hover", "step_quantile_n"),
+        (f"… the same in a hover of {HOVERED:g} s", "", "hover_step_quantile_n"),
+    ):
+        lines.append([label, bar, *(f"{row[key]:.2f}" for row in rows)])
+    return lines
