@@ -6,7 +6,6 @@ import pytest
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 
-
 CASES = [
     (HOVER, {}), (CRAWL, {}), (COURSE, {"hold": 4}), (COURSE, {"action_mode": "residual"}),
     (COURSE, {"action_mode": "direct"}),
