@@ -11,7 +11,7 @@ from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FAILURES, REWARD_TERMS
-from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native.draws import to_numpy
@@ -98,8 +98,12 @@ def trace(name, robots, threads, ticks, seeds=None, **options):
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [(HOVER, {"forms": "narrow", "joint_speed": 1.0, **DRAWN}), (CRAWL, {"preset": "robust", "randomization": 1.0})],
-)
+    [
+        (HOVER, {"forms": "narrow", "joint_speed": 1.0, **DRAWN}), (CRAWL, {"preset": "robust", "randomization": 1.0}),
+        (COURSE, {"hold": 5, **DRAWN}), (COURSE, {"action_mode": "residual", "hold": 5, "randomization": 1.0}),
+        (COURSE, {"action_mode": "direct", **DRAWN}),
+    ],
+)  # fmt: skip
 def test_bits_do_not_depend_on_company_threads_or_order(name, options):
     whole = trace(name, 9, 1, 30, **options)
     for other in (

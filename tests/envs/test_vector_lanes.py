@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.saving import CHECKSUM
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
@@ -21,6 +21,9 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "flights of drawn robots": (HOVER, {"preset": "tuned", "forms": "narrow", **DRAWN}),
     "crawls": (CRAWL, {}),
     "crawls of drawn robots on tiles": (CRAWL, {"preset": "robust", "steps": 0.01, "slope": 0.1, **DRAWN}),
+    "courses by targets": (COURSE, {"hold": 5, **DRAWN}),
+    "courses by the rule": (COURSE, {"action_mode": "residual", "hold": 5}),
+    "courses alone": (COURSE, {"action_mode": "direct", **DRAWN}),
 }
 
 

@@ -18,7 +18,7 @@
 #define OVERFLOW 2
 #define UNDEFINED 3
 
-enum { ROBOTS, TICKS, CRAWLS, STRIDE, COPY_BYTES, OWN_COPIES, ACTION, OBSERVATION, INFO_BYTES, GOAL_ROOM, STATE,
+enum { ROBOTS, TICKS, KIND, STRIDE, COPY_BYTES, OWN_COPIES, ACTION, OBSERVATION, INFO_BYTES, GOAL_ROOM, STATE,
        CONTACT_OFF, NUMBERS };
 enum { OF_DATA, OF_MODEL, ITSELF }; /* what a member of sp_sim is counted from */
 
@@ -119,8 +119,9 @@ int main(int argc, char **argv)
 
     sp_mujoco functions;
     functions.state_kind = number[STATE], functions.contact_off = number[CONTACT_OFF];
-    const char *names[] = {"mj_step", "mj_forward", "mj_setConst", "mj_resetData", "mj_getState", "mj_setState"};
-    for (int k = 0; k < 6; k++) ((void **)&functions)[k] = symbol(mujoco, names[k]);
+    const char *names[] = {"mj_step",     "mj_forward",  "mj_setConst",    "mj_resetData",
+                           "mj_getState", "mj_setState", "mj_contactForce"};
+    for (int k = 0; k < 7; k++) ((void **)&functions)[k] = symbol(mujoco, names[k]);
     void *(*load)(const char *, const void *) = symbol(mujoco, "mj_loadModel");
     void *(*make)(const void *) = symbol(mujoco, "mj_makeData");
 
@@ -156,13 +157,15 @@ int main(int argc, char **argv)
     double *action = malloc((size_t)(acted - (BROKEN == OVERFLOW)) * sizeof *action);
     e.actions = action;
 
+    int (*const resets[])(sp_engine *, const int32_t *, int) = {sp_reset_hovers, sp_reset_crawlings, sp_reset_coursings};
+    int (*const steps[])(sp_engine *, const int32_t *, int) = {sp_step_hovers, sp_step_crawlings, sp_step_coursings};
     uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a */
-    (number[CRAWLS] ? sp_reset_crawlings : sp_reset_hovers)(&e, NULL, (int)robots);
+    resets[number[KIND]](&e, NULL, (int)robots);
     for (int64_t tick = 0; tick <= number[TICKS]; tick++) {
         for (int64_t k = 0; k < 4 * seen; k++) hash = (hash ^ ((unsigned char *)e.observations)[k]) * 0x100000001b3u;
         if (tick == number[TICKS]) break;
         memcpy(action, actions + tick * acted, (size_t)(acted - (BROKEN == OVERFLOW)) * sizeof *action);
-        (number[CRAWLS] ? sp_step_crawlings : sp_step_hovers)(&e, NULL, (int)robots);
+        steps[number[KIND]](&e, NULL, (int)robots);
     }
     if (BROKEN == UNDEFINED) printf("%d ", 1 << (int)(number[ROBOTS] + 40));
     printf("%016llx\n", (unsigned long long)hash);

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.native import recipe
 from spidar_gym.native.compiler import compiler
-from spidar_gym.native.mujoco import DATA, FLAT, MODEL, OWN, STATE, library, member_offsets, offsets
+from spidar_gym.native.mujoco import BOXED, DATA, FLAT, MODEL, OWN, STATE, library, member_offsets, offsets
 from spidar_gym.native.robot import robot
 
 DRIVER = Path(__file__).with_name("driver.c")
@@ -26,7 +26,12 @@ CASES = {
     "crawl": (CRAWL, {"preset": "robust"}),
     "drawn crawl": (CRAWL, {"randomization": 1.0, "sensors": True}),
     "crawl on tiles": (CRAWL, {"steps": 0.01, "slope": 0.05}),
+    "course by targets": (COURSE, {"sensors": True, "randomization": 1.0, "battery": True}),
+    "course by the rule": (COURSE, {"action_mode": "residual", "hold": 20, "count": (1, 1), "gates": ("beam",)}),
+    "course alone": (COURSE, {"action_mode": "direct", "floors": ("tiles",), "disturbances": {"wind": 2.0}}),
 }  # fmt: skip
+KINDS = (HOVER, CRAWL, COURSE)
+"""In the order of the driver's functions."""
 ROBOTS, TICKS = 5, 40
 OF_DATA, OF_MODEL, ITSELF = range(3)
 RACE, OVERFLOW, UNDEFINED = range(1, 4)
@@ -109,13 +114,13 @@ def write(case, folder):
     engine = fleet.engine
     for k in range(ROBOTS):
         fleet.seed(k, np.random.default_rng(k))
-    names = OWN if "steps" in options else FLAT
+    names = BOXED if name == COURSE else OWN if "steps" in options else FLAT
     model = member_offsets("mjModel")
     rows = zip(names, engine._pieces[0].tolist(), strict=True)
     pieces = np.array([(model[piece], *row[1:]) for piece, row in rows], np.int64)
     actions = np.random.default_rng(9).normal(0.0, 0.4, (TICKS, *fleet.actions.shape))
     numbers = [
-        ROBOTS, TICKS, name == CRAWL, engine.robots.itemsize, engine.copies.shape[1], engine.record["own_copies"],
+        ROBOTS, TICKS, KINDS.index(name), engine.robots.itemsize, engine.copies.shape[1], engine.record["own_copies"],
         fleet.actions.shape[1], fleet.observations.shape[1], fleet.infos.itemsize, engine.record["goal_room"],
         int(STATE), int(mujoco.mjtDisableBit.mjDSBL_CONTACT),
     ]  # fmt: skip

@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
-from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 
+CASES = [
+    (HOVER, {}), (CRAWL, {}), (COURSE, {"hold": 4}), (COURSE, {"action_mode": "residual"}),
+    (COURSE, {"action_mode": "direct"}),
+]  # fmt: skip
 
-def visited(name, threads):
+
+def visited(name, options, threads):
     """Observations of robots of which one begins anew at every tick."""
-    env = NativeVectorEnv(name, 5, num_threads=threads, randomization=1.0, autoreset_mode="Disabled")
+    env = NativeVectorEnv(name, 5, num_threads=threads, randomization=1.0, autoreset_mode="Disabled", **options)
     env.reset(seed=3)
     rng, seen = np.random.default_rng(1), []
     for _ in range(60):
@@ -19,8 +24,8 @@ def visited(name, threads):
     return np.array(seen)
 
 
-@pytest.mark.parametrize("name", [HOVER, CRAWL])
-def test_a_robot_that_begins_anew_while_others_go_on_has_the_same_bits_on_every_thread(name):
-    alone = visited(name, 1)
+@pytest.mark.parametrize(("name", "options"), CASES)
+def test_a_robot_that_begins_anew_while_others_go_on_has_the_same_bits_on_every_thread(name, options):
+    alone = visited(name, options, 1)
     for threads in (2, 3):
-        np.testing.assert_array_equal(visited(name, threads), alone)
+        np.testing.assert_array_equal(visited(name, options, threads), alone)

@@ -99,7 +99,8 @@ class Course:
             valid = f"{TILE_COLUMNS} for each of the rows of {ROW:g} m of the only stretch of tiles"
             raise InvalidValueError("tiles", len(self.tiles), valid)
         if self.tiles:
-            require_within(0.0, 0.2, "m", least=min(self.tiles), highest=max(self.tiles))
+            (size,) = (gate.size for gate in self.gates if gate.kind == "tiles")
+            require_within(0.0, size, "m", **{"lowest tile": min(self.tiles), "highest tile": max(self.tiles)})
         self._check_goal()
 
     def _check_gate(self, gate: Gate, before: Gate | None) -> None:

@@ -61,8 +61,9 @@ class Target:
 
     def require_inside(self, course: Course) -> None:
         """Raise `InvalidValueError` where it lies outside the field of a course."""
-        if not course.is_inside(self.x, self.y, self.z if self.flies else 0.0):
-            valid = f"within x = {-BEFORE:g} … {course.end:.4g} m, y = ± {HALF_WIDTH:g} m, up to z = {CEILING:g} m"
+        z = self.z if self.flies else 0.0
+        if z < 0.0 or not course.is_inside(self.x, self.y, z):
+            valid = f"within x = {-BEFORE:g} … {course.end:.4g} m, y = ± {HALF_WIDTH:g} m, z = 0 … {CEILING:g} m"
             raise InvalidValueError("target", (self.x, self.y, self.z), valid)
 
     def action(self, course: Course, position_w: Vector3) -> np.ndarray:

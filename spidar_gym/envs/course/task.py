@@ -21,7 +21,7 @@ from spidar_gym.control.course.gates import (
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.rewards import tolerance
-from spidar_gym.errors import InvalidValueError, require_name, require_within
+from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_within
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.state import RobotState
@@ -104,6 +104,8 @@ class CourseTask:
                 object.__setattr__(self, name, float(value or 0.0))
         for name, kind, valid in (("gates", "gate", GATES), ("floors", "floor", (PLAIN, *FLOORS))):
             given = getattr(self, name)
+            if not isinstance(given, str | tuple | list):
+                raise InvalidValueError(name, given, f"any of {', '.join(valid)}")
             chosen = (given,) if isinstance(given, str) else tuple(given)
             for each in chosen:
                 require_name(kind, each, valid)
@@ -181,9 +183,9 @@ def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - whatever a user
     try:
         gates = tuple(Gate(kind, *map(float, rest)) for kind, *rest in value["gates"])
         goal, tiles = Pose2(*map(float, value["goal"])), tuple(map(float, value.get("tiles", ())))
-    except (TypeError, ValueError) as error:
-        if isinstance(error, InvalidValueError):
-            raise
+    except SpidarError:
+        raise
+    except (TypeError, ValueError):
         raise InvalidValueError("course", value, valid) from None
     return Course(gates, goal, tiles, value.get("dares", False))
 

@@ -1,5 +1,6 @@
 """Pins Course-v0: what is drawn, that the rule gets through, that engine and readable environment are one, failures."""
 
+import re
 from typing import Any
 
 import gymnasium
@@ -255,6 +256,13 @@ def test_lying_at_the_start_is_safe_and_no_success():
     [
         ({"course": {"gates": [["wall", 1.5, 1.7, 0.5, 0.0]], "goal": [1.6, 0.0, 0.0]}}, "goal"),
         ({"course": {"gates": [["beam", 2.0, 2.4, 0.3, 0.0]], "goal": [5.0, 0.0, 0.0]}}, "size of a beam"),
+        ({"course": {"gates": [["wall", 3.0, 3.2, 3.5, 0.0]], "goal": [9.0, 0.0, 0.0]}}, "size of a wall"),
+        ({"course": {"gates": [["slot", 3.0, 3.2, 0.9, 0.0]], "goal": [9.0, 0.0, 0.0]}}, "size of a slot"),
+        ({"course": {"gates": [["wall", 3, 3.4, 0.5], ["beam", 3.2, 3.6, 0.6]], "goal": [9, 0, 0]}}, "begin"),
+        ({"course": {"gates": [["hedge", 3.0, 3.2, 0.9, 0.0]], "goal": [9.0, 0.0, 0.0]}}, "unknown gate 'hedge'"),
+        ({"course": {"gates": [["wall", 3.0, float("nan"), 0.9, 0.0]], "goal": [9.0, 0.0, 0.0]}}, "end"),
+        ({"course": {"gates": [], "goal": [float("nan"), 0.0, 0.0]}}, "x"),
+        ({"course": {"gates": [], "goal": [3.0, 0.0]}, "charge": 2.0}, "charge"),
         ({"course": [1, 2]}, "course"),
         ({"course": {"gates": [["wall"]], "goal": [5.0, 0.0, 0.0]}}, "course"),
         ({"gates": ("door",)}, "gate"),
@@ -271,6 +279,7 @@ def test_bad_options_are_refused_in_one_line(options, word):
     with pytest.raises((InvalidValueError, UnknownNameError), match=word) as error:
         make(**options)
     assert "\n" not in str(error.value)
+    assert re.search(r"is not valid; expected .|valid: .", str(error.value))
 
 
 def test_a_bad_course_at_reset_changes_nothing():
@@ -282,3 +291,31 @@ def test_a_bad_course_at_reset_changes_nothing():
         env.step(np.full(8, np.nan))
     assert env.course == SHORT
     assert env.ticks == 0
+
+
+@pytest.mark.parametrize(("mode", "size"), [("waypoint", 8), ("residual", 23), ("direct", 40)])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_an_action_without_a_number_is_refused_and_nothing_moves_alone_or_side_by_side(mode, size, wrong):
+    env, vector = make(action_mode=mode), NativeVectorEnv(COURSE, 2, action_mode=mode)
+    env.reset(seed=0)
+    vector.reset(seed=0)
+    before, place = vector.robots.tobytes(), env.state.position_w.copy()
+    action, actions = np.zeros(size), np.zeros((2, size))
+    action[-1] = actions[1, 0] = wrong
+    for step, given in ((env.step, action), (vector.step, actions)):
+        with pytest.raises(InvalidValueError, match="expected finite numbers within −1 … 1"):
+            step(given)
+    assert vector.robots.tobytes() == before
+    np.testing.assert_array_equal(env.state.position_w, place)
+    vector.close()
+
+
+def test_a_bad_course_of_one_robot_changes_none():
+    vector = NativeVectorEnv(COURSE, 2)
+    vector.reset(seed=0)
+    before = vector.robots.tobytes()
+    bad = {"gates": [["wall", 3.0, 3.2, 2.5, 0.0]], "goal": [9.0, 0.0, 0.0]}
+    with pytest.raises(InvalidValueError, match=r"size of a wall = 2.5 is not valid; expected within 0 … 2 m"):
+        vector.reset(options={"course": [plain_course(SHORT), bad]})
+    assert vector.robots.tobytes() == before
+    vector.close()
