@@ -26,8 +26,9 @@ learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl-pairs
 distilled() { row distilled "0 1 2 3 4" "$ALL_FLIGHTS" distill hover; }
 direct() { row direct "0 1 2 3 4" "$ALL_FLIGHTS" residual hover-direct; }
 memory() { row memory "0 1 2 3 4" "$ALL_FLIGHTS" memory hover; }
+learned_course() { row learned_course "0 1 2 3 4" "course-takeoff course-gates course-mixed" course rule; }
 ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }
 
-for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled direct memory learned_gait ppo_direct}; do "$name"; done
+for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled direct memory learned_gait learned_course ppo_direct}; do "$name"; done
 python -m train.curves
 spidar leaderboard build

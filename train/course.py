@@ -16,16 +16,17 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.evaluate import play
+from spidar_gym.benchmark.track import TRACKS, find_track
 from spidar_gym.cli.console import run_cli
 from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.course.target import ACTION
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.registry import COURSE
-from spidar_gym.errors import require_above, require_least, require_name, require_not_negative
+from spidar_gym.errors import InvalidValueError, require_above, require_least, require_name
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.policies.course import RANGES, CoursePolicy
 from train.lib.config import parse
-from train.lib.courses import COURSES
 from train.lib.envs import Scaling
 from train.lib.report import report
 from train.lib.run import State, make_artifact
@@ -51,26 +52,17 @@ class Rule(CoursePolicy):
 
 @dataclass(frozen=True)
 class CostConfig:
-    """What a course costs: nearly the benchmark's error, but one mishap does not outweigh everything else."""
+    """What a course costs: its track's error, but no mishap outweighs all else that a generation tells."""
 
-    time: float = 0.005
-    """Cost of 1 s."""
-    energy: float = 1.0 / 120.0
-    """Cost of 1 Wh."""
-    hit: float = 0.02
-    """Cost of 1 N of the largest force on ducts and links, of those below what ends the episode."""
     failure: float = 2.5
     """Cost of a course that is not finished, all in all."""
 
     def __post_init__(self) -> None:
-        require_not_negative(time=self.time, energy=self.energy, hit=self.hit)
         require_above("1", failure=self.failure)
 
     def __call__(self, metrics: Mapping[str, Any]) -> float:
         """Cost of a course with the benchmark's metrics."""
-        if metrics["failed"]:
-            return self.failure
-        return self.time * metrics["duration_s"] + self.energy * metrics["energy_wh"] + self.hit * metrics["hit_n"]
+        return self.failure if metrics["failed"] else min(self.failure, metrics["error"])
 
 
 @dataclass(frozen=True)
@@ -81,7 +73,7 @@ class Args(TrialRecipe):
 
     learned: tuple[str, ...] = LEARNED
     """Which of the rule's numbers are learned; the others stay as they are."""
-    courses: int = 2
+    courses: int = 1
     """Courses of a trial on each track."""
     cost: CostConfig = field(default_factory=CostConfig)
 
@@ -91,7 +83,8 @@ class Args(TrialRecipe):
         for name in self.learned:
             require_name("learned", name, RANGES)
         for track in self.tracks:
-            COURSES.metrics(track)
+            if find_track(track).env_id != COURSE:
+                raise InvalidValueError("tracks", track, f"tracks of {COURSE}")
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -103,10 +96,10 @@ PRESETS: dict[str, Args] = {
     "rule": Args(
         "learned_course",
         "CMA-ES: distances, heights and speeds of `course_rule` by obstacle.",
-        ("course-mixed",),
+        tuple(name for name, track in TRACKS.items() if track.env_id == COURSE),
         "course_rule",
         search=SearchConfig(generations=20, population=12, spread=0.3),
-        evaluation=EvaluationConfig(scenarios=24, validations=2),
+        evaluation=EvaluationConfig(scenarios=12, validations=2),
     ),
 }
 """Settings by name."""
@@ -133,7 +126,7 @@ def go(args: Args, piece: Piece) -> tuple[float, int]:
     """Cost of numbers on a track's courses, mean, and the ticks that it took."""
     numbers, track, scenarios = piece
     policy = LearnedPolicy(artifact(args, numbers, State()))
-    metrics = [each["metrics"] for each in COURSES.play(policy, track, scenarios, control=args.control)]
+    metrics = [each["metrics"] for each in play(policy, track, scenarios, control=args.control)]
     seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None where it diverged
     return float(np.mean([args.cost(each) for each in metrics])), round(seconds * CONTROL_RATE)
 
@@ -142,7 +135,7 @@ def learn(args: Args) -> Path:
     """One run, from its beginning or from where it was interrupted; the path of its artifact."""
     task = Task(
         COURSE, len(args.learned), args.courses, "courses", Rule(), scaling(), partial(artifact, args),
-        partial(go, args), COURSES,
+        partial(go, args),
     )  # fmt: skip
     return learn_by_trials(args, task)
 

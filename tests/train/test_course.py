@@ -8,20 +8,22 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
 
+from spidar_gym.benchmark.evaluate import play
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.policies.artifact import LearnedPolicy, read_artifact
 from spidar_gym.policies.course import RANGES, rule_numbers
 from train import course
 from train.course import PRESETS, Rule, artifact, go, learn
-from train.lib import courses
+from train.lib import evaluate
 from train.lib.config import override
-from train.lib.courses import COURSES
 from train.lib.run import State
 from train.lib.trials import draw_scenarios
 
 pytestmark = pytest.mark.train
-(TRACK,) = PRESETS["rule"].tracks
-TINY = override(PRESETS["rule"], courses=2, scenarios=2, workers=1)
+TRACK = "course-gates"
+TINY = override(PRESETS["rule"], tracks=(TRACK,), courses=2, scenarios=2, workers=1)
 
 
 def test_only_what_is_learned_is_another_number_than_the_rules():
@@ -35,32 +37,32 @@ def test_only_what_is_learned_is_another_number_than_the_rules():
 
 def test_courses_of_a_generation_are_its_own_and_none_to_validate_on():
     first, again, second, other = (
-        [one.seed for _, own in draw_scenarios(override(TINY, seed=s), g, 3, COURSES) for one in own]
+        [one.seed for _, own in draw_scenarios(override(TINY, seed=s), g, 3) for one in own]
         for s, g in ((0, 0), (0, 0), (0, 1), (1, 0))
     )
     assert first == again
     assert len({*first, *second, *other}) == 9
-    assert not {*first, *second, *other} & {one.seed for one in COURSES.load(TRACK, "validation")[0]}
+    assert not {*first, *second, *other} & {one.seed for one in load_scenarios(TRACK, "validation")[0]}
 
 
 @pytest.fixture
 def plain(monkeypatch):
     """Courses without gates: up, over and down."""
-    monkeypatch.setitem(courses.TRACKS, TRACK, {"count": (0, 0), "floors": ("plain",)})
+    options = {"count": (0, 0), "floors": ("plain",)}
+    monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], options=options))
 
 
-def test_a_course_costs_its_time_its_energy_and_what_is_hit_and_zeros_go_as_the_rule(plain):
-    ((track, scenarios),) = draw_scenarios(TINY, 0, 2, COURSES)
+def test_a_course_costs_its_tracks_error_and_zeros_go_as_the_rule(plain):
+    ((track, scenarios),) = draw_scenarios(TINY, 0, 2)
     zeros = np.zeros(len(TINY.learned))
-    played = courses.play(LearnedPolicy(artifact(TINY, zeros, State())), track, scenarios)
-    assert played == courses.play(Rule(), track, scenarios)
-    assert played[1:] == courses.play(Rule(), track, scenarios[1:])
-    metrics = [each["metrics"] for each in played]
+    own, alone = (play(LearnedPolicy(artifact(TINY, zeros, State())), track, scenarios[k:]) for k in (0, 1))
+    metrics = [each["metrics"] for each in own]
+    assert metrics == [each["metrics"] for each in play(Rule(), track, scenarios)]
+    assert metrics[1:] == [each["metrics"] for each in alone]
     assert all(each["success"] for each in metrics)
     cost, ticks = go(TINY, (zeros, track, scenarios))
-    mean = {name: float(np.mean([each[name] for each in metrics])) for name in ("duration_s", "energy_wh", "hit_n")}
-    assert cost == pytest.approx(0.005 * mean["duration_s"] + mean["energy_wh"] / 120.0 + 0.02 * mean["hit_n"])
-    assert ticks == pytest.approx(80.0 * mean["duration_s"])
+    assert cost == pytest.approx(np.mean([each["error"] for each in metrics]))
+    assert ticks == pytest.approx(80.0 * np.mean([each["duration_s"] for each in metrics]))
     assert TINY.cost({**metrics[0], "failed": True}) == 2.5
 
 
@@ -82,7 +84,8 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkey
         own = {**dict.fromkeys(names, error), "duration_s": 2.5, "success": True, "failed": False, "hit_n": 0.0}
         return [{"metrics": dict(own)} for _ in scenarios]
 
-    monkeypatch.setattr(course, "COURSES", replace(COURSES, play=bowl))
+    monkeypatch.setattr(course, "play", bowl)
+    monkeypatch.setattr(evaluate, "play", bowl)
     args = override(TINY, generations=4, validations=2, population=6)
     whole = learn(override(args, out=tmp_path / "whole")).read_bytes()
     assert len(calls) == 2 + 4 * 6 + 2  # base, zeros that are to be the base, trials, validations
@@ -103,7 +106,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkey
 def test_bad_settings_are_refused_in_one_line():
     with pytest.raises(UnknownNameError, match=r"unknown learned 'height'; valid: .*wall_over"):
         override(TINY, learned=("height",))
-    with pytest.raises(UnknownNameError, match="unknown track 'flight-fast3'; valid: course-mixed"):
+    with pytest.raises(InvalidValueError, match=r"tracks = 'flight-fast3'.*Course-v0"):
         override(TINY, tracks=("flight-fast3",))
     with pytest.raises(InvalidValueError, match="courses"):
         override(TINY, courses=0)

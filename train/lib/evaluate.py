@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.evaluate import play
-from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from, load_scenarios
-from spidar_gym.benchmark.track import find_track
+from spidar_gym.benchmark.scenario import Scenario, load_scenarios
+from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, find_track
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.policies.policy import Policy
@@ -18,40 +18,16 @@ from spidar_gym.policies.presets import PresetPolicy
 
 SPLIT = "validation"
 """The only scenarios that training may look at."""
-FLIGHT, GROUND = ("position_rms_m", "attitude_rms_rad"), ("duration_s", "energy_wh", "error")
-"""What is compared on a flight's and on a crawl's track."""
+COMPARED = {
+    FLIGHT: ("position_rms_m", "attitude_rms_rad"), GROUND: ("duration_s", "energy_wh", "error"), BOTH: ("error",)
+}  # fmt: skip
+"""What is compared in each world: on a course the error alone, as who hits something at once saves time and energy."""
 TOLERANCE = 0.02
 """A candidate that is worse than the base by more than this in any cell is not chosen."""
 TOGETHER = 12
 """How many scenarios of a track are played side by side at most: a portion is what a process does and a bar counts."""
 FRACTIONS = (1.0, 0.7, 0.5, 0.3)
 """Fractions of what was learned that are tried where all of it makes anything worse."""
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Who has scenarios, and plays them."""
-
-    load: Callable[[str, str], tuple[Sequence[Scenario], str]]
-    """Scenarios of a track and split, and the hash of their file."""
-    draw: Callable[[str, np.random.Generator, int], Scenario]
-    """One of a track from any generator, of no split."""
-    play: Callable[..., list[dict[str, Any]]]
-    """What a policy does on scenarios of a track."""
-    metrics: Callable[[str], tuple[str, ...]]
-    """What is compared on a track."""
-
-
-def _draw(track: str, rng: np.random.Generator, index: int) -> Scenario:
-    return draw_scenario_from(find_track(track), rng, index)
-
-
-def _compared(track: str) -> tuple[str, ...]:
-    return FLIGHT if find_track(track).flies else GROUND
-
-
-BENCHMARK = Bench(load_scenarios, _draw, play, _compared)
-"""The benchmark."""
 
 
 class Base(PresetPolicy):
@@ -93,11 +69,9 @@ class Verdict:
         return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
 
 
-def _metrics(
-    bench: Bench, policy: Policy, control: str, portion: Sequence[tuple[str, Scenario]]
-) -> list[dict[str, Any]]:  # fmt: skip
+def _metrics(policy: Policy, control: str, portion: Sequence[tuple[str, Scenario]]) -> list[dict[str, Any]]:
     scenarios = [scenario for _, scenario in portion]
-    return [each["metrics"] for each in bench.play(policy, portion[0][0], scenarios, control=control)]
+    return [each["metrics"] for each in play(policy, portion[0][0], scenarios, control=control)]
 
 
 def _portions(scenarios: Sequence[tuple[str, Scenario]]) -> Iterator[list[tuple[str, Scenario]]]:
@@ -113,7 +87,6 @@ class PairedEvaluator:
     def __init__(
         self, tracks: Sequence[str], base: Policy, scenarios: int, *, control: str,
         on_scenario: Callable[[], object] = lambda: None, each: Callable[..., Iterable[Any]] = map,
-        bench: Bench = BENCHMARK,
     ) -> None:  # fmt: skip
         """Play the base.
 
@@ -124,10 +97,9 @@ class PairedEvaluator:
             control: `python` or `core`.
             on_scenario: Called after each.
             each: `map`, or that of a pool of processes: no scenario depends on another.
-            bench: Who has scenarios, and plays them.
         """
-        self._control, self._each, self._bench = control, each, bench
-        self._scenarios = [(t, s) for t in tracks for s in bench.load(t, SPLIT)[0][:scenarios]]
+        self._control, self._each = control, each
+        self._scenarios = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
         if not self._scenarios:
             raise InvalidValueError("validation scenarios", scenarios, "at least one scenario of one track")
         self._tracks = tuple(tracks)
@@ -140,7 +112,8 @@ class PairedEvaluator:
         means = {}
         for track in self._tracks:
             own = [m for (name, _), m in zip(self._scenarios, found, strict=True) if name == track]
-            means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in self._bench.metrics(track)}
+            metrics = COMPARED[find_track(track).world]
+            means[track] = {metric: float(np.mean([m[metric] for m in own])) for metric in metrics}
         return means
 
     def relative_errors(self, *, apart: bool = False) -> dict[str, tuple[float, ...]]:
@@ -165,7 +138,7 @@ class PairedEvaluator:
         on_scenario: Callable[[], object] = lambda: None,
     ) -> list[dict[str, Any]]:
         found = list[dict[str, Any]]()
-        for metrics in self._each(partial(_metrics, self._bench, policy, self._control), list(_portions(scenarios))):
+        for metrics in self._each(partial(_metrics, policy, self._control), list(_portions(scenarios))):
             found += metrics
             for _ in metrics:
                 on_scenario()

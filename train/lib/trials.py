@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spidar_gym.benchmark.scenario import Scenario
+from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
+from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.console import kept
 from spidar_gym.errors import require_least
 from spidar_gym.policies.artifact import Artifact
@@ -16,7 +17,7 @@ from spidar_gym.policies.policy import Policy
 from spidar_gym.processes import Pool, cpu_count
 from train.lib.config import TrackRecipe
 from train.lib.envs import Scaling, training_seed
-from train.lib.evaluate import BENCHMARK, Bench, PairedEvaluator, Verdict
+from train.lib.evaluate import PairedEvaluator, Verdict
 from train.lib.run import Run, State, curve_line, require_frameworks
 from train.lib.search import SearchConfig, make_search
 from train.lib.stages import Stages
@@ -73,19 +74,15 @@ class Task:
     """Numbers as the benchmark's artifact."""
     cost: Callable[[Piece], tuple[float, int]]
     """Mean cost of numbers on scenarios, and the ticks that it took; in any process."""
-    bench: Bench = BENCHMARK
-    """Who has scenarios and plays them."""
 
 
-def draw_scenarios(
-    args: TrialRecipe, generation: int, episodes: int, bench: Bench = BENCHMARK
-) -> list[tuple[str, list[Scenario]]]:  # fmt: skip
+def draw_scenarios(args: TrialRecipe, generation: int, episodes: int) -> list[tuple[str, list[Scenario]]]:
     """The episodes of a generation, the same for all its trials: scenarios of each track, of no split."""
     found = []
     for name in args.tracks:
         seeds = [training_seed(args.seed, 6, generation, zlib.crc32(name.encode()), k) for k in range(episodes)]
         rngs = [np.random.Generator(np.random.PCG64(seed)) for seed in seeds]
-        found.append((name, [bench.draw(name, rng, k) for k, rng in enumerate(rngs)]))
+        found.append((name, [draw_scenario_from(TRACKS[name], rng, k) for k, rng in enumerate(rngs)]))
     return found
 
 
@@ -108,7 +105,6 @@ def _learn(args: TrialRecipe, task: Task, run: Run, state: State, pool: Pool, st
     stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, task.base, evaluation.scenarios, control=args.control, on_scenario=stages.count, each=pool.map,
-        bench=task.bench,
     )  # fmt: skip
     state.base, state.scaling = evaluator.means, vars(task.scaling)
     fresh = {"costs": np.zeros((0, config.population)), "best": np.zeros(size), "ticks": 0}
@@ -128,7 +124,7 @@ def _learn(args: TrialRecipe, task: Task, run: Run, state: State, pool: Pool, st
     while (generation := len(learner["costs"])) < config.generations:
         began = time.perf_counter()
         stages.say("learning", task.unit)
-        trials, drawn = search.ask(), draw_scenarios(args, generation, task.episodes, task.bench)
+        trials, drawn = search.ask(), draw_scenarios(args, generation, task.episodes)
         found = list(pool.map(task.cost, [(numbers, *own) for numbers in trials for own in drawn]))
         costs = np.array([cost for cost, _ in found]).reshape(len(trials), len(drawn)).mean(axis=1)
         search.tell(costs)
