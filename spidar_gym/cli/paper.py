@@ -112,7 +112,7 @@ def _report(text: str, folder: Path, pattern: str, json: bool) -> None:
         print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob(pattern)))}")
 
 
-def _study(
+def study(
     folder: Path, name: str, unit: str, total: int, *, json: bool,
     play: Callable[[Path, Callable[[], object]], list[dict[str, Any]]], table: Callable[[list[dict[str, Any]]], str],
 ) -> list[dict[str, Any]]:  # fmt: skip
@@ -130,7 +130,7 @@ def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: i
     """Compare controllers over joint speeds: table, JSON and figure."""
     name = "ablation" if ablation else "speeds"
     joint_speeds = studies.SPEEDS if ablation else studies.MANY_SPEEDS
-    rows = _study(
+    rows = study(
         folder, name, "flight",
         len(CONDITIONS) * len(joint_speeds) * len(studies.controllers(ablation)) * scenarios,
         json=json,
@@ -152,7 +152,7 @@ def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int)
     """Crawl many cases: table and JSON."""
     cases = crawl_study.RANDOM_CASES if draws else crawl_study.CASES
     numbers = range(1000, 1000 + draws) if draws else range(seeds)
-    _study(
+    study(
         folder, "draws" if draws else "study", "crawl", len(cases) * len(numbers), json=json,
         play=lambda unfinished, on_run: crawl_study.run_cases(
             cases, numbers, workers=workers, folder=unfinished, on_run=on_run

@@ -21,6 +21,7 @@ from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import lost_lines, speed_lines
+from spidar_gym.paper.gate_study import gate_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import margin_lines
 
@@ -98,6 +99,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "study": lambda result: study_lines(result["study"]),
     "draws": lambda result: study_lines(result["draws"]),
     "lost": lambda result: lost_lines(result["lost_rotors"]),
+    "gates": lambda result: gate_lines(result["gates"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
 """What a command prints with `--json` → the table that it prints without: the key `table` of a result."""

@@ -31,6 +31,7 @@ NAMES = (
     "docs",
     "sitl",
     "lost",
+    "gates",
     "tune",
     "view",
     "assets",
