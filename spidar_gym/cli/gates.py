@@ -21,7 +21,7 @@ def gates(out: Path = Path("out/gates"), seeds: int = 4, workers: int = cpu_coun
 
     Args:
         out: Folder for gates.json, gates.png and gates.pdf.
-        seeds: Drawn robots before each gate; 4 take some 25 minutes on two idle cores.
+        seeds: Drawn robots before each gate; 4 take some 35 minutes on two busy cores.
         workers: Processes.
     """
     require_least(1, seeds=seeds, workers=workers)

@@ -128,7 +128,7 @@ def play(case: Case) -> dict[str, Any]:
     env = CourseEnv(course=course, charge=1.0, sensors=True, randomization=STRENGTH, horizon_s=SECONDS)
     env.reset(seed=case.seed)
     flies_only = case.gait.startswith("fly")
-    arrived, nearest, since, info = False, math.inf, 0.0, dict[str, Any]()
+    arrived, off, nearest, since, info = False, math.inf, math.inf, 0.0, dict[str, Any]()
     for _ in range(env.horizon):
         seen = env.seen
         target = choose(case.gait, course, seen.position_w, seen.joint_position, env.controller.phase)
