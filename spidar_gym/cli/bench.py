@@ -18,6 +18,7 @@ from spidar_gym.control.allocation.problem import Demand, assemble
 from spidar_gym.control.allocation.solver import closed_form
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.registry import COURSE
 from spidar_gym.native.bare import BarePhysics
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
@@ -28,8 +29,10 @@ KINDS: dict[str, dict[str, Any]] = {
     "Hover": {"id": "spidar_gym/Hover-v0"},
     "Hover, drawn, sensors": {"id": "spidar_gym/Hover-v0", "randomization": 1.0, "sensors": True},
     "Crawl": {"id": "spidar_gym/Crawl-v0"},
+    "Course, on the floor": {"id": COURSE, "action_mode": "residual", "gates": ("beam",), "count": (1, 1)},
+    "Course, in the air": {"id": COURSE, "action_mode": "residual", "gates": ("wall", "slot")},
 }
-"""Environments whose engine is timed beside the bare physics of the same robots."""
+"""Environments whose engine is timed beside the bare physics of the same robots; on courses they go by the rule."""
 CROWDS = ((1, 1), (64, 1), (64, 2), (256, 1), (256, 2))
 """How many robots on how many threads; one alone is `gymnasium.make`'s environment."""
 PARTS = 9 + len(KINDS) * len(CROWDS)
@@ -47,6 +50,8 @@ TURNS = 31
 """How often engine and bare physics have their turn: short ones, since the speed of a machine changes in a second."""
 WARM, HOT = 60, 20
 """Control steps before anything is timed, and of the simulation that stays in the cache."""
+CLIMB = 240
+"""Control steps before anything is timed of robots that have to take off first."""
 HARD_STATES = 400
 """How many hard states the solver is timed on."""
 
@@ -128,7 +133,7 @@ def _crowd(
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape)
     bare, hot = BarePhysics(env.fleet.engine, threads), BarePhysics(alone.fleet.engine, 1)
-    ticks, warm = max(1, round(512 * seconds / max(robots, 12))), WARM
+    ticks, warm = max(1, round(512 * seconds / max(robots, 12))), CLIMB if "air" in name else WARM
     times = []
     for _ in range(TURNS):
         for _ in range(warm):

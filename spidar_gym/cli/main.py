@@ -16,6 +16,7 @@ from spidar_gym.cli.console import goes_on, kept, named_steps, progress, publish
 from spidar_gym.cli.docs import docs
 from spidar_gym.cli.evaluate import board_app, eval_, scenarios
 from spidar_gym.cli.export import export_
+from spidar_gym.cli.gates import gates
 from spidar_gym.cli.paper import paper_app
 from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
@@ -65,6 +66,9 @@ def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: 
     with progress(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost") as bar:
         rows = studies.lost_rotors(preset, on_flight=bar.update)
     print(published(folder, "lost", {"lost_rotors": rows}, format_table(studies.lost_lines(rows)), json))
+
+
+app.command(gates)
 
 
 @app.command

@@ -23,6 +23,7 @@ from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import lost_lines, speed_lines
 from spidar_gym.paper.hops import hop_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
+from spidar_gym.paper.gate_study import gate_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import margin_lines
 
@@ -102,6 +103,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "lost": lambda result: lost_lines(result["lost_rotors"]),
     "course_faults": lambda result: course_fault_lines(result["course_faults"]),
     "hops": lambda result: hop_lines(result["hops"]),
+    "gates": lambda result: gate_lines(result["gates"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
 """What a command prints with `--json` → the table that it prints without: the key `table` of a result."""

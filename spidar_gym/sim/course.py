@@ -14,11 +14,12 @@ SILL, BEHIND = 0.05, 0.5
 
 def boxes(course: Course) -> list[Box]:
     """The boxes of a course; the last marks the field's end, and is there on every one."""
-    found = [box for gate in course.gates for box in _of(gate, course.tiles)]
+    found = [box for gate in course.gates for box in parts(gate, course.tiles)]
     return [*found, (course.end + BEHIND, 0.0, SILL, SILL, HALF_WIDTH, SILL, 0.0)]
 
 
-def _of(gate: Gate, tiles: tuple[float, ...]) -> list[Box]:
+def parts(gate: Gate, tiles: tuple[float, ...]) -> list[Box]:
+    """The boxes of a gate, whose tiles are as high as these [m]."""
     size = gate.size
     if gate.kind == "beam":
         return [_box(gate, -HALF_WIDTH, HALF_WIDTH, size, CEILING)]

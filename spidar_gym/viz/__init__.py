@@ -1,5 +1,6 @@
 """Figures and films of experiments: what the commands draw."""
 
+from spidar_gym.viz.courses import gate_figure, way_figure, way_of
 from spidar_gym.viz.figures import (
     Curve,
     crawl_figure,
@@ -34,7 +35,10 @@ __all__ = [
     "flight_take",
     "flight_traces",
     "forms_picture",
+    "gate_figure",
     "leaderboard_picture",
     "learning_curves",
     "speed_figure",
+    "way_figure",
+    "way_of",
 ]  # fmt: skip

@@ -23,7 +23,8 @@ from spidar_gym.paper.crawl import crawl_paper
 from spidar_gym.paper.flight import fly_paper
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import CAMERAS
-from spidar_gym.sim.stage import Stage, extent, standing
+from spidar_gym.sim.stage import Stage, cog, extent, standing
+from spidar_gym.viz.courses import gate_figure, way_figure, way_of
 from spidar_gym.viz.figures import crawl_figure, flight_figure, speed_figure
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
 
@@ -36,6 +37,8 @@ SHOWN = Course(
      Gate("platform", 11.4, 14.9, 0.3)), Pose2(13.1, 0.2, 0.2),
 )  # fmt: skip
 """The course of the picture."""
+COURSE_SEED = 2
+"""The drawn course of the figure and of the guide's film: a wall, a beam, a slot, a platform."""
 AROUND = 0.2, 0.8, 0.15, 0.75
 """Left, right, bottom, top of what holds the robot there, as shares of a picture."""
 FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
@@ -52,7 +55,9 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "forms": forms_picture,
         "flight": lambda path: flight_figure(fly_paper("as_flown"), path),
         "crawl": lambda path: crawl_figure(crawl_paper(noise=True), path),
-        "speeds": lambda path: speed_figure(_speeds(path.parent.parent / "results" / "speeds.json"), path),
+        "speeds": lambda path: speed_figure(_rows(path, "speeds"), path),
+        "gates": lambda path: gate_figure(_rows(path, "gates"), path),
+        "course": course_way,
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
     drawings["environment-Course-v0"] = course_strip
@@ -65,9 +70,10 @@ def gallery() -> dict[str, Callable[[Path], object]]:
     return drawings
 
 
-def _speeds(path: Path) -> list[dict[str, Any]]:
-    """The rows of the committed study of joint speeds."""
-    return json.loads(path.read_text(encoding="utf-8"))["result"]["speeds"]
+def _rows(path: Path, name: str) -> list[dict[str, Any]]:
+    """The rows of a committed study, for a picture beside the folder of results."""
+    file = path.parent.parent / "results" / f"{name}.json"
+    return json.loads(file.read_text(encoding="utf-8"))["result"][name]
 
 
 def draw(name: str, folder: Path) -> Path:
@@ -98,18 +104,40 @@ def cameras(env_id: str, path: Path) -> None:
     write_strip(path, pictures, list(CAMERAS), columns=2)
 
 
+def _on_course(hold: int, **options: Any) -> CourseEnv:  # noqa: ANN401 - of the environment
+    """A course on which the zero action is the rule."""
+    env = gymnasium.make(COURSE, **{**BY_RULE, "hold": hold}, **options).unwrapped
+    assert isinstance(env, CourseEnv)
+    return env
+
+
+def _go(env: CourseEnv, seed: int, options: dict[str, Any] | None = None) -> list[tuple[Any, dict[str, Any], float]]:
+    """The rule until it is at the goal: configuration, info, and how narrow its target is, step by step."""
+    rows = []
+    for step in rollout(env, seed=seed, options=options, ticks=env.horizon):
+        target = env.target
+        rows.append((env.plant.data.qpos.copy(), step.info, 0.0 if target is None else target.narrow))
+    return rows
+
+
+def course_way(path: Path) -> None:
+    """The way of a drawn robot with sensors on a drawn course, from above and from the side."""
+    env = _on_course(4, sensors=True, randomization=0.5)
+    rows = _go(env, COURSE_SEED)
+    way_figure(
+        env.course, cog(np.array([qpos for qpos, *_ in rows])), [way_of(i["phase"], n) for _, i, n in rows], path
+    )
+    env.close()
+
+
 def course_strip(path: Path) -> None:
     """The rule on a course: over a wall, under a beam, through a slot, at the goal on a platform."""
-    env = gymnasium.make(COURSE, course=SHOWN, **BY_RULE, charge=1.0).unwrapped
-    assert isinstance(env, CourseEnv)
-    _passages(env, path, seed=0)
+    _passages(_on_course(DECIDE, course=SHOWN, charge=1.0), path, seed=0)
 
 
 def _passages(env: CourseEnv, path: Path, *, seed: int, options: dict[str, Any] | None = None) -> None:
     """An episode by the rule: how each gate is passed, and at the goal."""
-    rows: list[tuple[np.ndarray, np.ndarray]] = []
-    for step in rollout(env, seed=seed, options=options, ticks=env.horizon):
-        rows.append((env.plant.data.qpos.copy(), step.info["thrust"]))
+    rows = [(qpos, info["thrust"]) for qpos, info, _ in _go(env, seed, options)]
     places = np.array([qpos[0] for qpos, _ in rows])
     words = {"wall": "over", "beam": "under", "slot": "through"}
     moments = [

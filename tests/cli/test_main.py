@@ -32,6 +32,7 @@ NAMES = (
     "sitl",
     "lost",
     "hops",
+    "gates",
     "tune",
     "view",
     "assets",

@@ -3,14 +3,17 @@
 import ctypes.util
 import re
 
+import numpy as np
 import pytest
 from support.commands import LEARNED, ROOT, files, refused
 from support.zips import Trap, changed, learned, packed
 
 from spidar_gym import viz
 from spidar_gym.cli.main import main
+from spidar_gym.cli.run import COURSE_PACE
 from spidar_gym.envs import env
 from spidar_gym.envs.hover.task import HoverTask
+from spidar_gym.envs.registry import COURSE
 
 drawing = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"
@@ -118,6 +121,33 @@ def test_a_crawl_is_run_until_it_is_finished(here, capfd):
     out = capfd.readouterr().out
     assert "success: True" in out
     assert "goal off by" in out
+
+
+def test_on_a_course_the_rule_is_shown_and_what_it_costs(here, capfd):
+    main(["run", COURSE, "--seed", "2", "--seconds", "4"])
+    (line,) = capfd.readouterr().out.splitlines()
+    assert line.startswith("episode 1 (seed 2): 4.0 s")
+    assert re.search(r"goal off by .* mm, .* mrad, [34] s in the air, 0 s crawled, \d+% of the battery left", line)
+    assert list(here.iterdir()) == []
+
+
+@drawing
+def test_a_film_of_a_course_tells_phase_form_thrust_and_charge_at_its_own_pace(here, monkeypatch):
+    takes = []
+    shoot = viz.Film.shoot
+    monkeypatch.setattr(viz.Film, "shoot", lambda film, *own, **how: (takes.extend(own), shoot(film, *own, **how)))
+    main(["run", COURSE, "--seed", "2", "--seconds", "3", "--camera", "chase", "--out", "course.mp4"])
+    assert list(files(here)) == ["course.mp4"]
+    assert b"ftyp" in (here / "course.mp4").read_bytes()[:16]
+    (take,) = takes
+    assert take.pace == COURSE_PACE
+    assert list(take.traces) == ["height of the torso [m]", "thrust over weight", "charge [%]"]
+    assert take.phase[0] == "spool"
+    assert "climb" in take.phase
+    assert take.traces["thrust over weight"][-1] > 0.9
+    assert (np.diff(take.traces["charge [%]"]) < 0.0).all()
+    assert take.ground.boxed
+    assert take.time[-1] == pytest.approx(3.0)
 
 
 @pytest.fixture(scope="module")

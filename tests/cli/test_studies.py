@@ -11,6 +11,7 @@ from spidar_gym.benchmark import statistics
 from spidar_gym.cli.main import main
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.paper import flight_studies as studies
+from spidar_gym.paper import gate_study
 from spidar_gym.paper.trial import Outcome
 from spidar_gym.robot import FORMS
 from spidar_gym.tune import search
@@ -82,6 +83,20 @@ def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypat
     assert all(row["feasible"] for row in rows if row["form"] == "form2")
     main(["lost"])
     assert sum(line.startswith(("thrust", "vectoring")) for line in capfd.readouterr().out.splitlines()) == len(rows)
+
+
+def test_gates_plays_every_gait_before_every_gate_and_writes_what_it_prints(here, capfd, monkeypatch):
+    run = {"arrived": True, "failure": "", "time_s": 20.0, "off_m": 0.0}
+    monkeypatch.setattr(gate_study, "play", lambda case: run)
+    monkeypatch.setattr(viz, "gate_figure", lambda rows, path: path.write_bytes(b"drawn"))
+    main(["gates", "--seeds", "2", "--workers", "1", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)["gates"]
+    assert sorted(files(here)) == ["o/gates.json", "o/gates.png"]
+    assert json.loads((here / "o/gates.json").read_text(encoding="utf-8")) == {"gates": rows}
+    assert [(row["kind"], row["size"], row["gait"]) for row in rows] == gate_study.cells()
+    assert all((row["runs"], row["arrived"]) == (2, 2) for row in rows)
+    main(["gates", "--seeds", "1", "--workers", "1"])
+    assert "all arrive" in capfd.readouterr().out
 
 
 def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(monkeypatch, here, capfd):
