@@ -21,9 +21,9 @@ from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import lost_lines, speed_lines
+from spidar_gym.paper.gate_study import gate_lines
 from spidar_gym.paper.hops import hop_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
-from spidar_gym.paper.gate_study import gate_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import margin_lines
 
