@@ -99,7 +99,8 @@ def choose(
             require_own_policies(row, trust=trust)
             # Most policies without a controller fall everywhere, and tell nothing here; who flies without is named.
             if names or own is not None or _has_controller(load_policy(row.policies[0])):
-                found.append(_entrant(name, row.kind, row.policies, row.base if row.base in rows else ""))
+                entrant = _entrant(name, row.kind, row.policies, row.base if row.base in rows else "")
+                found += [entrant] if entrant.conditions else []
     if own is not None:
         if own.name in chosen:
             raise InvalidValueError("policy", own.name, "a candidate that has a name of its own")

@@ -68,7 +68,7 @@ def strip(shots: Sequence[Shot], path: Path, *, size: tuple[int, int], ground: G
 
 
 def write_strip(path: Path, pictures: Sequence[np.ndarray], words: Sequence[str], columns: int = 3) -> None:
-    """Pictures with words in their corners, so many in a row, as one file."""
+    """Pictures of one size with words in their corners, so many in a row, as one file; what the last lacks is white."""
     from PIL import Image, ImageDraw
 
     named = []
@@ -76,6 +76,8 @@ def write_strip(path: Path, pictures: Sequence[np.ndarray], words: Sequence[str]
         image = Image.fromarray(picture)
         ImageDraw.Draw(image).text((12, 8), text, fill=BLACK, font=font(18))
         named.append(np.asarray(image))
+    columns = min(columns, len(named))
+    named += [np.full_like(named[0], 255)] * (-len(named) % columns)
     rows = [np.hstack(named[k : k + columns]) for k in range(0, len(named), columns)]
     with whole_file(path) as target:
         Image.fromarray(np.vstack(rows)).save(target, optimize=True)

@@ -47,7 +47,9 @@ def test_a_group_that_came_later_moved_no_overall_score_and_no_place(tmp_path):
     assert before.overall == board().overall
     assert overall_lines(before) == overall_lines(board())
     assert before.cells == {key: cell for key, cell in board().cells.items() if key[1] in before.tracks}
-    assert set(board().tracks) - set(before.tracks) == {"flight-path"}
+    assert set(board().tracks) - set(before.tracks) == {
+        name for name, track in TRACKS.items() if track.group not in GROUPS
+    }
 
 
 def test_along_a_path_the_tuned_controller_has_a_tenth_of_the_papers_error():
@@ -56,6 +58,17 @@ def test_along_a_path_the_tuned_controller_has_a_tenth_of_the_papers_error():
     assert tuned.score.low > 10.0
     assert tuned.success == 1.0
     assert {board().rows[name].kind for name, track in board().cells if track == "flight-path"} == {"classical"}
+
+
+def test_on_courses_the_planner_is_better_than_the_rule_and_one_gait_alone_fails():
+    for track in ("course-takeoff", "course-gates", "course-mixed"):
+        rule, planner, fly, crawl = (
+            board().cells[f"course_{name}", track] for name in ("rule", "planner", "fly", "crawl")
+        )
+        assert rule.success >= 0.8
+        assert planner.success >= 0.9
+        assert planner.difference.high < 0.0, "its error is smaller, interval and all"
+        assert max(fly.success, crawl.success) < 0.2
 
 
 def test_the_leaderboard_is_what_its_rows_give():
@@ -82,8 +95,8 @@ def test_where_rotors_are_stacked_the_constraint_is_worth_something(name):
 
 
 def test_the_reference_scores_one_on_every_track():
-    for name in TRACKS:
-        cell = board().cells["qp", name]
+    for name, track in TRACKS.items():
+        cell = board().cells[track.reference, name]
         assert (cell.score.value, cell.score.low, cell.score.high) == (1.0, 1.0, 1.0)
         assert cell.improvement.value == 0.5
     for group in GROUPS:

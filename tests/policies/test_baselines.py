@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.states import demand_of, random_demands, random_wrench
 
-from spidar_gym.benchmark import CRAWL, HOVER, TRACKS, load_scenarios
+from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS, load_scenarios
 from spidar_gym.benchmark.scenario import make_env, reset_options
 from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.cli.evaluate import BASELINES
@@ -66,10 +66,10 @@ def across(demand):
 def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(spec):
     policy = load_policy(spec)
     doc = policy_doc(policy)
-    (only,) = re.findall(r"(flights|crawls) only", doc) or [""]
+    (only,) = re.findall(r"(flights|crawls|courses) only", doc) or [""]
     # What hovers by feedback flies along a path too.
     flights = [HOVER] if policy_name(policy) == "hold" else [HOVER, PATH]
-    where = {"": [*flights, CRAWL], "flights": flights, "crawls": [CRAWL]}[only]
+    where = {"": [*flights, CRAWL], "flights": flights, "crawls": [CRAWL], "courses": [COURSE]}[only]
     assert defined_on(policy) == where
     assert PATH not in where or policy_arguments(policy, PATH) == policy_arguments(policy, HOVER)
     assert doc.endswith(".")
