@@ -75,7 +75,7 @@ def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(s
     assert doc.endswith(".")
     assert policy_kind(policy) == "classical"
     assert len(policy_digest(policy)) == 64
-    presets = {HOVER: PRESETS, PATH: PRESETS, CRAWL: CRAWL_PRESETS}
+    presets = {HOVER: PRESETS, PATH: PRESETS, CRAWL: CRAWL_PRESETS, COURSE: PRESETS}
     for env_id in where:
         arguments = policy_arguments(policy, env_id)
         assert arguments.get("preset", "published" if env_id == CRAWL else "paper") in presets[env_id]

@@ -79,7 +79,7 @@ def test_a_crawl_that_arrives_with_dragged_feet_costs_more_than_its_error():
 @pytest.fixture
 def short(monkeypatch):
     """Tracks of eight ticks."""
-    monkeypatch.setattr(scoring, "_ticks", lambda track: 8)
+    monkeypatch.setattr(scoring, "_steps_of", lambda seconds, env: 8)
     monkeypatch.setattr(tuning, "draw_scenarios", lambda name, *_: {
         track: load_scenarios(track, "validation")[0][:1] for track in ("flight-paper", "flight-forms")
     })  # fmt: skip
