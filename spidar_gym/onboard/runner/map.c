@@ -36,9 +36,13 @@ const char *sp_read_gate(sp_mission *m, char **words, int count)
     if (!(v[2] >= SP_GATE_LEAST[kind] && v[2] <= SP_GATE_MOST[kind])) return NOT_SIZE[kind];
     if (fabs(v[3]) + (kind == SP_GATE_SLOT ? 0.5 * v[2] : 0.0) > SP_COURSE_HALF_WIDTH)
         return "a slot between the field's sides at ± 3 m";
-    double room = before != NULL && is_passed(gate) && is_passed(before) ? SP_MAP_ROOM : SP_MAP_REACH;
+    /* Behind a beam it takes off before a platform: all of it has to be out there. */
+    int takes_off = before != NULL && before->kind == SP_GATE_BEAM && kind == SP_GATE_PLATFORM;
+    int is_wide = takes_off || (before != NULL && is_passed(gate) && is_passed(before));
+    double room = is_wide ? SP_MAP_ROOM : SP_MAP_REACH;
     if (v[0] < (before != NULL ? before->end + room : SP_MAP_REACH))
-        return "gates in their order, with 2.4 m between two, and 1.2 m before the first and before and behind a floor";
+        return "gates in their order, with 2.4 m between two, and 1.2 m before the first and before and behind a floor, "
+               "but 2.4 m from a beam to a platform";
     map->count++;
     return NULL;
 }
