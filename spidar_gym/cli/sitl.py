@@ -175,7 +175,7 @@ def course(
         workers: Processes for the robots in process.
     """
     require_least(1, robots=robots, workers=workers)
-    require_within(0, MAX_GATES - 1, "1", gates=gates)
+    require_within(0.0, MAX_GATES - 1.0, "1", gates=gates)
     if options.residual is not None:
         raise SpidarError("a course has no learned residual; valid: flight or crawl with --residual")
     if gates:
