@@ -10,23 +10,12 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.envs.course.task import SIZES
 from spidar_gym.paper.gate_study import cells
-from spidar_gym.viz import courses, style
 from spidar_gym.viz.courses import MEASURES, WAYS, way_of
 
 COURSE = Course(
     (Gate("wall", 2.3, 2.5, 0.7), Gate("beam", 5.7, 6.1, 0.6), Gate("slot", 9.3, 9.6, 1.5, 0.3),
      Gate("slope", 11.4, 14.9, 0.1)), Pose2(13.1, 0.2, 0.2),
 )  # fmt: skip
-
-
-@pytest.fixture
-def kept(monkeypatch):
-    """The figures that are saved, left open."""
-    found = []
-    monkeypatch.setattr(courses, "save", lambda figure, path: found.append(figure))
-    yield found
-    for figure in found:
-        style.pyplot().close(figure)
 
 
 def test_whatever_a_robot_does_has_one_colour():

@@ -9,19 +9,9 @@ pytest.importorskip("matplotlib")
 from spidar_gym import viz
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FLIGHT_TICKS, PAPER_FLIGHT, UNRESTRICTED, FlightLog
-from spidar_gym.viz import figures, style
+from spidar_gym.viz import style
 
 SINK = 0.35
-
-
-@pytest.fixture
-def kept(monkeypatch):
-    """The figures that are saved, left open."""
-    found = []
-    monkeypatch.setattr(figures, "save", lambda figure, path: found.append(figure))
-    yield found
-    for figure in found:
-        style.pyplot().close(figure)
 
 
 def flight_log(noise=False, wobble=4e-4):
