@@ -12,7 +12,7 @@ from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.benchmark.verify import require_own_policies, shard_of
 from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.policies.load import load_policy
-from spidar_gym.policies.policy import policy_arguments
+from spidar_gym.policies.policy import control_of, policy_arguments
 from spidar_gym.text import format_table
 
 STATUSES = (*map(str, AllocationStatus), "none")
@@ -25,7 +25,7 @@ def count_ticks(shard: Shard) -> Counter[str]:
     policy = load_policy(shard.policy)
     chosen = policy_arguments(policy, TRACKS[shard.track].env_id) or {}
     # The core has an allocation of its own.
-    control = "python" if "allocator" in chosen else "core"
+    control = control_of(chosen, "core")
     play_scenario(
         policy, shard.track, shard.scenario, act_limit_s=shard.act_limit_s, control=control,
         on_tick=lambda info: ticks.update([info["qp_status"]]),

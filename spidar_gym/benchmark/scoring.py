@@ -19,14 +19,14 @@ from spidar_gym.envs.hover.task import FlightStart, Progress
 from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.actor import Actor
-from spidar_gym.policies.policy import BatchPolicy, Policy, policy_arguments
+from spidar_gym.policies.policy import BatchPolicy, Policy, control_of, policy_arguments
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.sim.disturbances import Disturbances
 
 ACT_LIMIT_S = 10.0
 """How long a policy may think about one action [s]."""
 CONTROL = "core"
-"""With which rows are made, but for those of an allocator of one's own, which the readable controllers call."""
+"""With which rows are made, but for those of an allocator or a law of one's own."""
 
 
 def play_scenario(
@@ -47,7 +47,7 @@ def play_scenario(
         scenario: Which episode.
         act_limit_s: How long the policy may think about one action [s].
         control: `core`, with which rows are made, or `python`, which is slower and equal to some 1e-12; with an
-            allocator of the policy's own it is always `python`.
+            allocator or a law of the policy's own it is always `python`.
         track: What `name` is of, where it is none of the benchmark's tracks.
         on_tick: Called with the `info` of each tick.
 
@@ -179,7 +179,7 @@ def _arguments(policy: Policy, name: str, track: Track, control: str) -> dict[st
     arguments = policy_arguments(policy, track.env_id)
     if arguments is None:
         raise InvalidValueError("track", name, "a track on which the policy is defined")
-    return {**arguments, "control": "python" if "allocator" in arguments else control}
+    return {**arguments, "control": control_of(arguments, control)}
 
 
 def _steps_of(seconds: float, env: SpidarEnv) -> int:

@@ -156,6 +156,7 @@ class Tally:
         """Begin at nothing."""
         self.ticks = np.zeros(robots, int)
         self._numbers = np.zeros(robots, int)
+        self._under_way = np.zeros(robots, int)
         self._squares: list[tuple[np.ndarray, ...]] = []
         self._thrust, self._torque = np.zeros(robots), np.zeros(robots)
         self._violations, self._unsolved = np.zeros(robots, int), np.zeros(robots, int)
@@ -177,6 +178,7 @@ class Tally:
         self._torque[ids] = np.maximum(self._torque[ids], share)
         self._unsolved[ids] += look.unsolved
         under_way = ~look.finished
+        self._under_way[ids] += under_way
         self._thrust[ids] += np.where(under_way, _sum(look.thrust_command) / ROBOT.weight, 0.0)
         self._violations[ids] += under_way & look.breaks
 
@@ -191,6 +193,7 @@ class Tally:
             world, own = GROUND, _crawl(info, progress)
         else:
             world, own = BOTH, _course(info, progress)
+            counted = max(1, int(self._under_way[robot]))
         if isinstance(progress, CrawlProgress) and progress.finished:
             counted = max(1, round(progress.finished * CONTROL_RATE))
         both = {

@@ -38,7 +38,6 @@ from spidar_gym.sim.disturbances import FAULTS, Disturbances
 from spidar_gym.sim.randomize import check_strength
 from spidar_gym.sim.scene import scene
 from spidar_gym.text import format_table
-from spidar_gym.tune import flight
 from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import margin_lines
 
@@ -103,7 +102,7 @@ def hops(
 
 @app.command
 def tune(
-    search: Annotated[str, choice(tuning.SEARCHES)],
+    search: str,
     /,
     out: Path = Path("out/tune"),
     generations: int = 100,
@@ -112,10 +111,11 @@ def tune(
     seed: int = 0,
     workers: int = cpu_count(),
 ) -> None:
-    """Search the numbers of preset tuned (flight) or robust_overlapped (crawl) with CMA-ES; goes on where it stopped.
+    """Search the numbers of tuned (flight), robust_overlapped (crawl) or a rival with CMA-ES; goes on where it stopped.
 
     Args:
-        search: flight, on the tracks of flights, or crawl, on those on the ground.
+        search: flight, on the tracks of flights, crawl, on those on the ground, or module:NAME, a Search of one's own,
+            such as baselines.indi:SEARCH.
         out: Folder of the search's log, written after every generation.
         generations: Generations in all.
         population: Candidates a generation.
@@ -132,15 +132,15 @@ def tune(
             search, folder, **how, on_piece=bar.update,
             on_generation=lambda line: bar.set_postfix(gain=math.exp(line["reference"] - line["cost"])),
         )  # fmt: skip
-    found = tuning.SEARCHES[search]
+    found = tuning.find_search(search)
     print(json_text(last["parameters"]))
     gain = math.exp(last["reference"] - last["cost"])
     print(
         f"errors of {found.reference} over those found, geometric mean: {gain:.3f} after {last['generation'] + 1} "
         f"generations, written to {folder / tuning.log_name(search)}"
     )
-    if search == "flight":
-        print("\n" + format_table(margin_lines(flight.configuration(last["parameters"])), left=1))
+    if found.loops is not None:
+        print("\n" + format_table(margin_lines(found.loops(last["parameters"])), left=1))
 
 
 @app.command

@@ -25,7 +25,7 @@ from spidar_gym.paper.gate_study import gate_lines
 from spidar_gym.paper.hops import hop_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.text import format_table
-from spidar_gym.tune.flight import margin_lines
+from spidar_gym.tune.flight import loops, margin_lines
 
 RESULTS = Path("docs") / "results"
 """Folder of the committed results in a checkout."""
@@ -56,7 +56,7 @@ def _track(root: Path, track: str) -> Lines:
 
 
 def _margins(root: Path, preset: str) -> Lines:
-    return margin_lines(controller_config(preset))
+    return margin_lines(loops(controller_config(preset)))
 
 
 SUMMARY = {

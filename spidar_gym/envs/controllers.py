@@ -18,7 +18,11 @@ CONTROLS = ("python", "core")
 
 
 def make_flight_controller(
-    config: ControllerConfig, control: str, allocator: type[Allocator] | None = None, fleet: Fleet | None = None
+    config: ControllerConfig,
+    control: str,
+    allocator: type[Allocator] | None = None,
+    law: type[FlightController] | None = None,
+    fleet: Fleet | None = None,
 ) -> FlightControl:
     """A flight controller.
 
@@ -26,34 +30,41 @@ def make_flight_controller(
         config: Allocation, gains, compensations.
         control: One of `CONTROLS`.
         allocator: A subclass of `Allocator` in place of the QP; the compiled core has its own.
+        law: A subclass of `FlightController` in place of the paper's; the compiled core has its own.
         fleet: Robots in the engine, of which the first one's controller is looked at.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
-        InvalidValueError: For an allocator that is none, or one for the compiled core.
+        InvalidValueError: For an allocator or a law that is none, or one for the compiled core.
         MissingDependencyError: When the core is not compiled.
     """
-    if choose_control(control, allocator) == "python":
-        return FlightController(config, allocator=allocator or Allocator)
+    if choose_control(control, allocator, law) == "python":
+        return (law or FlightController)(config, allocator=allocator or Allocator)
     if fleet is None:
         return CoreFlightController(config)
     return CoreFlightController(config, record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0])
 
 
-def choose_control(control: str | None, allocator: type[Allocator] | None) -> str:
-    """Who controls: what was chosen, or by default the core unless an allocator of one's own is to be asked.
+def choose_control(
+    control: str | None, allocator: type[Allocator] | None = None, law: type[FlightController] | None = None
+) -> str:
+    """Who controls: what was chosen, or by default the core unless an allocator or a law of one's own is to be asked.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
-        InvalidValueError: For an allocator that is none, or one for the compiled core.
+        InvalidValueError: For an allocator or a law that is none, or one for the compiled core.
     """
+    own = {"allocator": (allocator, Allocator), "law": (law, FlightController)}
+    given = [name for name, (value, _) in own.items() if value is not None]
     if control is None:
-        control = "core" if allocator is None else "python"
+        control = "python" if given else "core"
     require_name("control", control, CONTROLS)
-    if not (allocator is None or (isinstance(allocator, type) and issubclass(allocator, Allocator))):
-        raise InvalidValueError("allocator", allocator, "a subclass of Allocator")
-    if control == "core" and allocator is not None:
-        raise InvalidValueError("allocator", allocator, "None: the core has its own")
+    for name in given:
+        value, base = own[name]
+        if not (isinstance(value, type) and issubclass(value, base)):
+            raise InvalidValueError(name, value, f"a subclass of {base.__name__}")
+        if control == "core":
+            raise InvalidValueError(name, value, "None: the core has its own")
     return control
 
 

@@ -274,6 +274,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "manager": "a `ManagerConfig` of one's own in place of both",
         "controller": f"a `{own.controller}` of one's own in place of a preset",
         "allocator": "a subclass of `Allocator` of one's own in place of the QP",
+        "law": "a subclass of `FlightController` of one's own in place of the paper's control law",
         "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
         "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",

@@ -74,7 +74,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         environment(name)
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = _autoreset(autoreset_mode)
-        for refused in ("control", "allocator"):
+        for refused in ("control", "allocator", "law"):
             if refused in options:
                 raise InvalidValueError(refused, options[refused], "no such argument: the core flies")
         if options.get("render_mode") == "human":

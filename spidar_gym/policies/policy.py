@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeGuard, runtime_checkable
@@ -23,8 +23,15 @@ KINDS = ("classical", *LEARNED, UNSTATED)
 """Valid classes of a policy."""
 NAME, DOC, LINE = 64, 200, 4000
 """Longest name, longest word on what a policy is, and longest line of any other text, in characters."""
-ARGUMENTS = ("action_mode", "preset", "controller", "allocator", "schedule", "avoid_interference", "max_iter")
+READABLE = ("allocator", "law")
+"""Arguments that are code of one's own, which the readable controllers call."""
+ARGUMENTS = ("action_mode", "preset", "controller", *READABLE, "schedule", "avoid_interference", "max_iter")
 """Arguments of the environment that a policy may choose; the others are the track's."""
+
+
+def control_of(arguments: Mapping[str, Any], control: str) -> str:
+    """Who controls where it is to be `control`: with code of the policy's own it is always `python`."""
+    return "python" if any(name in arguments for name in READABLE) else control
 
 
 @runtime_checkable

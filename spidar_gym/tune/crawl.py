@@ -65,8 +65,3 @@ def configuration(values: dict[str, float]) -> CrawlerConfig:
     """The crawler with these parameters (`InvalidValueError` for a start pose out of reach)."""
     gait = replace(START.gait, **{name: values[name] for name in (*_GAIT, *_GAIT_LINEAR)})
     return replace(START, gait=gait, **{name: values[name] for name in _CRAWLER})
-
-
-def shortfall(config: CrawlerConfig) -> float:
-    """No margins are defined for gaits: what they stand is flown."""
-    return 0.0

@@ -1,10 +1,11 @@
 """The search for `tuned`: gains and compensations of the flight controller, margins held."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from spidar_gym.control.flight.centroidal import CentroidalConfig
+from spidar_gym.control.flight.centroidal import CentroidalConfig, Gains
 from spidar_gym.control.flight.controller import ControllerConfig
-from spidar_gym.control.flight.margins import AXES, margins
+from spidar_gym.control.flight.margins import AXES, Margins, margins
 from spidar_gym.control.presets import TUNED_V1
 from spidar_gym.tune.parameter import Parameter
 
@@ -13,13 +14,19 @@ LEAST_GAIN, LEAST_DELAY, MOST_SENSITIVITY = 2.0, 0.040, 2.2
 REFERENCE = "tuned_v1"
 """Preset that flies beside every generation; the search begins at its numbers."""
 
-_ROWS = {
-    "xy": TUNED_V1.centroidal.position_gains[0],
-    "z": TUNED_V1.centroidal.position_gains[2],
-    "roll_pitch": TUNED_V1.centroidal.attitude_gains[0],
-    "yaw": TUNED_V1.centroidal.attitude_gains[2],
-}
-_BOUNDS: dict[str, tuple[float, float]] = {
+
+def axes(config: ControllerConfig) -> dict[str, Gains]:
+    """Gains of the four axes that differ, by the name that parameters begin with."""
+    gains = config.centroidal
+    return {
+        "xy": gains.position_gains[0],
+        "z": gains.position_gains[2],
+        "roll_pitch": gains.attitude_gains[0],
+        "yaw": gains.attitude_gains[2],
+    }
+
+
+BOUNDS: dict[str, tuple[float, float]] = {
     "momentum_gain": (0.5, 2.0),
     "momentum_filter": (0.002, 0.1),
     "servo_bandwidth": (8.0, 120.0),
@@ -34,41 +41,48 @@ the gain of the reference's acceleration, which none of the tracks has."""
 PARAMETERS: tuple[Parameter, ...] = (
     *(
         Parameter(f"{axis}_{term}", value, value / 5.0, value * 5.0)
-        for axis, row in _ROWS.items()
+        for axis, row in axes(TUNED_V1).items()
         for term, value in zip("pid", row, strict=True)
     ),
-    *(Parameter(name, getattr(TUNED_V1.compensation, name), *bounds) for name, bounds in _BOUNDS.items()),
+    *(Parameter(name, getattr(TUNED_V1.compensation, name), *bounds) for name, bounds in BOUNDS.items()),
 )
 """Gains of the PIDs, then compensations."""
+
+
+def pids(xy: Gains, z: Gains, tilt: Gains, yaw: Gains) -> CentroidalConfig:
+    """Gains of all axes, from those of the four that differ."""
+    return CentroidalConfig(position_gains=(xy, xy, z), attitude_gains=(tilt, tilt, yaw))
 
 
 def configuration(values: dict[str, float]) -> ControllerConfig:
     """The controller with these parameters."""
 
-    def pid(axis: str) -> tuple[float, float, float]:
+    def pid(axis: str) -> Gains:
         return values[f"{axis}_p"], values[f"{axis}_i"], values[f"{axis}_d"]
 
-    xy, z, tilt, yaw = (pid(axis) for axis in _ROWS)
     return ControllerConfig(
-        centroidal=CentroidalConfig(position_gains=(xy, xy, z), attitude_gains=(tilt, tilt, yaw)),
-        compensation=replace(TUNED_V1.compensation, **{name: values[name] for name in _BOUNDS}),
+        centroidal=pids(*(pid(axis) for axis in axes(TUNED_V1))),
+        compensation=replace(TUNED_V1.compensation, **{name: values[name] for name in BOUNDS}),
     )
 
 
-def shortfall(config: ControllerConfig) -> float:
-    """How far the loops' margins fall short, 0 where all are kept."""
+def loops(config: ControllerConfig) -> list[Margins]:
+    """Margins of every one of `AXES`."""
+    return [margins(config, axis) for axis in range(len(AXES))]
+
+
+def shortfall(found: Sequence[Margins]) -> float:
+    """How far margins fall short, 0 where all are kept."""
     total = 0.0
-    for axis in range(len(AXES)):
-        m = margins(config, axis)
+    for m in found:
         total += max(0.0, 1.0 - m.gain / LEAST_GAIN) + max(0.0, 1.0 - m.delay / LEAST_DELAY)
         total += max(0.0, min(m.sensitivity, 100.0) / MOST_SENSITIVITY - 1.0)
     return total
 
 
-def margin_lines(config: ControllerConfig) -> list[list[str]]:
-    """Margins of every loop: the cells of a table."""
+def margin_lines(found: Sequence[Margins]) -> list[list[str]]:
+    """Margins of every one of `AXES`: the cells of a table."""
     lines = [["axis", "gain margin", "phase margin", "delay margin", "sensitivity"]]
-    for axis, name in enumerate(AXES):
-        m = margins(config, axis)
+    for name, m in zip(AXES, found, strict=True):
         lines.append([name, f"{m.gain:.2f}", f"{m.phase:.2f} rad", f"{1e3 * m.delay:.0f} ms", f"{m.sensitivity:.2f}"])
     return lines

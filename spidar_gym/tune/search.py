@@ -6,7 +6,7 @@ import json
 import math
 import shutil
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,15 +14,17 @@ from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
-from spidar_gym.benchmark.scoring import play_scenarios
 from spidar_gym.benchmark.track import CAP, TRACKS
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.margins import Margins
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, write_text
 from spidar_gym.policies.presets import PresetPolicy
+from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune import crawl, flight
 from spidar_gym.tune.parameter import Parameter, decode
 
@@ -53,19 +55,19 @@ class Search:
     """What is searched for, and on which tracks."""
 
     name: str
-    """What it is called, in the command and in the log."""
-    preset: str
-    """The preset that it is for."""
+    """What its log is called."""
+    target: str
+    """The preset or the baseline that it is for."""
     group: str
     """Group of tracks."""
     reference: str
     """Preset that is played beside every generation."""
     parameters: tuple[Parameter, ...]
     """What is tuned."""
-    configuration: Callable[[dict[str, float]], Any]
-    """Parameters → controller; `InvalidValueError` for what is none."""
-    shortfall: Callable[[Any], float]
-    """How far a controller's margins fall short."""
+    arguments: Callable[[dict[str, float]], dict[str, Any]]
+    """Parameters → what `gym.make` is told; `InvalidValueError` for what is no controller."""
+    loops: Callable[[dict[str, float]], Sequence[Margins]] | None = None
+    """Parameters → margins of the loops; None where there are none, as of a gait: what it stands is flown."""
     unsuccessful: float = 0.0
     """What an episode that is no success adds to its error."""
 
@@ -74,23 +76,44 @@ class Search:
         """Tracks that are played."""
         return tuple(name for name, track in TRACKS.items() if track.group == self.group)
 
+    def shortfall(self, values: dict[str, float]) -> float:
+        """How far margins fall short."""
+        return 0.0 if self.loops is None else flight.shortfall(self.loops(values))
+
+
+def with_config(configuration: Callable[[dict[str, float]], Any], **more: Any) -> Callable[..., dict[str, Any]]:  # noqa: ANN401 - arguments of `gym.make`
+    """What `gym.make` is told of parameters that make a configuration, and `more` that never changes."""
+    return lambda values: {"controller": configuration(values), **more}
+
 
 SEARCHES: dict[str, Search] = {
     "flight": Search(
-        "flight", "tuned", "flight", flight.REFERENCE, flight.PARAMETERS, flight.configuration, flight.shortfall
+        "flight", "tuned", "flight", flight.REFERENCE, flight.PARAMETERS, with_config(flight.configuration),
+        lambda values: flight.loops(flight.configuration(values)),
     ),
     "crawl": Search(
-        "crawl",
-        "robust_overlapped",
-        "ground",
-        crawl.REFERENCE,
-        crawl.PARAMETERS,
-        crawl.configuration,
-        crawl.shortfall,
-        crawl.UNSUCCESSFUL,
+        "crawl", "robust_overlapped", "ground", crawl.REFERENCE, crawl.PARAMETERS, with_config(crawl.configuration),
+        unsuccessful=crawl.UNSUCCESSFUL,
     ),
-}
-"""Every search by name."""
+}  # fmt: skip
+"""The searches of the house by name; any other is `module:NAME`."""
+
+
+def find_search(name: str) -> Search:
+    """A search by its name, or the one of a module, `module:NAME`.
+
+    Raises:
+        UnknownNameError: For a name that nothing has; it lists those of the house.
+        SpidarError: For a module that is not there, or has no such search.
+    """
+    if ":" not in name:
+        require_name("search", name, [*SEARCHES, "module:NAME"])
+        return SEARCHES[name]
+    module, own = module_of(name)
+    found = getattr(load_module(module), own, None)
+    if not isinstance(found, Search):
+        raise InvalidValueError("search", name, f"one of {', '.join(SEARCHES)}, or module:NAME of a `Search`")
+    return found
 
 
 @dataclass(frozen=True)
@@ -121,15 +144,15 @@ class _Played(PresetPolicy):
 
 def play_candidate(candidate: Candidate) -> dict[str, Any]:
     """Play it: the `errors` of its scenarios, the benchmark's and what failing adds, and the `ticks` simulated."""
-    search = SEARCHES[candidate.search]
+    search = find_search(candidate.search)
     if candidate.values is None:
         arguments: dict[str, Any] = {"preset": search.reference}
     else:
         try:
-            arguments = {"controller": search.configuration(dict(candidate.values))}
+            arguments = search.arguments(dict(candidate.values))
         except InvalidValueError:
             return {"errors": [CAP] * len(candidate.scenarios), "ticks": 0}
-    played = play_scenarios(_Played(arguments), candidate.track, candidate.scenarios)
+    played = play(_Played(arguments), candidate.track, candidate.scenarios)
     seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where it diverged
     errors = [one["metrics"]["error"] + search.unsuccessful * (not one["metrics"]["success"]) for one in played]
     return {"errors": errors, "ticks": round(seconds * CONTROL_RATE)}
@@ -138,7 +161,7 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
 def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[str, tuple[Scenario, ...]]:
     """The scenarios of a generation: others each time, the same for all candidates; track → scenarios."""
     found = {}
-    for track in SEARCHES[name].tracks:
+    for track in find_search(name).tracks:
         rngs = (
             np.random.Generator(np.random.PCG64([zlib.crc32(track.encode()), DRAWS, seed, generation, k]))
             for k in range(count)
@@ -157,7 +180,7 @@ def cost(errors: Mapping[str, float], shortfall: float) -> float:
 
 def check_search(name: str, *, generations: int, population: int, scenarios: int, seed: int, workers: int) -> None:
     """Refuse a search that cannot be made."""
-    require_name("search", name, SEARCHES)
+    find_search(name)
     if importlib.util.find_spec("cma") is None:
         raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'")
     require_least(1, generations=generations, scenarios=scenarios, workers=workers)
@@ -167,7 +190,7 @@ def check_search(name: str, *, generations: int, population: int, scenarios: int
 
 def pieces(name: str, population: int) -> int:
     """How many pieces of work a generation has: candidates, the mean and the reference, on every track."""
-    return (population + 2) * len(SEARCHES[name].tracks)
+    return (population + 2) * len(find_search(name).tracks)
 
 
 def tune(
@@ -185,7 +208,7 @@ def tune(
     """Search, or go on with the search in `folder`.
 
     Args:
-        name: One of `SEARCHES`.
+        name: One of `SEARCHES`, or `module:NAME`.
         folder: Where the log of the search is written after every generation; what was told is all of its state. What
             has been played of an unfinished generation lies there too.
         generations: How many in all.
@@ -203,8 +226,8 @@ def tune(
         name, generations=generations, population=population, scenarios=scenarios, seed=seed, workers=workers
     )  # fmt: skip
     settings = {"search": name, "population": population, "scenarios": scenarios, "seed": seed}
-    path, unfinished = folder / log_name(name), folder / f"{name}-unfinished"
-    search, evolution, lines = SEARCHES[name], _evolution(name, population, seed), read_log(path, settings)
+    path, unfinished = folder / log_name(name), folder / f"{find_search(name).name}-unfinished"
+    search, evolution, lines = find_search(name), _evolution(name, population, seed), read_log(path, settings)
     _replay(name, evolution, lines, path)
     for _ in range(len(lines) * pieces(name, population)):
         on_piece()
@@ -229,13 +252,13 @@ def tune(
 
 def log_name(name: str) -> str:
     """Name of a search's file."""
-    return f"{name}.json"
+    return f"{find_search(name).name}.json"
 
 
 def _shortfall(search: Search, values: dict[str, float] | None) -> float:
     """What the margins of parameters lack; those of the reference are not counted."""
     try:
-        return 0.0 if values is None else search.shortfall(search.configuration(values))
+        return 0.0 if values is None else search.shortfall(values)
     except InvalidValueError:
         return 0.0  # its errors are `CAP`
 
@@ -247,7 +270,7 @@ def _evolution(name: str, population: int, seed: int) -> Any:  # noqa: ANN401 - 
     # Of its own: whatever draws from NumPy's global generator meanwhile would change the search.
     draw = np.random.RandomState(seed + 1).randn
     options = {"popsize": population, "randn": draw, "seed": math.nan, "verbose": -9, "CMA_diagonal": True}
-    return cma.CMAEvolutionStrategy(np.zeros(len(SEARCHES[name].parameters)), STEP, options)
+    return cma.CMAEvolutionStrategy(np.zeros(len(find_search(name).parameters)), STEP, options)
 
 
 def _line(
@@ -255,7 +278,7 @@ def _line(
     evolution: Any,  # noqa: ANN401 - cma's
 ) -> dict[str, Any]:  # fmt: skip
     """The log's line of a generation, from its costs, those of mean and reference last; the search was told them."""
-    search = SEARCHES[name]
+    search = find_search(name)
     rounded = {key: float(f"{value:.4g}") for key, value in decode(search.parameters, evolution.mean).items()}
     return {
         "generation": generation,

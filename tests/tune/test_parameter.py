@@ -10,7 +10,7 @@ from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.tune import crawl, flight
-from spidar_gym.tune.flight import shortfall
+from spidar_gym.tune.flight import loops, shortfall
 from spidar_gym.tune.parameter import Parameter, decode
 
 ALL = pytest.mark.parametrize("parameters", [flight.PARAMETERS, crawl.PARAMETERS], ids=["flight", "crawl"])
@@ -117,8 +117,8 @@ def test_a_gain_is_that_of_its_axis_and_its_term(axis, rows, term, column):
 def test_margins_fall_short_for_gains_that_are_too_high_and_the_more_the_higher():
     def wild(factor):
         gains = ((factor * 3.6, 0.03, factor * 4.0),) * 3
-        return shortfall(ControllerConfig(centroidal=CentroidalConfig(position_gains=gains)))
+        return shortfall(loops(ControllerConfig(centroidal=CentroidalConfig(position_gains=gains))))
 
     assert wild(1.0) == 0.0 < wild(4.0) < wild(100.0)
     greedy = CompensationConfig(observer_gain=0.99, observer_time=0.02)
-    assert shortfall(ControllerConfig(compensation=greedy)) > 0.0
+    assert shortfall(loops(ControllerConfig(compensation=greedy))) > 0.0

@@ -36,6 +36,8 @@ class CompensationConfig:
     """Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]."""
     observer_time: float = 0.25
     """Time constant of the observer [s]."""
+    observer_order: int = 1
+    """Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later."""
     observer_lag: float = 0.05
     """Time constant of the model of the rotors that the observer believes in [s]."""
     joint_ramp: float = 0.0
@@ -45,6 +47,8 @@ class CompensationConfig:
 
     def __post_init__(self) -> None:
         """Refuse what is not a filter."""
+        if type(self.observer_order) is not int or self.observer_order not in (1, 2):
+            raise InvalidValueError("observer_order", self.observer_order, "1 or 2")
         require_not_negative(**vars(self))
         for name in ("servo_bandwidth", "observer_time"):
             if getattr(self, name) <= 0.0:
@@ -69,12 +73,14 @@ class CompensationMemory:
     """Wrench that the rotors are believed to give, world axes [N, Nm]."""
     external_w: np.ndarray
     """Observed external wrench, world axes [N, Nm]."""
+    residual_w: np.ndarray
+    """What is behind the first low-pass of an observer that has two, world axes [N, Nm]."""
 
 
 def fresh_compensation(joint_position: JointVector, external_w: np.ndarray) -> CompensationMemory:
     """Nothing moves; an external wrench, world axes [N, Nm], may be known."""
     zero = np.zeros(3)
-    return CompensationMemory(joint_position, np.zeros(N_JOINTS), None, zero, None, np.zeros(6), external_w)
+    return CompensationMemory(joint_position, np.zeros(N_JOINTS), None, zero, None, np.zeros(6), external_w, external_w)
 
 
 def servo_response(
@@ -158,6 +164,10 @@ def observe_wrench(
 ) -> CompensationMemory:
     """Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ), the residual of the robot's momentum [DeLuca2006].
 
+    With a gain of 1 and no integral gains this is incremental inversion of the centroidal dynamics [Smeur2016]: the
+    command is that of before, filtered as the momentum's rate is, and what the acceleration lacks. With a low-pass of
+    order 2 it is the extended state observer of a velocity, at bandwidth 1/T [Gao2003]. Tests hold it against both.
+
     Args:
         snapshot: Mass, inertia, momentum map.
         memory: The last tick.
@@ -180,10 +190,14 @@ def observe_wrench(
     delivered = memory.delivered_w + smoothing * (asked - memory.delivered_w)
     residual = (momentum - memory.observed_momentum) / dt - delivered
     residual[2] += snapshot.mass * GRAVITY
-    external = memory.external_w + (1.0 - math.exp(-dt / config.observer_time)) * (residual - memory.external_w)
+    share = 1.0 - math.exp(-dt / config.observer_time)
+    passed = residual
+    if config.observer_order == 2:
+        passed = memory.residual_w + share * (residual - memory.residual_w)
+    external = memory.external_w + share * (passed - memory.external_w)
     bound = np.repeat([MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE], 3)
     external = np.minimum(np.maximum(external, -bound), bound)
-    return replace(memory, external_w=external, delivered_w=delivered, observed_momentum=momentum)
+    return replace(memory, external_w=external, residual_w=passed, delivered_w=delivered, observed_momentum=momentum)
 
 
 def ramp_joints(

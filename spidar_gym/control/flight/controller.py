@@ -1,6 +1,7 @@
 """The stack: (state, reference, residual) → command. Snapshot, wrench, allocation, vectoring, joint targets."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand
 from spidar_gym.control.flight.centroidal import (
     CentroidalConfig,
+    Integrals,
     desired_wrench,
     integrate,
     motion_error,
@@ -92,7 +94,13 @@ class ControllerConfig:
 
 
 class FlightController(ReadableController[FlightMemory, FlightRecord]):
-    """The paper's controller for one robot; owns the model, the solver's work space and the memory."""
+    """The paper's controller for one robot; owns the model, the solver's work space and the memory.
+
+    A law of one's own overrides `compute_wrench`, which says what the allocation is asked for, or `compute_joints`.
+    """
+
+    preview: Callable[[float], Reference] | None = None
+    """Reference so many seconds ahead, where whoever flies knows it: for laws that look ahead."""
 
     def __init__(
         self,
@@ -196,16 +204,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             residual = NO_RESIDUAL
         memory, options = self.memory, self.config.compensation
         control_state = control_state or self.compute_state(state, reference)
-        R_wb, snapshot, error = control_state.R_wb, control_state.snapshot, control_state.error
-        joints, speed = self._joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
-        gains = self.config.centroidal
-        integrals = memory.integrals if reference.support > 0.0 else integrate(
-            memory.integrals, error, memory.unallocated_w, memory.unallocated_torque,
-            dt=self.dt, max_speed=gains.max_integration_speed,
-        )  # fmt: skip
-        wrench = desired_wrench(snapshot, R_wb, state.omega_b, error, integrals, config=gains)
-        compensation, more = self._compensate(state, reference, control_state, joints)
-        wrench += more
+        R_wb, snapshot = control_state.R_wb, control_state.snapshot
+        joints, speed = self.compute_joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
+        wrench, integrals, compensation = self.compute_wrench(state, reference, control_state, joints)
         wrench += residual.wrench
         demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
@@ -232,7 +233,30 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         """What a policy sees; see `observation.observe`."""
         return observe(observables, self.memory, bound=bound)
 
-    def _compensate(
+    def compute_wrench(
+        self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
+    ) -> tuple[Wrench, Integrals, CompensationMemory]:
+        """w^d in {CoG} before a residual, and what is remembered of how it came about: here a law of one's own begins.
+
+        Args:
+            state: What is known of the robot.
+            reference: What it should do.
+            control_state: Model quantities and errors.
+            joints: The new q^d [rad].
+        """
+        memory, gains, error = self.memory, self.config.centroidal, control_state.error
+        integrals = memory.integrals if reference.support > 0.0 else integrate(
+            memory.integrals, error, memory.unallocated_w, memory.unallocated_torque,
+            dt=self.dt, max_speed=gains.max_integration_speed,
+        )  # fmt: skip
+        wrench = desired_wrench(
+            control_state.snapshot, control_state.R_wb, state.omega_b, error, integrals, config=gains
+        )
+        compensation, more = self.compensate(state, reference, control_state, joints)
+        wrench += more
+        return wrench, integrals, compensation
+
+    def compensate(
         self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
     ) -> tuple[CompensationMemory, Wrench]:
         """What the compensations add to the desired wrench, and what they remember; `joints` is the new q^d."""
@@ -288,7 +312,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             interference_config=self.config.interference, lock_config=self.config.lock,
         )  # fmt: skip
 
-    def _joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
+    def compute_joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
         """Next joint command on the straight line to `target`, and its rate: all joints arrive together.
 
         The slowest joint moves at the joint speed [Zhao2025, Tab. 1]; `speed_scale` scales all, and no joint exceeds

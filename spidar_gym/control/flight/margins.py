@@ -1,7 +1,7 @@
 """How much gain and delay a controller's loops bear: each axis of the centroidal motion as a loop of its own.
 
 An axis is a double integrator behind the actuators, D(s) = e^{−Ts} / (1 + τs). With the PID C(s) and the observer
-F(s) = 1 / (1 + T_o s), whose share g of the estimate is cancelled, the loop is
+F(s) = 1 / (1 + T_o s), or its square, whose share g of the estimate is cancelled, the loop is
 L = D (C + g F s²) / (1 − g F D_m) / s², D_m the observer's belief about D.
 """
 
@@ -42,15 +42,19 @@ def loop(config: ControllerConfig, axis: int, omega: np.ndarray, *, delay: float
     kp, ki, kd = rows[axis]
     s = 1j * omega
     D = np.exp(-s * delay) / (1.0 + lag * s)
-    observer = options.observer_gain / (1.0 + options.observer_time * s)
+    observer = options.observer_gain / (1.0 + options.observer_time * s) ** options.observer_order
     believed = 1.0 / (1.0 + options.observer_lag * s)
     return D * (kp + ki / s + kd * s + observer * s * s) / (1.0 - observer * believed) / (s * s)
 
 
 def margins(config: ControllerConfig, axis: int, *, delay: float = DELAY, lag: float = LAG) -> Margins:
     """Margins of one of `AXES`; all zero for a loop that is unstable."""
+    return margins_of(loop(config, axis, FREQUENCIES, delay=delay, lag=lag))
+
+
+def margins_of(L: np.ndarray) -> Margins:
+    """Margins of a loop from its L(iω) at `FREQUENCIES`; all zero for one that is unstable."""
     omega = FREQUENCIES
-    L = loop(config, axis, omega, delay=delay, lag=lag)
     angle = np.unwrap(np.angle(L))
     size = np.abs(L)
     # Below the first frequency L is a triple integrator with its phase at −270°, or a double one at −180°.

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
-from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
 from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.flight.observation import NO_NEXT_FORM, Field, FlightObservables, layout
 from spidar_gym.control.flight.path import Path
@@ -53,6 +53,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         preset: str = "paper",
         controller: ControllerConfig | None = None,
         allocator: type[Allocator] | None = None,
+        law: type[FlightController] | None = None,
         control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
@@ -64,8 +65,9 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             preset: Which controller: allocation, gains, compensations.
             controller: A configuration of one's own in place of a preset's; its joint speed is the task's.
             allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
+            law: A control law of one's own, a subclass of `FlightController`, in place of the paper's.
             control: `core`, the controller that is compiled for the robot, or `python`, the readable one; by default
-                the core, unless an allocator is given.
+                the core, unless an allocator or a law is given.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -80,8 +82,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         base = controller_config(preset) if controller is None else controller
         require_instance(ControllerConfig, controller=base)
         self._config = replace(base, joint_speed=joint_speed, allocator=solver_settings(max_iter))
-        self._allocator = allocator
-        control = choose_control(control, allocator)
+        self._allocator, self._law = allocator, law
+        control = choose_control(control, allocator, law)
         self._start: FlightStart | None = None
         self._reference: Reference | None = None
         self._goals: list[FormGoal] | None = None
@@ -95,7 +97,10 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         return layout(action_size)
 
     def _make_controller(self) -> FlightControl:
-        return make_flight_controller(self._config, self._control, self._allocator, self.fleet)
+        controller = make_flight_controller(self._config, self._control, self._allocator, self._law, self.fleet)
+        if isinstance(controller, FlightController):
+            controller.preview = self.reference_ahead
+        return controller
 
     @property
     def truth(self) -> ControlState:
@@ -206,6 +211,17 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
                 mask = np.arange(1, N_ROTORS + 1) == fault.lost_rotor
                 self._reference = given = replace(given, **{lost: mask})
         return given
+
+    def reference_ahead(self, seconds: float) -> Reference:
+        """What the controller will be asked to do so much later [s]: the next form and the path are known."""
+        progress, now = self.progress, self.reference()
+        time, upcoming = progress.time + seconds, progress.next_goal
+        target = now.joint_target
+        if upcoming is not None and time >= upcoming.start - 1e-9:
+            target = upcoming.joint_target
+        if self.path is not None:
+            return self.path.reference(time, target, now.mode)
+        return now if target is now.joint_target else replace(now, joint_target=target)
 
     def _act(self, action: np.ndarray) -> Command:
         """The command of this tick; keeps what observations need of it."""

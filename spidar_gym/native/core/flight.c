@@ -105,7 +105,7 @@ static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, con
     m->has_momentum = 1;
 }
 
-/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006]. */
+/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006], or the same twice in series. */
 static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
                            const double *velocity_w, const double *allocated, const sp_compensation_config *c,
                            double dt)
@@ -126,6 +126,8 @@ static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compe
             m->delivered_w[i] += lag * (asked[i] - m->delivered_w[i]);
             double residual = (momentum[i] - m->observed_momentum[i]) / dt - m->delivered_w[i];
             if (i == 2) residual += s->mass * robot->gravity;
+            if (c->observer_order == 2) residual = m->residual_w[i] + share * (residual - m->residual_w[i]);
+            m->residual_w[i] = residual;
             double bound = i < 3 ? SP_MAX_EXTERNAL_FORCE : SP_MAX_EXTERNAL_TORQUE;
             m->external_w[i] = sp_clip(m->external_w[i] + share * (residual - m->external_w[i]), -bound, bound);
         }
@@ -301,8 +303,8 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     sp_apply(R, trim, force);
     sp_apply(R, trim + 3, torque);
     for (int i = 0; i < 3; i++) {
-        m->compensation.external_w[i] = -force[i];
-        m->compensation.external_w[3 + i] = -torque[i];
+        m->compensation.external_w[i] = m->compensation.residual_w[i] = -force[i];
+        m->compensation.external_w[3 + i] = m->compensation.residual_w[3 + i] = -torque[i];
     }
     /* Solve I α = τ by Cramer's rule. */
     const double *I = s->inertia_c;
@@ -327,6 +329,7 @@ void sp_flight_resume(const sp_robot *robot, sp_flight *f, const sp_robot_state 
     sp_copy(m->position_integral_w, before.position_integral_w, 3);
     sp_copy(m->attitude_integral, before.attitude_integral, 3);
     sp_copy(m->compensation.external_w, before.compensation.external_w, 6);
+    sp_copy(m->compensation.residual_w, before.compensation.external_w, 6);
 }
 
 /* (φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it. */

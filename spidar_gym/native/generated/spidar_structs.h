@@ -142,6 +142,7 @@ typedef struct {
     double vectoring_lead; /* The force is pointed where its link will be this much later [s]; 0 is off. */
     double observer_gain; /* Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]. */
     double observer_time; /* Time constant of the observer [s]. */
+    int32_t observer_order; /* Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later. */
     double observer_lag; /* Time constant of the model of the rotors that the observer believes in [s]. */
     double joint_ramp; /* Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off. */
     double reference_gain; /* Share of the reference's acceleration that is asked for before there is an error; 0 is off [Lee2010]. */
@@ -383,7 +384,7 @@ typedef struct {
     double servo_position[16], servo_velocity[16]; /* of the servo model [rad], [rad/s] */
     int32_t has_momentum, has_observed; /* whether there was a tick before */
     double momentum[3], torque[3]; /* of the legs [Nms]; feed-forward [Nm] */
-    double observed_momentum[6], delivered_w[6], external_w[6]; /* of the robot; wrenches, world axes */
+    double observed_momentum[6], delivered_w[6], external_w[6], residual_w[6]; /* of the robot; wrenches, world axes */
 } sp_compensation_memory;
 
 /* All that the flight controller remembers from one tick to the next. */

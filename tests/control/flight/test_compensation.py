@@ -21,7 +21,7 @@ from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.so3 import exp, matrix_to_quat
 
-FIELDS = tuple(CompensationConfig.__dataclass_fields__)
+FIELDS = tuple(name for name, value in vars(CompensationConfig()).items() if isinstance(value, float))
 
 
 # ---- the lead of the vectoring ----
@@ -100,6 +100,12 @@ def test_zero_is_refused_where_it_would_divide_and_nowhere_else(name):
             CompensationConfig(**{name: 0.0})
     else:
         assert getattr(CompensationConfig(**{name: 0.0}), name) == 0.0
+
+
+@pytest.mark.parametrize("order", [0, 3, -1])
+def test_an_observer_of_no_such_order_is_refused(order):
+    with pytest.raises(InvalidValueError, match=r"observer_order = .* 1 or 2"):
+        CompensationConfig(observer_order=order)
 
 
 def flown(controller, ticks=30):

@@ -81,6 +81,46 @@ def test_the_observer_believes_in_no_more_than_half_the_weight_and_ten_newton_me
         assert np.all(np.abs(estimates) <= BOUND)
 
 
+def test_two_low_passes_are_the_extended_state_observer_of_a_velocity():
+    """Gao's: ẑ₁' = ẑ₂ + u + 2ω (v − ẑ₁), ẑ₂' = ω² (v − ẑ₁), on a robot that nothing else moves."""
+    time, seconds = 0.6, 2.0
+    estimates = observed(WRENCH, replace(OBSERVER, observer_time=time, observer_order=2), seconds)
+    fine, omega, v, z1, z2, eso = 2000, 1.0 / time, 0.0, 0.0, 0.0, []
+    for k in range(round(seconds * fine)):
+        if k % (fine // 40) == 0:
+            eso.append(z2)
+        v += 1.0 / fine
+        z1, z2 = z1 + (z2 + 2.0 * omega * (v - z1)) / fine, z2 + omega * omega * (v - z1) / fine
+    # Half a tick is what a held estimate is old.
+    close(estimates[:-1] / WRENCH, np.tile(0.5 * (np.array(eso[:-1]) + eso[1:]), (6, 1)).T, atol=0.012)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_cancelled_whole_it_is_incremental_inversion(order):
+    """w = H w₀ + M (a − H ȧ), w₀ the wrench as the rotors gave it, ȧ measured, H the filter of both [Smeur2016]."""
+    config = CompensationConfig(observer_gain=1.0, observer_time=0.09, observer_lag=0.05, observer_order=order)
+    snapshot, rng = model().snapshot(FORMS["form1"], np.eye(3), LEVEL), np.random.default_rng(3)
+    M = np.zeros((6, 6))
+    M[:3, :3], M[3:, 3:] = snapshot.mass * np.eye(3), snapshot.inertia_c
+    weight = np.array([0.0, 0.0, snapshot.mass * GRAVITY, 0.0, 0.0, 0.0])
+    share, lag = 1.0 - math.exp(-DT / config.observer_time), 1.0 - math.exp(-DT / config.observer_lag)
+    given, v = weight.copy(), np.zeros(6)
+    # Filtered: what the rotors gave, the measured acceleration.
+    H = {"given": [weight, weight], "measured": [np.zeros(6), np.zeros(6)]}
+    memory = fresh_compensation(FORMS["form1"], np.zeros(6))
+    memory = observe_wrench(snapshot, memory, np.eye(3), v[3:], v[:3], weight, config=config, dt=DT)
+    for _ in range(50):
+        asked, measured, wanted = weight + rng.normal(size=6), 0.1 * rng.normal(size=6), rng.normal(size=6)
+        v = v + DT * measured
+        given = given + lag * (asked - given)
+        for name, value in (("given", given), ("measured", measured)):
+            first = H[name][0] + share * (value - H[name][0])
+            H[name] = [first, H[name][1] + share * ((first if order == 2 else value) - H[name][1])]
+        memory = observe_wrench(snapshot, memory, np.eye(3), v[3:], v[:3], asked, config=config, dt=DT)
+        inversion = H["given"][1] + M @ (wanted - H["measured"][1])
+        close(M @ wanted + weight - memory.external_w, inversion, atol=1e-9)
+
+
 def rumour(real_lag):
     """Largest force that the observer makes up when the lift rises by 20 N with a lag; it believes in 0.1 s."""
     snapshot = model().snapshot(FORMS["form1"], np.eye(3), LEVEL)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator
+from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.envs.hover.task import FlightStart, FormGoal
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import FORMS
@@ -20,6 +21,8 @@ START = {
     "goals": [[0.0, 0.0, Q[1]], [0.5, 0.75, Q[0]], [2.0, 9.0, Q[2]]],
     "position": [0.02, -0.01, 0.03], "rotation": [0.03, -0.02, 0.01], "trim": None,
 }  # fmt: skip
+PULL = np.array([0.0, 0.0, 8.0, 0.0, 0.0, 0.0])
+"""More than a law asks for [N, Nm]."""
 PLAIN = {**START, "position": [0.0] * 3, "rotation": [0.0] * 3}
 
 
@@ -232,3 +235,31 @@ def test_what_an_allocator_of_ones_own_answers_is_what_is_flown():
         env = begun(made(allocator=allocator), PLAIN)
         thrust.append(env.step(np.zeros(6))[4]["thrust_command"])
     assert thrust[1] == pytest.approx(0.5 * thrust[0], rel=1e-6)
+
+
+def test_a_law_of_ones_own_asks_and_the_allocation_answers():
+    class Heavier(FlightController):
+        def compute_wrench(self, state, reference, control_state, joints):
+            wrench, *remembered = super().compute_wrench(state, reference, control_state, joints)
+            return wrench + PULL, *remembered
+
+    steps = [begun(made(law=law), PLAIN).step(np.zeros(6))[4] for law in (None, Heavier)]
+    more = steps[1]["wrench_desired"] - steps[0]["wrench_desired"]
+    assert more == pytest.approx(PULL, abs=1e-9)
+    assert steps[1]["thrust_command"].sum() > steps[0]["thrust_command"].sum()
+
+
+def test_a_law_that_changes_nothing_flies_as_the_papers_does_and_is_told_what_comes():
+    class Same(FlightController):
+        """The paper's."""
+
+    flights, ahead = [], []
+    for how in ({"law": Same}, {"control": "python"}):
+        env = begun(made(**how), START)
+        flights.append([env.step(np.zeros(6))[0].tolist() for _ in range(6)])
+        ahead.append(env.controller.preview)
+    assert flights[0] == flights[1]
+    now, later = ahead[0](0.0), ahead[0](START["goals"][1][0] + 0.01)
+    assert now.joint_target.tolist() == START["goals"][0][2]
+    assert later.joint_target.tolist() == START["goals"][1][2]
+    assert later.position_w.tolist() == now.position_w.tolist()
