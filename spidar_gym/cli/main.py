@@ -111,11 +111,10 @@ def tune(
     seed: int = 0,
     workers: int = cpu_count(),
 ) -> None:
-    """Search the numbers of tuned (flight), robust_overlapped (crawl) or a rival with CMA-ES; goes on where it stopped.
+    """Search the numbers of tuned (flight) or robust_overlapped (crawl) with CMA-ES; goes on where it stopped.
 
     Args:
-        search: flight, on the tracks of flights, crawl, on those on the ground, or module:NAME, a Search of one's own,
-            such as baselines.indi:SEARCH.
+        search: flight, on the tracks of flights, crawl, on those on the ground, or module:NAME, a Search of one's own.
         out: Folder of the search's log, written after every generation.
         generations: Generations in all.
         population: Candidates a generation.
