@@ -46,7 +46,7 @@ def test_every_row_with_a_controller_below_it_is_played_where_it_is_defined(rows
     monkeypatch.chdir(ROOT)
     found = {entrant.name: entrant for entrant in choose(rows)}
     courses = {name for name, row in rows.items() if all(track.startswith("course") for track in row.tracks)}
-    assert set(rows) - set(found) == {"distilled", "direct", "hold", "ppo_direct"} | courses
+    assert set(rows) - set(found) == {"distilled", "distilled_ppo", "direct", "hold", "ppo_direct"} | courses
     assert list(found) == [name for name in rows if name in found]
     for name, one in found.items():
         assert one.policies == rows[name].policies

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spidar_gym.benchmark import HOVER, TRACKS, load_scenarios
+from spidar_gym.benchmark import HOVER, TRACKS, load_scenarios, scoring
 from spidar_gym.benchmark.row import read_row, row_hash
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.cli import evaluate as cli_eval
@@ -196,11 +196,14 @@ def test_several_policies_are_the_runs_of_one_row(here, capfd):
     assert "--split validation" in row.content["command"]
 
 
-def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd):
+def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkeypatch):
+    monkeypatch.setattr(scoring, "_steps_of", lambda seconds, env: 60)  # the readable ones take their time
     main(["eval", "--baselines", "--tracks", "flight-fast3", "--scenarios", "1", "--workers", "1"])
     out = capfd.readouterr().out
     names = {path.stem for path in (here / "out" / "scores").glob("*.json")}
-    assert names == {"qp", "qp_as_flown", "qp_unconstrained", "pinv", "qp_tuned", "qp_tuned_v1", "hold"}
+    assert names == {
+        "qp", "qp_as_flown", "qp_unconstrained", "pinv", "unlimited", "scaled", "qp_tuned", "qp_tuned_v1", "hold",
+    }  # fmt: skip
     assert len(names) == len(BASELINES) - 7, "three only crawl, four go courses"
     assert all(f"\n{name}: " in "\n" + out for name in names)
 

@@ -352,3 +352,16 @@ def test_a_goal_in_an_obstacle_is_refused_and_a_drawn_one_is_drawn_again():
 def test_an_unknown_reset_option_is_refused():
     with pytest.raises(UnknownNameError, match="valid: disturbances"):
         make().reset(options={"goal": 1})
+
+
+def test_the_searched_crawler_is_at_its_joint_speed_four_fifths_of_the_time():
+    """What other rates and forces could save: the rest of the time at most."""
+    env = make(preset="robust_overlapped", control="python", distance=0.6, turn=0.0)
+    env.reset(seed=0)
+    crawler = env.controller
+    reach, plan, fast, ticks = crawler.config.joint_speed * crawler.dt, crawler.gait.memory.plan, 0, 0
+    while not crawler.done:
+        env.step(np.zeros(env.action_space.shape))
+        fast += np.abs(crawler.gait.memory.plan - plan).max() >= 0.9 * reach
+        plan, ticks = crawler.gait.memory.plan, ticks + 1
+    assert 0.76 < fast / ticks < 0.9
