@@ -46,33 +46,43 @@ def make_flight_controller(
 
 
 def choose_control(
-    control: str | None, allocator: type[Allocator] | None = None, law: type[FlightController] | None = None
+    control: str | None,
+    allocator: type[Allocator] | None = None,
+    law: type[FlightController | Crawler] | None = None,
+    base: type[FlightController | Crawler] = FlightController,
 ) -> str:
     """Who controls: what was chosen, or by default the core unless an allocator or a law of one's own is to be asked.
+
+    Args:
+        control: One of `CONTROLS`, or None.
+        allocator: A subclass of `Allocator`, or None.
+        law: A subclass of `base`, or None.
+        base: What it has to be one of.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
         InvalidValueError: For an allocator or a law that is none, or one for the compiled core.
     """
-    own = {"allocator": (allocator, Allocator), "law": (law, FlightController)}
+    own = {"allocator": (allocator, Allocator), "law": (law, base)}
     given = [name for name, (value, _) in own.items() if value is not None]
     if control is None:
         control = "python" if given else "core"
     require_name("control", control, CONTROLS)
     for name in given:
-        value, base = own[name]
-        if not (isinstance(value, type) and issubclass(value, base)):
-            raise InvalidValueError(name, value, f"a subclass of {base.__name__}")
+        value, needed = own[name]
+        if not (isinstance(value, type) and issubclass(value, needed)):
+            raise InvalidValueError(name, value, f"a subclass of {needed.__name__}")
         if control == "core":
             raise InvalidValueError(name, value, "None: the core has its own")
     return control
 
 
-def make_crawler(config: CrawlerConfig, control: str, fleet: Fleet | None = None) -> CrawlControl:
-    """A crawler, or the first one's in the engine; `control` is one of `CONTROLS` (`UnknownNameError` lists them)."""
-    require_name("control", control, CONTROLS)
-    if control == "python":
-        return Crawler(config)
+def make_crawler(
+    config: CrawlerConfig, control: str, law: type[Crawler] | None = None, fleet: Fleet | None = None
+) -> CrawlControl:
+    """A crawler, or the first one's in the engine; arguments and errors as of `make_flight_controller`."""
+    if choose_control(control, None, law, Crawler) == "python":
+        return (law or Crawler)(config)
     if fleet is None:
         return CoreCrawler(config)
     return CoreCrawler(config, record=fleet.robots["crawl"][0:1].reshape(()), room=fleet.engine.rooms[0])

@@ -83,6 +83,8 @@ class Chapter:
     """What the controller knows of a drawn robot."""
     zero: str = "All zero is exactly the preset in every\nmode but `direct`."
     """What an action of zeros is."""
+    law: str = "FlightController"
+    """What the argument `law` is a subclass of."""
     step: str = f"One step is one control period of {1000 / CONTROL_RATE:g} ms."
     """How long a step is."""
 
@@ -148,6 +150,7 @@ CHAPTERS: dict[str, Chapter] = {
         f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.",
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
         "controller keeps the nominal numbers.",
+        law="Crawler",
     ),
     "spidar_gym/Course-v0": Chapter(
         CourseEnv, course_task.CourseTask, COURSE_MODES, course_task.RANGES, course_layout, course_task.COURSE_FAILURES,
@@ -274,7 +277,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "manager": "a `ManagerConfig` of one's own in place of both",
         "controller": f"a `{own.controller}` of one's own in place of a preset",
         "allocator": "a subclass of `Allocator` of one's own in place of the QP",
-        "law": "a subclass of `FlightController` of one's own in place of the paper's control law",
+        "law": f"a subclass of `{own.law}` of one's own in place of the paper's",
         "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
         "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",

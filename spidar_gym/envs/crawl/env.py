@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
-from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
 from spidar_gym.control.crawl.footsteps import Move, lying_pose
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.observation import CrawlObservables, crawl_layout
@@ -17,14 +17,14 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.actions import CRAWL_MODES, act_directly, find_action_mode
-from spidar_gym.envs.controllers import CONTROLS, make_crawler
+from spidar_gym.envs.controllers import choose_control, make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import own_robot, solver_settings, split_options
 from spidar_gym.envs.rules import crawl_rules
 from spidar_gym.envs.single import keeps_page
-from spidar_gym.errors import require_instance, require_name
+from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
 from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
@@ -46,7 +46,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         action_mode: str = "residual_gait",
         preset: str = "published",
         controller: CrawlerConfig | None = None,
-        control: str = "core",
+        law: type[Crawler] | None = None,
+        control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
@@ -56,7 +57,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             action_mode: What the action means.
             preset: Which crawler: gait, allocation, margins.
             controller: A crawler of one's own in place of a preset; the task's joint speed goes before its own.
-            control: `core`, the crawler that is compiled for the robot, or `python`, the readable one.
+            law: A gait or control law of one's own, a subclass of `Crawler`, in place of the paper's.
+            control: `core`, the crawler that is compiled for the robot, or `python`, the readable one; by default the
+                core, unless a law is given.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -72,8 +75,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         config = replace(config, allocator=solver_settings(max_iter))
         if task.joint_speed is not None:
             config = replace(config, joint_speed=task.joint_speed)
-        require_name("control", control, CONTROLS)
-        self._config = config
+        control = choose_control(control, None, law, Crawler)
+        self._config, self._law = config, law
         robot = own_robot(shared.pop("plant", None))
         if task.friction is not None:
             robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
@@ -84,7 +87,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         )  # fmt: skip
 
     def _make_controller(self) -> CrawlControl:
-        return make_crawler(self._config, self._control, self.fleet)
+        return make_crawler(self._config, self._control, self._law, self.fleet)
 
     @property
     def way(self) -> tuple[float, float, float]:

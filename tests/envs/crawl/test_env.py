@@ -1,9 +1,11 @@
 """Pins the crawl environment: goals, zero action, info, rewards, success, failure, floors, refusals."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import gymnasium
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from spidar_gym.control.crawl.kinematics import feet_at, leg_angles
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import CRAWL_PRESETS
 from spidar_gym.envs.actions import CRAWL_MODES
 from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask, arc_astray
@@ -23,6 +26,7 @@ from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.state import NO_RESIDUAL
 
 CRAWL = "spidar_gym/Crawl-v0"
 SHORT = {"distance": 0.15, "direction": 0.0, "turn": 0.0, "schedule": "overlapped", "joint_speed": 0.4}
@@ -365,3 +369,28 @@ def test_the_searched_crawler_is_at_its_joint_speed_four_fifths_of_the_time():
         fast += np.abs(crawler.gait.memory.plan - plan).max() >= 0.9 * reach
         plan, ticks = crawler.gait.memory.plan, ticks + 1
     assert 0.76 < fast / ticks < 0.9
+
+
+def test_a_law_of_ones_own_crawls_and_what_is_none_is_refused(monkeypatch):
+    class Slow(Crawler):
+        def step(self, state, residual=NO_RESIDUAL):
+            return super().step(state, replace(residual, joint_speed_scale=0.5))
+
+    joints = []
+    for how in ({"law": Slow}, {"control": "python"}, {}):
+        env = make(distance=0.2, turn=0.0, preset="overlapped", **how)
+        env.reset(seed=0)
+        start = env.state.joint_position
+        for _ in range(28):
+            env.step(np.zeros(env.action_space.shape))
+        joints.append(env.controller.memory.joint_position - start)
+    assert np.abs(joints[0]).max() < 0.8 * np.abs(joints[1]).max()
+    assert joints[1] == pytest.approx(joints[2], abs=1e-6)
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    for law in (FlightController, Crawler(), "Crawler"):
+        with pytest.raises(InvalidValueError, match=r"law = .* a subclass of Crawler"):
+            make(law=law)
+    with pytest.raises(InvalidValueError, match=r"law = .* None: the core has its own"):
+        make(law=Slow, control="core")
+    with pytest.raises(InvalidValueError, match=r"law = .* a subclass of FlightController"):
+        gymnasium.make("spidar_gym/Hover-v0", law=Slow)
