@@ -108,6 +108,11 @@ class GaitProgress(Protocol):
         """Phases that ended by time-out."""
         ...
 
+    @property
+    def swinging(self) -> np.ndarray:
+        """Legs whose feet are on their way (4,)."""
+        ...
+
 
 @runtime_checkable
 class CrawlControl(Controller, Protocol):

@@ -48,6 +48,11 @@ class CoreGait:
         """Phases that ended by time-out."""
         return int(self._memory["timeouts"])
 
+    @property
+    def swinging(self) -> np.ndarray:
+        """Legs whose feet are on their way (4,): in a crawl all or none."""
+        return np.full(N_LEGS, self.phase == "swing")
+
 
 class CoreCrawlMemory(LastCommand):
     """What the core's crawler remembers; the arrays show what is there now."""

@@ -22,7 +22,7 @@ from spidar_gym.onboard.runner_structs import MAGIC, Action, FlightState, LogKin
 from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FLIGHT_SECONDS, FlightLog
 from spidar_gym.policies.rollout import columns
-from spidar_gym.robot import GRAVITY, ROBOT
+from spidar_gym.robot import GRAVITY, N_LEGS, ROBOT
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import FAULTS
 from spidar_gym.sitl.missions import Mission
@@ -137,7 +137,8 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         if not kept:
             progress.initial_distance = progress.distance
         command = float(answer["command"]["thrust"].sum())
-        progress.advance(row.touch, phase, command, s.joint_torque, config.joint_torque_limit, row.tilt)
+        swinging = np.full(N_LEGS, phase == "swing")
+        progress.advance(row.touch, phase, swinging, command, s.joint_torque, config.joint_torque_limit, row.tilt)
         progress.timeouts = int(answer["timeouts"])
         kept.append(
             {

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -99,15 +100,25 @@ class CrawlerConfig:
 
 
 class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
-    """The crawl's controller for one robot; owns the gait, the model, the solver's work space and the memory."""
+    """The crawl's controller for one robot; owns the gait, the model, the solver's work space and the memory.
+
+    A law of one's own overrides `modes`, what the allocation is asked for, or has a gait of its own.
+    """
+
+    gait_type: ClassVar[type[Gait]] = Gait
+    """The phase machine."""
 
     def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
         """Build gait and allocation."""
         self.config = c = config or CrawlerConfig()
         super().__init__(model, rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
-        self.allocator = Allocator(c.modes, c.allocator)
-        self.gait = Gait(c.gait, joint_speed=c.joint_speed, dt=self.dt)
+        self.allocator = Allocator(self.modes(), c.allocator)
+        self.gait = self.gait_type(c.gait, joint_speed=c.joint_speed, dt=self.dt)
         self.memory = fresh_crawl_memory(np.zeros((N_ROTORS, 2)), np.zeros(N_JOINTS))
+
+    def modes(self) -> dict[str, Mode]:
+        """The allocation's modes by the names that the gait gives them."""
+        return self.config.modes
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
         """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""

@@ -99,6 +99,14 @@ class Gait:
         return self.memory.timeouts
 
     @property
+    def swinging(self) -> np.ndarray:
+        """Legs whose feet are on their way (4,)."""
+        mask = np.zeros(N_LEGS, bool)
+        if self.memory.phase == "swing":
+            mask[list(self.memory.steps[0].legs)] = True
+        return mask
+
+    @property
     def mode(self) -> str:
         """Allocation mode of the present phase, see `control.allocation.modes.ground_modes`."""
         memory = self.memory
@@ -387,9 +395,11 @@ def _towards(distance: float, step: float) -> float:
     return max(-step, min(step, distance))
 
 
-def nominal_time(config: GaitConfig, commands: Sequence[GaitCommand], *, joint_speed: float, dt: float) -> float:
-    """How long commands take where joints and torso go exactly as planned, on flat ground [s]."""
-    gait = Gait(config, joint_speed=joint_speed, dt=dt)
+def nominal_time(
+    config: GaitConfig, commands: Sequence[GaitCommand], *, joint_speed: float, dt: float, kind: type[Gait] = Gait
+) -> float:
+    """How long commands take a `kind` of gait where joints and torso go exactly as planned, on flat ground [s]."""
+    gait = kind(config, joint_speed=joint_speed, dt=dt)
     lying = np.array([0.0, 0.0, ROBOT.peg_depth])
     gait.reset(lying, np.eye(3), lying_pose(config))
     gait.command(commands)

@@ -162,7 +162,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         self._now["way"] = (way.x, way.y, way.yaw)
         move = Move(way)
         self.controller.reset(self.seen, [move])
-        seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
+        kind = (self._law or Crawler).gait_type
+        seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE, kind=kind)
         # The goal is where the controller was told to go from where it believed itself; the error is the true one.
         start = torso_pose2(self.state.position_w, quat_to_matrix(self.state.quat_wb))
         self._now["episode"] = progress = CrawlProgress(start @ way, seconds, np.zeros(3))
@@ -191,6 +192,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         progress.advance(
             self._touch,
             controller.gait.phase,
+            controller.gait.swinging,
             float(self._command.thrust.sum()),
             self.state.joint_torque,
             limit,

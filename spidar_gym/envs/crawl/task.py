@@ -248,10 +248,10 @@ class CrawlProgress:
     """Control periods."""
     finished: float = 0.0
     """When the gait was done [s]; 0 before."""
-    swing_ticks: int = 0
-    """Ticks in which the legs swing."""
+    swing_ticks: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
+    """Ticks in which each leg swings."""
     airborne_ticks: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
-    """Ticks of these in which each foot was in the air."""
+    """Ticks of these in which its foot was in the air."""
     foot_slip: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
     """Way of each foot's touching point along the floor [m]."""
     peg_slip: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
@@ -280,7 +280,12 @@ class CrawlProgress:
         for each in fields(cls):
             value = record[{"ticks": "crawled"}.get(each.name, each.name)]
             values[each.name] = value.copy() if value.ndim else value.item()
-        return cls(**values | {"goal": Pose2(*record["goal"].tolist()), "duct_contact": bool(record["duct_contact"])})
+        own = {
+            "goal": Pose2(*record["goal"].tolist()),
+            "duct_contact": bool(record["duct_contact"]),
+            "swing_ticks": np.full(N_LEGS, float(record["swing_ticks"])),  # there all legs swing together
+        }
+        return cls(**values | own)
 
     def update_errors(self, position_w: Vector3, R_wb: Matrix3) -> None:
         """Measure how far the goal is."""
@@ -289,14 +294,14 @@ class CrawlProgress:
         self.distance = math.hypot(self.error[0], self.error[1]) + TURN_LENGTH * abs(yaw)
 
     def advance(
-        self, touch: Touch, phase: str, thrust: float, joint_torque: np.ndarray, torque_limit: float, tilt: float
-    ) -> None:
-        """Count one tick."""
+        self, touch: Touch, phase: str, swinging: np.ndarray, thrust: float, joint_torque: np.ndarray,
+        torque_limit: float, tilt: float,
+    ) -> None:  # fmt: skip
+        """Count one tick; `swinging` are the legs (4,) whose feet are on their way."""
         self.ticks += 1
         dt = 1.0 / CONTROL_RATE
-        if phase == "swing":
-            self.swing_ticks += 1
-            self.airborne_ticks = self.airborne_ticks + ~touch.feet
+        self.swing_ticks = self.swing_ticks + swinging
+        self.airborne_ticks = self.airborne_ticks + (swinging & ~touch.feet)
         self.foot_slip = self.foot_slip + dt * touch.foot_slip
         self.peg_slip = self.peg_slip + dt * touch.peg_slip
         self.duct_clearance = min(self.duct_clearance, touch.duct_clearance)
@@ -324,7 +329,8 @@ class CrawlProgress:
     @property
     def airborne(self) -> float:
         """Share of its swing in which the worst foot was in the air; 1 before the first swing."""
-        return float(self.airborne_ticks.min()) / self.swing_ticks if self.swing_ticks else 1.0
+        swung = self.swing_ticks > 0.0
+        return float((self.airborne_ticks[swung] / self.swing_ticks[swung]).min(initial=1.0))
 
     def shortfalls(self) -> list[str]:
         """What keeps a finished crawl from being a success."""

@@ -26,6 +26,7 @@ from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.ground import Touch
 from spidar_gym.state import NO_RESIDUAL
 
 CRAWL = "spidar_gym/Crawl-v0"
@@ -205,7 +206,7 @@ def test_inverse_kinematics_of_the_legs_inverts_the_models_forward_kinematics():
 def test_each_shortfall_alone_denies_success(change, word):
     good = {
         "goal": Pose2(), "nominal_time": 20.0, "error": np.array([0.005, 0.005, 0.01]), "finished": 24.0,
-        "swing_ticks": 100, "airborne_ticks": np.array([100.0, 96.0, 100.0, 100.0]),
+        "swing_ticks": np.full(4, 100.0), "airborne_ticks": np.array([100.0, 96.0, 100.0, 100.0]),
     }  # fmt: skip
     assert CrawlProgress(**good).shortfalls() == []
     assert CrawlProgress(**good | change).shortfalls() == [word]
@@ -394,3 +395,14 @@ def test_a_law_of_ones_own_crawls_and_what_is_none_is_refused(monkeypatch):
         make(law=Slow, control="core")
     with pytest.raises(InvalidValueError, match=r"law = .* a subclass of FlightController"):
         gymnasium.make("spidar_gym/Hover-v0", law=Slow)
+
+
+def test_a_foot_has_to_be_in_the_air_while_its_own_leg_swings():
+    progress = CrawlProgress(Pose2(), 1.0, np.zeros(3))
+    assert progress.airborne == 1.0
+    zero = np.zeros(4)
+    for leg, feet in ((0, [False, True, True, True]), (2, [True, True, False, True]), (2, [True] * 4)):
+        touch = Touch(np.array(feet), np.zeros(8, bool), False, zero, zero, 1.0)
+        progress.advance(touch, "swing", np.arange(4) == leg, 10.0, np.zeros(16), 7.0, 0.0)
+    assert progress.swing_ticks.tolist() == [1.0, 0.0, 2.0, 0.0]
+    assert progress.airborne == 0.5
