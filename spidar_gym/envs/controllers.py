@@ -1,7 +1,10 @@
 """Who controls: the one place that knows readable and compiled controllers apart."""
 
+from collections.abc import Callable
+
 from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
+from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.manager import Manager
@@ -12,6 +15,7 @@ from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Core
 from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.state import Reference
 
 CONTROLS = ("python", "core")
 """Who controls: the readable controller, or the compiled core of the robot."""
@@ -21,8 +25,9 @@ def make_flight_controller(
     config: ControllerConfig,
     control: str,
     allocator: type[Allocator] | None = None,
-    law: type[FlightController] | None = None,
+    law: type | None = None,
     fleet: Fleet | None = None,
+    preview: Callable[[float], Reference] | None = None,
 ) -> FlightControl:
     """A flight controller.
 
@@ -32,6 +37,7 @@ def make_flight_controller(
         allocator: A subclass of `Allocator` in place of the QP; the compiled core has its own.
         law: A subclass of `FlightController` in place of the paper's; the compiled core has its own.
         fleet: Robots in the engine, of which the first one's controller is looked at.
+        preview: What a law is told of what comes: seconds ahead → reference.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
@@ -39,53 +45,57 @@ def make_flight_controller(
         MissingDependencyError: When the core is not compiled.
     """
     if choose_control(control, allocator, law) == "python":
-        return (law or FlightController)(config, allocator=allocator or Allocator)
+        controller: FlightController = (law or FlightController)(config, allocator=allocator or Allocator)
+        controller.preview = preview
+        return controller
     if fleet is None:
         return CoreFlightController(config)
     return CoreFlightController(config, record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0])
 
 
-def choose_control(
-    control: str | None,
-    allocator: type[Allocator] | None = None,
-    law: type[FlightController | Crawler] | None = None,
-    base: type[FlightController | Crawler] = FlightController,
-) -> str:
-    """Who controls: what was chosen, or by default the core unless an allocator or a law of one's own is to be asked.
-
-    Args:
-        control: One of `CONTROLS`, or None.
-        allocator: A subclass of `Allocator`, or None.
-        law: A subclass of `base`, or None.
-        base: What it has to be one of.
+def choose_control(control: str | None, allocator: type[Allocator] | None = None, law: type | None = None) -> str:
+    """Who controls a flight: what was chosen, or by default the core unless it has to ask code of one's own.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
         InvalidValueError: For an allocator or a law that is none, or one for the compiled core.
     """
-    own = {"allocator": (allocator, Allocator), "law": (law, base)}
-    given = [name for name, (value, _) in own.items() if value is not None]
+    return _choose(control, allocator=(allocator, Allocator), law=(law, FlightController))
+
+
+def choose_crawl_control(control: str | None, law: type | None = None) -> str:
+    """Who controls a crawl, likewise."""
+    return _choose(control, law=(law, Crawler))
+
+
+def _choose(control: str | None, **own: tuple[object, type]) -> str:
+    """Refuse what is no subclass of what it has to be."""
+    given = {name: pair for name, pair in own.items() if pair[0] is not None}
     if control is None:
         control = "python" if given else "core"
     require_name("control", control, CONTROLS)
-    for name in given:
-        value, needed = own[name]
-        if not (isinstance(value, type) and issubclass(value, needed)):
-            raise InvalidValueError(name, value, f"a subclass of {needed.__name__}")
+    for name, (value, base) in given.items():
+        if not (isinstance(value, type) and issubclass(value, base)):
+            raise InvalidValueError(name, value, f"a subclass of {base.__name__}")
         if control == "core":
             raise InvalidValueError(name, value, "None: the core has its own")
     return control
 
 
 def make_crawler(
-    config: CrawlerConfig, control: str, law: type[Crawler] | None = None, fleet: Fleet | None = None
+    config: CrawlerConfig, control: str, law: type | None = None, fleet: Fleet | None = None
 ) -> CrawlControl:
     """A crawler, or the first one's in the engine; arguments and errors as of `make_flight_controller`."""
-    if choose_control(control, None, law, Crawler) == "python":
+    if choose_crawl_control(control, law) == "python":
         return (law or Crawler)(config)
     if fleet is None:
         return CoreCrawler(config)
     return CoreCrawler(config, record=fleet.robots["crawl"][0:1].reshape(()), room=fleet.engine.rooms[0])
+
+
+def gait_type(law: type | None) -> type[Gait]:
+    """The phase machine of a crawler of one's own, or the paper's."""
+    return (law or Crawler).gait_type
 
 
 def make_manager(config: ManagerConfig, control: str, fleet: Fleet | None = None) -> Manager | CoreManager:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
-from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
+from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import Move, lying_pose
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.observation import CrawlObservables, crawl_layout
@@ -17,7 +17,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.actions import CRAWL_MODES, act_directly, find_action_mode
-from spidar_gym.envs.controllers import choose_control, make_crawler
+from spidar_gym.envs.controllers import choose_crawl_control, gait_type, make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
@@ -46,7 +46,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         action_mode: str = "residual_gait",
         preset: str = "published",
         controller: CrawlerConfig | None = None,
-        law: type[Crawler] | None = None,
+        law: type | None = None,
         control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
@@ -75,7 +75,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         config = replace(config, allocator=solver_settings(max_iter))
         if task.joint_speed is not None:
             config = replace(config, joint_speed=task.joint_speed)
-        control = choose_control(control, None, law, Crawler)
+        control = choose_crawl_control(control, law)
         self._config, self._law = config, law
         robot = own_robot(shared.pop("plant", None))
         if task.friction is not None:
@@ -162,8 +162,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         self._now["way"] = (way.x, way.y, way.yaw)
         move = Move(way)
         self.controller.reset(self.seen, [move])
-        kind = (self._law or Crawler).gait_type
-        seconds = nominal_time(config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE, kind=kind)
+        seconds = nominal_time(
+            config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE, kind=gait_type(self._law)
+        )
         # The goal is where the controller was told to go from where it believed itself; the error is the true one.
         start = torso_pose2(self.state.position_w, quat_to_matrix(self.state.quat_wb))
         self._now["episode"] = progress = CrawlProgress(start @ way, seconds, np.zeros(3))

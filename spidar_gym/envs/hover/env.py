@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
-from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.flight.observation import NO_NEXT_FORM, Field, FlightObservables, layout
 from spidar_gym.control.flight.path import Path
@@ -53,7 +53,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         preset: str = "paper",
         controller: ControllerConfig | None = None,
         allocator: type[Allocator] | None = None,
-        law: type[FlightController] | None = None,
+        law: type | None = None,
         control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
@@ -65,7 +65,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             preset: Which controller: allocation, gains, compensations.
             controller: A configuration of one's own in place of a preset's; its joint speed is the task's.
             allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
-            law: A control law of one's own, a subclass of `FlightController`, in place of the paper's.
+            law: A control law of one's own, a subclass of `FlightController`, in place of the paper's; it is told what
+                comes.
             control: `core`, the controller that is compiled for the robot, or `python`, the readable one; by default
                 the core, unless an allocator or a law is given.
             max_iter: Iteration cap of the QP solver.
@@ -97,10 +98,9 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         return layout(action_size)
 
     def _make_controller(self) -> FlightControl:
-        controller = make_flight_controller(self._config, self._control, self._allocator, self._law, self.fleet)
-        if isinstance(controller, FlightController):
-            controller.preview = self.reference_ahead
-        return controller
+        return make_flight_controller(
+            self._config, self._control, self._allocator, self._law, self.fleet, preview=self.reference_ahead
+        )
 
     @property
     def truth(self) -> ControlState:
