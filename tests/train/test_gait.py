@@ -23,7 +23,7 @@ from train.lib.run import TITLE, CheckpointError, State
 from train.lib.trials import draw_scenarios
 
 pytestmark = pytest.mark.train
-TINY = override(PRESETS["crawl"], tracks=("ground-randomised",), scenarios=1, workers=1)
+TINY = override(PRESETS["crawl"], tracks=("ground-randomised",), scenarios=1, crawls=1, workers=1)
 SIZE = len(places(TINY.learned))
 
 
@@ -135,7 +135,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path,
     np.testing.assert_array_equal(*found)
     assert found[0].shape == (4, 6)
 
-    with pytest.raises(CheckpointError, match=r"spread = 0.2 instead of 0.3"):
+    with pytest.raises(CheckpointError, match=r"spread = 0.1 instead of 0.3"):
         learn(override(args, out=tmp_path / "cut", spread=0.3))
 
 
