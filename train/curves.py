@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from spidar_gym import __version__
 from spidar_gym.benchmark.row import BASES
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, TRACKS
 from spidar_gym.cli.console import run_cli
 from spidar_gym.control.presets import PRESETS
 from spidar_gym.errors import SpidarError, require_least
@@ -27,9 +27,11 @@ from train.lib.config import CONTROL
 from train.lib.evaluate import Base, PairedEvaluator
 
 LINES = {
-    flies: {row: preset for preset, row in BASES.items() if (preset in PRESETS) == flies} for flies in (True, False)
+    FLIGHT: {row: preset for preset, row in BASES.items() if preset in PRESETS},
+    GROUND: {row: preset for preset, row in BASES.items() if preset not in PRESETS},
+    BOTH: {},
 }
-"""Whether it flies → rows of the controllers that are added to, drawn as lines, with their presets."""
+"""World → rows of the controllers that are added to, drawn as lines, with their presets; on a course the runs' own."""
 
 
 TAUGHT = "train.distill"
@@ -146,7 +148,7 @@ def main() -> None:
         track: next(run["settings"]["scenarios"] for c in curves for run in c["runs"] if track in run["base"])
         for track in drawn
     }
-    total = sum(scenarios * len(LINES[TRACKS[track].flies]) for track, scenarios in played.items())
+    total = sum(scenarios * len(LINES[TRACKS[track].world]) for track, scenarios in played.items())
     with Pool(args.workers) as pool, tqdm(total=total, unit="scenario", desc="lines") as bar:
         for track, scenarios in played.items():
             bar.set_postfix_str(track)
@@ -155,8 +157,15 @@ def main() -> None:
                     [track], Base({"preset": preset}), scenarios, control=args.control, on_scenario=bar.update,
                     each=pool.map,
                 ).means[track]
-                for row, preset in LINES[TRACKS[track].flies].items()
+                for row, preset in LINES[TRACKS[track].world].items()
             }  # fmt: skip
+            if TRACKS[track].world == BOTH:
+                lines = {
+                    run["settings"]["base"]: run["base"][track]
+                    for c in curves
+                    for run in c["runs"]
+                    if track in run["base"]
+                }
             picture = args.out / f"{track}.png"
             learning_curves(drawn[track], lines, f"{track}: validation scenarios", picture)
             bar.write(str(picture))
