@@ -11,12 +11,15 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
 from spidar_gym.errors import InvalidValueError, UnknownNameError
-from train import distill, gait, memory, residual, supervised
+from train import course, distill, gait, memory, residual, supervised
 from train.lib.config import OutputConfig, flatten, override, parse
 
 pytestmark = pytest.mark.train
 ROOT = Path(__file__).resolve().parents[3]
-RECIPES = {"residual": residual, "supervised": supervised, "gait": gait, "distill": distill, "memory": memory}
+RECIPES = {
+    "residual": residual, "supervised": supervised, "gait": gait, "distill": distill, "memory": memory,
+    "course": course,
+}  # fmt: skip
 PRESETS = [(recipe, name) for recipe, module in RECIPES.items() for name in module.PRESETS]
 
 
