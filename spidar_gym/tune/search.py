@@ -56,8 +56,6 @@ class Search:
 
     name: str
     """What its log is called."""
-    target: str
-    """The preset or the baseline that it is for."""
     group: str
     """Group of tracks."""
     reference: str
@@ -81,18 +79,18 @@ class Search:
         return 0.0 if self.loops is None else flight.shortfall(self.loops(values))
 
 
-def with_config(configuration: Callable[[dict[str, float]], Any], **more: Any) -> Callable[..., dict[str, Any]]:  # noqa: ANN401 - arguments of `gym.make`
-    """What `gym.make` is told of parameters that make a configuration, and `more` that never changes."""
-    return lambda values: {"controller": configuration(values), **more}
+def with_config(configuration: Callable[[dict[str, float]], Any]) -> Callable[[dict[str, float]], dict[str, Any]]:
+    """What `gym.make` is told of parameters that make a configuration."""
+    return lambda values: {"controller": configuration(values)}
 
 
 SEARCHES: dict[str, Search] = {
     "flight": Search(
-        "flight", "tuned", "flight", flight.REFERENCE, flight.PARAMETERS, with_config(flight.configuration),
+        "flight", "flight", flight.REFERENCE, flight.PARAMETERS, with_config(flight.configuration),
         lambda values: flight.loops(flight.configuration(values)),
     ),
     "crawl": Search(
-        "crawl", "robust_overlapped", "ground", crawl.REFERENCE, crawl.PARAMETERS, with_config(crawl.configuration),
+        "crawl", "ground", crawl.REFERENCE, crawl.PARAMETERS, with_config(crawl.configuration),
         unsuccessful=crawl.UNSUCCESSFUL,
     ),
 }  # fmt: skip
@@ -104,15 +102,19 @@ def find_search(name: str) -> Search:
 
     Raises:
         UnknownNameError: For a name that nothing has; it lists those of the house.
-        SpidarError: For a module that is not there, or has no such search.
+        InvalidValueError: For a module that is not there, or has no such search.
     """
     if ":" not in name:
         require_name("search", name, [*SEARCHES, "module:NAME"])
         return SEARCHES[name]
-    module, own = module_of(name)
-    found = getattr(load_module(module), own, None)
+    wanted = f"one of {', '.join(SEARCHES)}, or module:NAME of a `Search`, importable"
+    try:
+        module, own = module_of(name)
+        found = getattr(load_module(module), own, None)
+    except SpidarError as error:  # whose words are about policies
+        raise InvalidValueError("search", name, wanted) from error
     if not isinstance(found, Search):
-        raise InvalidValueError("search", name, f"one of {', '.join(SEARCHES)}, or module:NAME of a `Search`")
+        raise InvalidValueError("search", name, wanted)
     return found
 
 
