@@ -114,8 +114,11 @@ PRESETS: dict[str, Args] = {
         # floor in one crawl of ten, which a search that sees ten a trial does not find out.
         learned=BY_PHASE,
         crawls=2,
-        search=SearchConfig(generations=20, population=12, spread=0.1),
-        evaluation=EvaluationConfig(scenarios=24, validations=2),
+        # Mishaps count little here: by chance one of ten outweighs what a generation could tell, and the validation
+        # counts them in full.
+        cost=CostConfig(goal=0.3, failure=0.2, fall=1.0),
+        search=SearchConfig(generations=8, population=12, spread=0.2),
+        evaluation=EvaluationConfig(scenarios=16, validations=2),
     ),
     "crawl-pairs": Args(
         "learned_gait",

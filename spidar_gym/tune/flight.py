@@ -1,6 +1,6 @@
 """The search for `tuned`: gains and compensations of the flight controller, margins held."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from spidar_gym.control.flight.centroidal import CentroidalConfig, Gains
@@ -38,15 +38,24 @@ BOUNDS: dict[str, tuple[float, float]] = {
 """Fields of `CompensationConfig`. The ramp of the joints is fixed, for the deadlines bound it and not the errors; so is
 the gain of the reference's acceleration, which none of the tracks has."""
 
-PARAMETERS: tuple[Parameter, ...] = (
-    *(
+def parameters(start: ControllerConfig, names: Sequence[str] = tuple(BOUNDS)) -> tuple[Parameter, ...]:
+    """Gains of the PIDs that are not 0, within a factor of 5, then compensations: a search that begins at `start`.
+
+    Args:
+        start: First guess.
+        names: Which compensations are tuned, of `BOUNDS`; the others stay.
+    """
+    gains = (
         Parameter(f"{axis}_{term}", value, value / 5.0, value * 5.0)
-        for axis, row in axes(TUNED_V1).items()
+        for axis, row in axes(start).items()
         for term, value in zip("pid", row, strict=True)
-    ),
-    *(Parameter(name, getattr(TUNED_V1.compensation, name), *bounds) for name, bounds in BOUNDS.items()),
-)
-"""Gains of the PIDs, then compensations."""
+        if value > 0.0
+    )
+    return *gains, *(Parameter(name, getattr(start.compensation, name), *BOUNDS[name]) for name in names)
+
+
+PARAMETERS = parameters(TUNED_V1)
+"""What is searched for `tuned`."""
 
 
 def pids(xy: Gains, z: Gains, tilt: Gains, yaw: Gains) -> CentroidalConfig:
@@ -54,16 +63,14 @@ def pids(xy: Gains, z: Gains, tilt: Gains, yaw: Gains) -> CentroidalConfig:
     return CentroidalConfig(position_gains=(xy, xy, z), attitude_gains=(tilt, tilt, yaw))
 
 
-def configuration(values: dict[str, float]) -> ControllerConfig:
-    """The controller with these parameters."""
-
-    def pid(axis: str) -> Gains:
-        return values[f"{axis}_p"], values[f"{axis}_i"], values[f"{axis}_d"]
-
-    return ControllerConfig(
-        centroidal=pids(*(pid(axis) for axis in axes(TUNED_V1))),
-        compensation=replace(TUNED_V1.compensation, **{name: values[name] for name in BOUNDS}),
+def configuration(values: Mapping[str, float], start: ControllerConfig = TUNED_V1) -> ControllerConfig:
+    """The controller with these parameters; what they do not name is as `start` has it."""
+    rows = (
+        tuple(values.get(f"{axis}_{term}", value) for term, value in zip("pid", row, strict=True))
+        for axis, row in axes(start).items()
     )
+    found = {name: values[name] for name in BOUNDS if name in values}
+    return replace(start, centroidal=pids(*rows), compensation=replace(start.compensation, **found))
 
 
 def loops(config: ControllerConfig) -> list[Margins]:

@@ -49,7 +49,8 @@ def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str
     """How the chosen agent compares with its base on the validation scenarios, and what one does with it next."""
     content = json.loads(path.with_name("curve.json").read_text(encoding="utf-8"))
     chosen, curve = content["chosen"], content["curve"]
-    lines = [line for line in curve if line["steps"] == chosen["steps"]]
+    # The last: where less of what was learned was chosen, it follows on all of it.
+    lines = [line for line in curve if line["steps"] == chosen["steps"]][-1:]
     worst = max((value for line in lines for cell in line["cells"].values() for value in cell.values()), default=0.0)
     if not chosen["steps"]:
         words = f"no agent of {len(curve)} did better than {base} without doing anything worse: this one adds nothing"
@@ -58,7 +59,7 @@ def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str
         words = f"{abs(chosen['score']):.1%} {better} than {base} in the mean, chosen after {chosen['steps']} ticks"
         cells = [
             f"{track} " + ", ".join(f"{HEADINGS[metric]} {value:+.1%}" for metric, value in cell.items())
-            for line in lines[:1]
+            for line in lines
             for track, cell in line["cells"].items()
         ]
         words = f"{words}; worst {worst:+.1%}: {'; '.join(cells)}" if cells else words

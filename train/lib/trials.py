@@ -150,5 +150,6 @@ def _learn(args: TrialRecipe, task: Task, run: Run, state: State, pool: Pool, st
         verdict, fraction = evaluator.largest_fraction(lambda fraction: artifact(fraction * search.mean, state))
         if verdict.admissible and verdict.score < 0.0:
             choose(verdict, fraction * search.mean)
+            state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
     run.write_curve(state)
     return run.publish(artifact(learner["best"], state))
