@@ -23,6 +23,7 @@ supervised_tuned() { row supervised_tuned "0 1 2 3 4" "$FLIGHTS" supervised hove
 ppo_paper() { row ppo_paper "0 1 2 3 4" "$FLIGHTS" residual hover-paper-ppo; }
 ppo_tuned() { row ppo_tuned "0 1 2 3 4" "$FLIGHTS" residual hover-tuned-ppo; }
 learned_gait() { row learned_gait "0 1 2 3 4" ground-randomised gait crawl-pairs; }
+gait() { row gait "0 1 2 3 4" "ground-paper ground-directions ground-friction ground-uneven ground-randomised" gait crawl; }
 distilled() { row distilled "0 1 2 3 4" "$ALL_FLIGHTS" distill hover; }
 distilled_ppo() { row distilled_ppo "0 1 2 3 4" "$ALL_FLIGHTS" residual hover-distilled-ppo; }
 direct() { row direct "0 1 2 3 4" "$ALL_FLIGHTS" residual hover-direct; }
@@ -30,6 +31,6 @@ memory() { row memory "0 1 2 3 4" "$ALL_FLIGHTS" memory hover; }
 learned_course() { row learned_course "0 1 2 3 4" "course-takeoff course-gates course-mixed" course rule course; }
 ppo_direct() { row ppo_direct "0 1 2" flight-paper residual hover-direct-ppo; }
 
-for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled distilled_ppo direct memory learned_gait learned_course ppo_direct}; do "$name"; done
+for name in ${*:-supervised_paper supervised_tuned ppo_paper ppo_tuned distilled distilled_ppo direct memory gait learned_gait learned_course ppo_direct}; do "$name"; done
 python -m train.curves
 spidar leaderboard build

@@ -2,18 +2,28 @@
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from support.answers import NO_FORCES, OPTIMAL
-from support.states import cost, demand_of, exact, random_demands, random_wrench
+from support.states import cost, demand_of, exact, random_demands, random_wrench, resting, staying
 
+from spidar_gym.benchmark import HOVER
+from spidar_gym.benchmark.evaluate import play
+from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.allocation.blocks import ThrustBox, ThrustEffort, WrenchBalance
 from spidar_gym.control.allocation.modes import FORCE_ROWS, find_allocation
 from spidar_gym.control.allocation.problem import FORCE_SCALE, Mode, assemble
-from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.margins import DELAY, LAG
+from spidar_gym.robot import FORMS, GRAVITY, ROBOT
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.so3 import exp, matrix_to_quat
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -87,3 +97,130 @@ def test_scaled_forces_keep_direction_and_the_torques_that_can_be_kept():
         assert own <= excess.min() + 1e-9
         assert s >= others[excess <= own + 1e-12].max(initial=0.0) - 1e-9
     assert cut > 3
+
+
+# The laws
+
+
+def hover(arguments, seconds=12.0, **settings):
+    """Position error of a hover [m], mean over its last second."""
+    env = gymnasium.make(HOVER, forms="form2", horizon_s=seconds, **arguments, **settings, disable_env_checker=True)
+    env.reset(seed=3)
+    errors = []
+    for _ in range(round(seconds * CONTROL_RATE)):
+        *_, info = env.step(np.zeros(env.action_space.shape))
+        errors.append(info["position_error"])
+    env.close()
+    return np.mean(errors[-round(CONTROL_RATE) :], axis=0)
+
+
+HEAVY = PlantConfig(body=BodyConfig(total_mass=1.05 * ROBOT.total_mass))
+
+
+@pytest.mark.parametrize("name", ["indi", "adrc"])
+def test_a_law_without_integrals_that_observes_all_of_what_pulls_stands_where_it_should(name):
+    arguments = rival(name).SEARCH.arguments({p.name: p.start for p in rival(name).SEARCH.parameters})
+    config = arguments["controller"]
+    gains = np.array([*config.centroidal.position_gains, *config.centroidal.attitude_gains])
+    assert not gains[:, 1].any()
+    assert config.compensation.observer_gain == 1.0
+    assert config.compensation.observer_order == {"indi": 1, "adrc": 2}[name]
+    assert hover(arguments, plant=HEAVY) == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
+    blind = replace(config, compensation=replace(config.compensation, observer_gain=0.0))
+    # 5 % more weight hang on the spring of the position: g/20 over its gain.
+    sag = 0.05 / 1.05 * GRAVITY / config.centroidal.position_gains[2][0]
+    assert hover({"controller": blind}, plant=HEAVY)[2] == pytest.approx(sag, rel=0.1)
+
+
+def test_compensation_lets_rotors_blow_on_the_robot_and_pays_with_thrust():
+    scenarios = load_scenarios("flight-narrow", "validation")[0][:1]
+    free, tuned = (
+        play(policy, "flight-narrow", scenarios)[0]["metrics"]
+        for policy in (rival("compensation").Compensation(), rival("qp_tuned").QPTuned())
+    )
+    assert free["violations"] > 0.3
+    assert tuned["violations"] < 0.01
+    assert free["success"]
+
+
+# Model predictive control
+
+
+def test_the_feedback_is_the_optimum_over_the_horizon():
+    mpc = rival("mpc")
+    A, B = mpc.model(0.03, 0.4)
+    weights, r = np.array([1.0, 0.02, 0.0, 0.0]), 7.0**-4
+    rng = np.random.default_rng(0)
+    # Written out: x after k ticks of n commands, and the least squares of all costs over them.
+    n = 300
+    for _ in range(3):
+        start = rng.standard_normal(4) * [0.05, 0.1, 1.0, 1.0]
+        rows, sides, effect, free = [], [], np.zeros((4, n)), start.copy()
+        for k in range(n):
+            effect, free = A @ effect, A @ free
+            effect[:, k] += B
+            rows += [np.sqrt(weights)[:, None] * effect, np.sqrt(r) * np.eye(n)[k : k + 1]]
+            sides += [-np.sqrt(weights) * free, [0.0]]
+        best = np.linalg.lstsq(np.vstack(rows), np.concatenate(sides), rcond=None)[0]
+        assert -mpc.solve(7.0, 0.02, 0.03, 0.4) @ start == pytest.approx(best[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 1.0])
+def test_rotors_that_are_asked_for_the_target_give_what_is_needed(delay):
+    mpc, beta = rival("mpc"), 0.6
+    time = mpc.DT * np.arange(60)
+    needed = np.sin(3.0 * time)
+    a, before, errors = 0.0, None, []
+    for k in range(len(time) - 4):
+        u = mpc.target(needed[k : k + 4], beta, delay)
+        reached = u if before is None else (1.0 - delay) * u + delay * before
+        a += beta * (reached - a)
+        before = u
+        errors.append(a - needed[k + 1])
+    # Exact without a delay and with a whole tick; between them it is the mean of two ticks, taken twice.
+    assert np.abs(errors[20:]).max() < (1e-9 if delay in (0.0, 1.0) else 0.02)
+
+
+def moved(state, axis, x, v):
+    """A state along or about an axis [m, m/s] or [rad, rad/s]."""
+    along = np.eye(3)[axis % 3]
+    if axis < 3:
+        return replace(state, position_w=state.position_w + x * along, velocity_w=v * along)
+    return replace(state, quat_wb=matrix_to_quat(exp(x * along)), omega_b=v * along)
+
+
+def closed_loop(factor, axis, extra=0.0, seconds=9.0):
+    """Errors of a rigid robot along one axis, whose rotors answer as the margins say and do `factor` times as much."""
+    mpc = rival("mpc")
+    controller = mpc.arguments(mpc.FOUND)["law"](mpc.BASE)
+    state = resting(FORMS["form2"])
+    reference = staying(state)
+    steps, lag, late = 20, LAG, DELAY - 0.5 * mpc.DT + extra  # half a tick of the delay is the hold itself
+    x, v, a, errors = 0.02, 0.0, 0.0, []
+    commands = [0.0] * (round(late / mpc.DT * steps) + 1)
+    controller.reset(state)
+    for _ in range(round(seconds / mpc.DT)):
+        errors.append(x)
+        now = moved(state, axis, x, v)
+        controller.step(now, reference)
+        wrench = controller.last_step.allocation.wrench
+        control_state = controller.last_step.control_state
+        u = mpc.to_acceleration(wrench, control_state, now.omega_b)[axis]
+        for _ in range(steps):
+            commands.append(factor * u)
+            a += (1.0 - np.exp(-mpc.DT / steps / lag)) * (commands.pop(0) - a)
+            x, v = x + mpc.DT / steps * v, v + mpc.DT / steps * a
+    return np.abs(errors)
+
+
+@pytest.mark.parametrize("axis", [0, 5])
+def test_the_margins_are_where_the_loop_becomes_unstable(axis):
+    mpc = rival("mpc")
+    found = mpc.loops(mpc.FOUND)[mpc.AXIS[axis]]
+    for factor, extra, is_stable in (
+        (0.9 * found.gain, 0.0, True), (1.1 * found.gain, 0.0, False),
+        (1.0, 0.85 * found.delay, True), (1.0, 1.15 * found.delay, False),
+    ):  # fmt: skip
+        errors = closed_loop(factor, axis, extra)
+        third = len(errors) // 3
+        assert (errors[-third:].max() < errors[third : 2 * third].max()) == is_stable, (factor, extra)

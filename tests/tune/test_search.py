@@ -18,6 +18,7 @@ from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, fi
 
 STARTS = {"flight": TUNED_V1, "crawl": crawl.START}
 ROOT = Path(__file__).resolve().parents[2]
+RIVALS = ("adrc", "compensation", "indi", "mpc")
 SEARCHED = ROOT / "baselines/searches"
 BUDGET = {"population": 4, "scenarios": 1, "seed": 0, "workers": 1}
 
@@ -39,6 +40,17 @@ def test_a_search_is_made_on_all_tracks_of_its_group_and_begins_with_its_margins
     assert search.tracks == tuple(t for t in TRACKS if TRACKS[t].group == ("ground" if name == "crawl" else "flight"))
     assert len(search.tracks) == (5 if name == "crawl" else 7)
     assert started(name)[1] == 0.0
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_a_rivals_search_is_made_on_all_flights_and_begins_and_ends_with_its_margins(name, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
+    search = find_search(f"baselines.{name}:SEARCH")
+    assert search.name == name
+    assert search.tracks == SEARCHES["flight"].tracks
+    assert search.reference == "tuned"
+    assert search.shortfall({p.name: p.start for p in search.parameters}) == 0.0
+    assert search.shortfall({p.name: p.high for p in search.parameters}) > 0.0
 
 
 def test_a_search_of_ones_own_is_found_in_its_module_and_nothing_else_is(monkeypatch, tmp_path):
