@@ -45,9 +45,11 @@ from spidar_gym.robot.description import assets_dir
 BASELINES = (
     "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_unconstrained:QPUnconstrained",
     "baselines.pinv:Pinv", "baselines.unlimited:Unlimited", "baselines.scaled:Scaled",
+    "baselines.compensation:Compensation", "baselines.planning:Planning",
+    "baselines.indi:Indi", "baselines.adrc:Adrc", "baselines.mpc:MPC",
     "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPTunedV1",
     "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
-    "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.hold:Hold",
+    "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.walking:Walking", "baselines.hold:Hold",
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
     "baselines.course_planner:CoursePlanner",
 )  # fmt: skip

@@ -59,6 +59,26 @@ def _margins(root: Path, preset: str) -> Lines:
     return margin_lines(loops(controller_config(preset)))
 
 
+SEARCHED = {"qp_tuned": "flight", "qp_robust_overlapped": "crawl"}
+"""Row → the search that its numbers come from, where it is called otherwise."""
+
+
+def _methods(root: Path, *names: str) -> Lines:
+    """What rows cost: a step of the environment while they were made, and how long their numbers were searched for."""
+    lines = [["row", "a step, median", "a step, 99 % below", "searched for"]]
+    for name in names:
+        row = read_row(root / "baselines" / "scores" / f"{name}.json")
+        steps = [own["step_ms_p50_p99"] for own in row.content["timing"].values()]
+        path = root / "baselines" / "searches" / f"{SEARCHED.get(name, name)}.json"
+        log = json.loads(path.read_text(encoding="utf-8"))["log"] if path.exists() else []
+        ticks = sum(line["ticks"] for line in log)
+        lines.append([
+            f"`{name}`", f"{max(median for median, _ in steps):.1f} ms", f"{max(most for _, most in steps):.1f} ms",
+            f"{len(log)} generations, {ticks / 1e6:.1f} M ticks" if log else "–",
+        ])  # fmt: skip
+    return lines
+
+
 SUMMARY = {
     "flight_noise": (
         "RMSE position x y z, 0–27 s [m]", "RMSE attitude x y z, 0–27 s [rad]", "θ of rotors 1 3 5 7, form ③ [rad]",
@@ -90,6 +110,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "leaderboard": _overall,
     "leaderboard-track": _track,
     "margins": _margins,
+    "methods": _methods,
     "summary": _summary,
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
 }

@@ -38,6 +38,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
 """Fields of `CompensationConfig`. The ramp of the joints is fixed, for the deadlines bound it and not the errors; so is
 the gain of the reference's acceleration, which none of the tracks has."""
 
+
 def parameters(start: ControllerConfig, names: Sequence[str] = tuple(BOUNDS)) -> tuple[Parameter, ...]:
     """Gains of the PIDs that are not 0, within a factor of 5, then compensations: a search that begins at `start`.
 
@@ -65,10 +66,12 @@ def pids(xy: Gains, z: Gains, tilt: Gains, yaw: Gains) -> CentroidalConfig:
 
 def configuration(values: Mapping[str, float], start: ControllerConfig = TUNED_V1) -> ControllerConfig:
     """The controller with these parameters; what they do not name is as `start` has it."""
-    rows = (
-        tuple(values.get(f"{axis}_{term}", value) for term, value in zip("pid", row, strict=True))
-        for axis, row in axes(start).items()
-    )
+
+    def pid(axis: str, row: Gains) -> Gains:
+        p, i, d = row
+        return values.get(f"{axis}_p", p), values.get(f"{axis}_i", i), values.get(f"{axis}_d", d)
+
+    rows = (pid(axis, row) for axis, row in axes(start).items())
     found = {name: values[name] for name in BOUNDS if name in values}
     return replace(start, centroidal=pids(*rows), compensation=replace(start.compensation, **found))
 

@@ -9,17 +9,19 @@ import gymnasium
 import numpy as np
 import pytest
 from support.answers import NO_FORCES, OPTIMAL
-from support.states import cost, demand_of, exact, random_demands, random_wrench, resting, staying
+from support.states import cost, demand_of, exact, model, random_demands, random_wrench, resting, staying
 
-from spidar_gym.benchmark import HOVER
+from spidar_gym.benchmark import CRAWL, HOVER
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.allocation.blocks import ThrustBox, ThrustEffort, WrenchBalance
 from spidar_gym.control.allocation.modes import FORCE_ROWS, find_allocation
 from spidar_gym.control.allocation.problem import FORCE_SCALE, Mode, assemble
-from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.controller import CONTROL_RATE, FlightController
 from spidar_gym.control.flight.margins import DELAY, LAG
+from spidar_gym.envs.hover.task import FlightStart, FormGoal
+from spidar_gym.model.interference import InterferenceConfig
 from spidar_gym.robot import FORMS, GRAVITY, ROBOT
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
@@ -224,3 +226,118 @@ def test_the_margins_are_where_the_loop_becomes_unstable(axis):
         errors = closed_loop(factor, axis, extra)
         third = len(errors) // 3
         assert (errors[-third:].max() < errors[third : 2 * third].max()) == is_stable, (factor, extra)
+
+
+# The walk
+
+
+def walk(distance=0.3):
+    """A walk straight on: every tick's mode, allocation, demand, torso's height and feet that swing; the last info."""
+    env = gymnasium.make(CRAWL, distance=distance, **rival("walking").Walking.presets[CRAWL])
+    env.reset(seed=0)
+    crawler, ticks, done = env.unwrapped.controller, [], False
+    while not done:
+        *_, terminated, truncated, info = env.step(np.zeros(env.action_space.shape))
+        step = crawler.last_step
+        ticks.append(
+            (step.mode, step.allocation, step.demand, env.unwrapped.state.position_w[2], crawler.gait.swinging)
+        )
+        done = terminated or truncated
+    env.close()
+    return ticks, info
+
+
+def test_a_walk_has_one_foot_in_the_air_which_gives_no_force_and_the_torso_up():
+    ticks, info = walk()
+    assert info["is_success"]
+    stepping = [tick for tick in ticks if tick[0].startswith("walk")]
+    assert {tick[0] for tick in stepping} == {"walk0", "walk1", "walk2", "walk3"}
+    lying = ticks[0][3]
+    friction = rival("walking").CONFIG.foot_friction
+    for mode, allocation, demand, height, swinging in stepping:
+        leg = int(mode[-1])
+        assert not np.delete(swinging, leg).any()
+        assert height > lying + 0.01  # the pegs are off the floor
+        forces = allocation.foot_forces_f
+        assert forces[leg] == pytest.approx(np.zeros(3), abs=1e-3)
+        standing = np.delete(forces, leg, axis=0)
+        assert (standing[:, 2] > 0.4).all()
+        assert (np.abs(standing[:, :2]) <= friction * standing[:, 2:] + 1e-2).all()
+        # Feet and rotors together carry the robot, of which the rotors do their part.
+        weight = np.concatenate((allocation.forces_l.reshape(-1), forces.reshape(-1)))
+        assert demand.thrust_map @ weight == pytest.approx(demand.wrench, abs=0.05)
+    share = np.mean([tick[1].thrust.sum() for tick in stepping]) / ROBOT.weight
+    assert 0.2 < share < 0.9
+
+
+def test_a_walk_steps_with_each_leg_in_each_cycle_and_moves_on_four_feet_only():
+    ticks, _ = walk()
+    modes = [mode for mode, *_ in ticks]
+    order = [mode for k, mode in enumerate(modes) if k == 0 or mode != modes[k - 1]]
+    steps = [mode for mode in order if mode.startswith("walk")]
+    assert len(steps) % 4 == 0
+    assert steps == [f"walk{leg}" for leg in rival("walking").ORDER] * (len(steps) // 4)
+    assert not any(tick[4].any() for tick in ticks if not tick[0].startswith("walk"))
+
+
+# Planning
+
+SWUNG = np.tile([0.5, 0.9, 0.0, 0.5], 4), np.tile([0.5, 0.9, -1.0, 0.9], 4)
+"""Two forms that are free, with a straight way between them on which rotors stand in jets [rad]."""
+
+
+def test_a_way_is_bent_around_jets_and_no_joint_is_faster_on_it_than_on_the_straight_one():
+    planning = rival("planning")
+    begin, end = SWUNG
+    guess = FlightController().rest_vectoring(begin)
+    bender = planning.Bender(model(), planning.straight(begin, end), guess, InterferenceConfig())
+    assert bender.goal == 0.0
+    assert bender.straight > 0.1
+    for _ in range(40):
+        bender.go_on()
+    assert bender.plan.bent < 0.1 * bender.plan.straight
+    way = bender.way
+    assert way.at(0.0).tolist() == begin.tolist()
+    assert way.at(1.0) == pytest.approx(end, abs=1e-12)
+    s = np.linspace(0.0, 1.0, 201)
+    rates = np.diff([way.at(x) for x in s], axis=0) / np.diff(s)[:, None]
+    assert np.abs(rates).max() <= way.length * (1.0 + 1e-9)
+    # It is free by the controller's own judgement too: nothing is restricted beyond the upright, all the way.
+    depth = [planning.overlap(model(), way.at(x), guess, InterferenceConfig())[0] for x in s[::10]]
+    direct = [
+        planning.overlap(model(), planning.straight(begin, end).at(x), guess, InterferenceConfig())[0] for x in s[::10]
+    ]
+    assert np.mean(depth) < 0.2 * np.mean(direct)
+
+
+def test_a_form_in_its_own_jets_has_no_free_way_and_the_plan_says_so():
+    planning = rival("planning")
+    to, back = (planning.plan_between(FORMS[a], FORMS[b], 60) for a, b in (("form1", "form3"), ("form3", "form1")))
+    assert to.goal > 1.0
+    assert to.bent > 0.0
+    assert back.goal == 0.0
+    flat = planning.plan_between(FORMS["form1"], FORMS["form2"], 60)
+    assert flat == (0.0, 0.0, 0.0)
+
+
+def test_joints_go_the_bent_way_within_the_deadline_where_the_form_is_known_a_second_ahead():
+    planning, speed = rival("planning"), 0.6
+    begin, end = SWUNG
+    goals = (FormGoal(0.0, 0.0, begin), FormGoal(2.0, 2.0 + 1.0 / speed, end))
+    start = FlightStart(goals, np.zeros(3), np.zeros(3))
+    env = gymnasium.make(HOVER, joint_speed=speed, horizon_s=5.0, **planning.Planning.presets[HOVER])
+    env.reset(seed=0, options={"start": start})
+    controller, told = env.unwrapped.controller, []
+    for _ in range(200):
+        *_, info = env.step(np.zeros(env.action_space.shape))
+        told.append(controller.memory.joint_position.copy())
+    env.close()
+    assert len(controller.plans) == 1
+    assert controller.plans[0].bent < controller.plans[0].straight
+    told = np.array(told)
+    assert told[-1] == pytest.approx(end, abs=1e-12)
+    assert np.abs(np.diff(told, axis=0)).max() * CONTROL_RATE <= speed * (1.0 + 1e-9)
+    line = begin + np.outer(np.linspace(0.0, 1.0, 400), end - begin)
+    off = [np.abs(line - q).max(axis=1).min() for q in told]
+    assert max(off) > 0.05
+    assert info["is_success"] or not info["failure"]
