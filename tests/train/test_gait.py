@@ -86,10 +86,10 @@ def test_a_crawl_costs_its_energy_its_time_and_what_is_missing_at_its_end():
     assert ticks == round(40.0 * found["duration_s"])
     missing = found["final_error_m"] + 0.5 * found["final_yaw_rad"]
     share = (missing / 0.01) ** 2
-    goal = 0.5 * share / (1.0 + share)
+    goal = TINY.cost.goal * share / (1.0 + share)
     known = 0.025 * found["energy_wh"] / way + 0.015 * found["duration_s"] / way
     assert cost == pytest.approx(
-        known + goal + 0.6 * (not found["success"]), rel=5e-3
+        known + goal + TINY.cost.failure * (not found["success"]), rel=5e-3
     )  # of where it lies after it has settled
     assert TINY.cost({"failed": True}) == 2.0
     assert TINY.cost({**found, "success": False}) == pytest.approx(TINY.cost({**found, "success": True}) + 0.6)
@@ -135,7 +135,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path,
     np.testing.assert_array_equal(*found)
     assert found[0].shape == (4, 6)
 
-    with pytest.raises(CheckpointError, match=r"spread = 0.1 instead of 0.3"):
+    with pytest.raises(CheckpointError, match=r"spread = 0.2 instead of 0.3"):
         learn(override(args, out=tmp_path / "cut", spread=0.3))
 
 
