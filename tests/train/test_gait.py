@@ -91,8 +91,9 @@ def test_a_crawl_costs_its_energy_its_time_and_what_is_missing_at_its_end():
     assert cost == pytest.approx(
         known + goal + TINY.cost.failure * (not found["success"]), rel=5e-3
     )  # of where it lies after it has settled
-    assert TINY.cost({"failed": True}) == 2.0
-    assert TINY.cost({**found, "success": False}) == pytest.approx(TINY.cost({**found, "success": True}) + 0.6)
+    assert TINY.cost({"failed": True}) == TINY.cost.fall > cost
+    lost, won = (TINY.cost({**found, "success": success}) for success in (False, True))
+    assert lost == pytest.approx(won + TINY.cost.failure)
 
 
 @pytest.fixture
