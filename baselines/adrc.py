@@ -6,31 +6,26 @@ wrench that nobody knows of, cancelled whole; there is no integral. That is the 
 """
 
 from dataclasses import replace
-from functools import partial
 
 from baselines.indi import FREE
 from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.control.presets import TUNED
-from spidar_gym.tune import flight
-from spidar_gym.tune.search import Search, with_config
+from spidar_gym.tune.flight import pids
+from spidar_gym.tune.search import flight_search
 
 START = replace(
     TUNED,
-    centroidal=flight.pids((13.0, 0.0, 6.3), (18.0, 0.0, 5.6), (18.6, 0.0, 5.8), (16.7, 0.0, 4.9)),
+    centroidal=pids((13.0, 0.0, 6.3), (18.0, 0.0, 5.6), (18.6, 0.0, 5.8), (16.7, 0.0, 4.9)),
     compensation=replace(
         TUNED.compensation, observer_gain=1.0, observer_order=2, observer_time=0.19, observer_lag=0.16
     ),
 )
 """Where the search begins: what a shorter one came to, margins held."""
-configuration = partial(flight.configuration, start=START)
-SEARCH = Search(
-    "adrc", "flight", "tuned", flight.parameters(START, FREE), with_config(configuration),
-    lambda values: flight.loops(configuration(values)),
-)  # fmt: skip
+SEARCH = flight_search("adrc", START, names=FREE)
 """`spidar tune baselines.adrc:SEARCH`."""
 
 
 class Adrc(PresetPolicy):
     """Active disturbance rejection with an extended state observer on the paper's allocation; flights only."""
 
-    presets = {HOVER: {"controller": START}}  # noqa: RUF012
+    presets = {HOVER: {"controller": START}}  # noqa: RUF012 - nobody writes it

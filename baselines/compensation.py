@@ -6,33 +6,27 @@ The law is that of `tuned`, and its search the same: what differs is that no int
 """
 
 from dataclasses import replace
-from functools import partial
 
 from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.control.presets import TUNED
-from spidar_gym.tune import flight
-from spidar_gym.tune.search import Search
+from spidar_gym.tune.flight import pids
+from spidar_gym.tune.search import flight_search
 
 FREE = {"avoid_interference": False}
 """Of `gym.make`: the rotors may blow wherever they want."""
 START = replace(
     TUNED,
-    centroidal=flight.pids((32.0, 0.06, 6.2), (22.0, 5.2, 6.2), (33.0, 0.21, 7.2), (25.0, 24.0, 6.8)),
+    centroidal=pids((32.0, 0.06, 6.2), (22.0, 5.2, 6.2), (33.0, 0.21, 7.2), (25.0, 24.0, 6.8)),
     compensation=replace(
         TUNED.compensation, servo_bandwidth=31.0, observer_gain=0.64, observer_time=0.1, observer_lag=0.29
     ),
 )
 """Where the search begins: what a shorter one came to, margins held."""
-configuration = partial(flight.configuration, start=START)
-SEARCH = Search(
-    "compensation", "flight", "tuned", flight.parameters(START),
-    lambda values: {"controller": configuration(values), **FREE},
-    lambda values: flight.loops(configuration(values)),
-)  # fmt: skip
+SEARCH = flight_search("compensation", START, **FREE)
 """`spidar tune baselines.compensation:SEARCH`."""
 
 
 class Compensation(PresetPolicy):
     """A momentum observer cancels what interference takes, and nothing avoids it; flights only."""
 
-    presets = {HOVER: {"controller": START, **FREE}}  # noqa: RUF012
+    presets = {HOVER: {"controller": START, **FREE}}  # noqa: RUF012 - nobody writes it

@@ -7,32 +7,27 @@ What `tuned` knows of the legs (their momentum, the servos' lag) it keeps: that 
 """
 
 from dataclasses import replace
-from functools import partial
 
 from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.control.presets import TUNED
-from spidar_gym.tune import flight
-from spidar_gym.tune.search import Search, with_config
+from spidar_gym.tune.flight import BOUNDS, pids
+from spidar_gym.tune.search import flight_search
 
 START = replace(
     TUNED,
-    centroidal=flight.pids((27.0, 0.0, 7.4), (28.0, 0.0, 6.1), (30.0, 0.0, 7.2), (30.0, 0.0, 6.9)),
+    centroidal=pids((27.0, 0.0, 7.4), (28.0, 0.0, 6.1), (30.0, 0.0, 7.2), (30.0, 0.0, 6.9)),
     compensation=replace(
         TUNED.compensation, vectoring_lead=0.04, observer_gain=1.0, observer_time=0.33, observer_lag=0.22
     ),
 )
 """Where the search begins: what a shorter one came to, margins held."""
-FREE = tuple(name for name in flight.BOUNDS if name != "observer_gain")
+FREE = tuple(name for name in BOUNDS if name != "observer_gain")
 """Compensations that are tuned."""
-configuration = partial(flight.configuration, start=START)
-SEARCH = Search(
-    "indi", "flight", "tuned", flight.parameters(START, FREE), with_config(configuration),
-    lambda values: flight.loops(configuration(values)),
-)  # fmt: skip
+SEARCH = flight_search("indi", START, names=FREE)
 """`spidar tune baselines.indi:SEARCH`."""
 
 
 class Indi(PresetPolicy):
     """Incremental nonlinear dynamic inversion of the centroidal dynamics on the paper's allocation; flights only."""
 
-    presets = {HOVER: {"controller": START}}  # noqa: RUF012
+    presets = {HOVER: {"controller": START}}  # noqa: RUF012 - nobody writes it

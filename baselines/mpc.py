@@ -20,18 +20,21 @@ own torque for a disturbance.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from spidar_gym.arrays import JointVector, Wrench
 from spidar_gym.benchmark import HOVER, PresetPolicy
+from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.flight.centroidal import CentroidalConfig, Integrals
 from spidar_gym.control.flight.compensation import CompensationMemory, ramp_joints, servo_response
-from spidar_gym.control.flight.controller import CONTROL_RATE, FlightController
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
 from spidar_gym.control.flight.margins import AXES, DELAY, FREQUENCIES, LAG, Margins, margins_of
 from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.presets import TUNED
+from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.so3 import skew
 from spidar_gym.state import Reference, RobotState
@@ -52,17 +55,17 @@ AXIS = (0, 0, 1, 2, 2, 3)
 class Numbers:
     """What is tuned."""
 
-    bandwidth: tuple[float, ...] = (7.0, 7.0, 7.0, 7.0)
+    bandwidth: tuple[float, ...]
     """ω of each of `AXES`: r = ω⁻⁴ [rad/s]."""
-    damping: tuple[float, ...] = (0.01, 0.01, 0.01, 0.01)
+    damping: tuple[float, ...]
     """q of each [s²]."""
-    observer: tuple[float, ...] = (0.2, 0.2, 0.4, 0.4)
+    observer: tuple[float, ...]
     """Time constant of the observer of each [s]."""
-    belief: float = 0.1
+    belief: float
     """Time constant of the rotors that it believes in: a longer one than theirs buys margin [s]."""
-    lag: float = 0.03
+    lag: float
     """τ: that is planned with [s]."""
-    delay: float = 0.5
+    delay: float
     """γ: share of a tick by which a command comes late."""
 
 
@@ -127,11 +130,16 @@ def to_wrench(u: np.ndarray, control_state: ControlState, omega: np.ndarray) -> 
 class PredictiveController(FlightController):
     """The law; a subclass says with which numbers."""
 
-    numbers: Numbers = Numbers()
+    numbers: ClassVar[Numbers]
 
-    def __init__(self, *args, **kwargs) -> None:  # noqa: ANN002, ANN003 - as `FlightController`
+    def __init__(
+        self,
+        config: ControllerConfig | None = None,
+        model: Model | None = None,
+        allocator: type[Allocator] = Allocator,
+    ) -> None:
         """Solve every axis."""
-        super().__init__(*args, **kwargs)
+        super().__init__(config, model, allocator)
         found = self.numbers
         rows = [solve(*own, found.lag, found.delay) for own in zip(found.bandwidth, found.damping, strict=True)]
         self._K = np.array([rows[axis] for axis in AXIS])
@@ -153,7 +161,7 @@ class PredictiveController(FlightController):
         compensation, _ = self.compensate(state, reference, control_state, joints)
         rates = -np.concatenate((error.velocity_w, error.omega_b))
         self._look_back(control_state, omega, rates)
-        ahead = [reference if self.preview is None else self.preview(j * DT) for j in range(AHEAD + 1)]
+        ahead = [reference, *(self.preview(j * DT) if self.preview else reference for j in range(1, AHEAD + 1))]
         targets = [np.clip(one.joint_target, -ROBOT.joint_limit, ROBOT.joint_limit) for one in ahead]
         rate = self._legs_ahead(targets, joints, self.memory.compensation, compensation)
         h = self._momentum(snapshot.momentum_map[3:], rate)
@@ -245,7 +253,9 @@ KEYS = ("xy", "z", "roll_pitch", "yaw")
 TERMS = ("bandwidth", "damping", "observer")
 """Fields of `Numbers` that each has."""
 BASE = replace(
-    TUNED, centroidal=CentroidalConfig(), compensation=replace(TUNED.compensation, momentum_gain=0.0, observer_gain=0.0)
+    TUNED,
+    centroidal=CentroidalConfig(),
+    compensation=replace(TUNED.compensation, momentum_gain=0.0, observer_gain=0.0, reference_gain=0.0),
 )
 """What stays of `tuned`: the models of the servos, the limits."""
 OPTIONS = ("servo_bandwidth", "vectoring_lead")
@@ -290,4 +300,4 @@ FOUND = {each.name: each.start for each in PARAMETERS}
 class MPC(PresetPolicy):
     """Linear model predictive control with preview of the legs' momentum on the paper's allocation; flights only."""
 
-    presets = {HOVER: arguments(FOUND)}  # noqa: RUF012
+    presets = {HOVER: arguments(FOUND)}  # noqa: RUF012 - nobody writes it

@@ -2,9 +2,9 @@
 
 After the lab's planning for DRAGON, whose motion keeps its rotors out of each other's wakes (IROS 2018, cited by
 [Zhao2025]). A way is a Bézier curve of second order through joint space, q(s) = (1 − s)² q₀ + 2 s (1 − s) c + s² q₁. No
-joint is faster on it than the slowest one on the straight way, |c − q₀|, |q₁ − c| ≤ ½ max|q₁ − q₀|, so it arrives as
-early. c is what the library `cma` finds to have the least overlap along the way, a generation a tick in the second
-before the legs set off. Where a form itself stands in its own jets no way helps, and `plan` says so:
+joint is faster on it than the one with the longest way is on the straight one, |c − q₀|, |q₁ − c| ≤ ½ max|q₁ − q₀|, so
+it arrives as early. c is what the library `cma` finds to have the least overlap along the way, a generation a tick in
+the second before the legs set off. Where a form itself stands in its own jets no way helps, and `plan` says so:
 
     python -m baselines.planning
 """
@@ -20,6 +20,7 @@ from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.control.flight.compensation import ramp_joints
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import TUNED
+from spidar_gym.envs.hover.task import DRAWN_FORMS
 from spidar_gym.errors import MissingDependencyError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.interference import InterferenceConfig, find_interference, no_interference
@@ -38,6 +39,12 @@ TRIALS = 6
 """Ways that are tried in a tick."""
 SPREAD = 0.3
 """First spread of c, in halves of what it may be."""
+
+
+DETOUR = 1e-4
+"""Cost of a way that is bent as far as it may be [rad]."""
+PAIRS = 40
+"""So many pairs of forms are drawn as `flight-forms` draws them, to see how often a way has to be bent."""
 
 
 class Plan(NamedTuple):
@@ -90,6 +97,7 @@ def overlap(model: Model, q: JointVector, guess: Vectoring, config: Interference
         guess: Vectoring near by, which says on which branch [rad].
         config: What counts as a jet.
     """
+    # Twice: where a rotor is depends on where it points, and the guess may be far off.
     nominal = nominal_vectoring(model.snapshot(q, np.eye(3), guess).R_bl, guess)
     found = find_interference(model.snapshot(q, np.eye(3), nominal), nominal, no_interference(), config=config)
     depth = np.maximum(found.lower - nominal[:, 1], nominal[:, 1] - found.upper) + CLEAR
@@ -110,7 +118,7 @@ class Bender:
         # Where c may be, a box around the middle: joints that have far to go may hardly bend.
         self._room = reach - 0.5 * np.abs(way.end - way.begin)
         self._room = np.minimum(self._room, ROBOT.joint_limit - np.abs(way.bend))
-        self.straight = self.least = self.cost(way)
+        self.straight = self.least = self._cheapest = self.cost(way)
         self.goal = overlap(model, way.end, guess, config)[0]
         options = {
             "popsize": TRIALS, "seed": np.nan, "randn": np.random.RandomState(seed).randn, "verbose": -9,
@@ -140,10 +148,11 @@ class Bender:
         costs = []
         for point in points:
             bent = Way(self.way.begin, self.way.end, middle + self._room * np.array(point))
+            depth = self.cost(bent)
             # Of ways that are as free the one with the least detour.
-            costs.append(self.cost(bent) + 1e-4 * float(np.square(point).mean()))
-            if costs[-1] < self.least:
-                self.least, self.way = costs[-1], bent
+            costs.append(depth + DETOUR * float(np.square(point).mean()))
+            if costs[-1] < self._cheapest:
+                self._cheapest, self.least, self.way = costs[-1], depth, bent
         self._search.tell(points, costs)
 
 
@@ -158,7 +167,6 @@ class PlanningController(FlightController):
         self.plans: list[Plan] = []
         self._way: Way | None = None
         self._bender: Bender | None = None
-        self._rest: np.ndarray | None = None
 
     def compute_joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
         """Next joint command along the way, and its rate."""
@@ -228,6 +236,25 @@ def plan_between(begin: JointVector, end: JointVector, trials: int = 40 * TRIALS
     return bender.plan
 
 
+def drawn_pairs(count: int = PAIRS, seed: int = 0) -> str:
+    """A sentence on how forms of independent legs fare, and the straight ways between them."""
+    (least, most), legs = DRAWN_FORMS["independent"]
+    rng = np.random.Generator(np.random.PCG64(seed))
+    forms = rng.uniform(np.tile(least, legs), np.tile(most, legs), (count, 2, N_JOINTS))
+    model, config, rest = Model(), InterferenceConfig(), FlightController(TUNED).rest_vectoring
+    own, needed = 0, 0
+    for begin, end in forms:
+        guess = rest(begin)
+        bender = Bender(model, straight(begin, end), guess, config)
+        ends = overlap(model, begin, guess, config)[0] > 0.0, bender.goal > 0.0
+        own += sum(ends)
+        needed += not any(ends) and bender.straight > 0.0
+    return (
+        f"of {2 * count} drawn forms {own} stand in their own jets; of {count} ways between two of them {needed} "
+        "join free ones and are not free"
+    )
+
+
 def main() -> None:
     """Print how the ways between the paper's forms fare."""
     lines = [["from", "to", "straight way", "bent way", "at its end", ""]]
@@ -237,13 +264,13 @@ def main() -> None:
                 plan = plan_between(begin, end)
                 words = "free" if plan.bent == 0.0 else "no free way: the form is in its own jets" if plan.goal else ""
                 lines.append([a, b, *(f"{value:.3f} rad" for value in plan), words])
-    sys.stdout.write(format_table(lines) + "\n")
+    sys.stdout.write(f"{format_table(lines)}\n\n{drawn_pairs()}\n")
 
 
 class Planning(PresetPolicy):
     """Joint motion bent around each rotor's jets, allocation without interference rows; flights only."""
 
-    presets = {HOVER: {"controller": TUNED, "law": PlanningController, "avoid_interference": False}}  # noqa: RUF012
+    presets = {HOVER: {"controller": TUNED, "law": PlanningController, "avoid_interference": False}}  # noqa: RUF012 - nobody writes it
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from spidar_gym.control.crawl.gait import LEAST_LIFT, SHORTEN, Gait
 from spidar_gym.control.crawl.kinematics import INNER, feet_at, leg_angles
 from spidar_gym.control.crawl.phases import Step
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS
 from spidar_gym.so3 import rotation_z
 from spidar_gym.state import Residual
@@ -51,17 +52,21 @@ class Walk(Gait):
 
     def command(self, commands: Iterable[GaitCommand]) -> int:
         """Append commands; returns how many steps they take: a move is a walk, all else as in the crawl."""
-        count = 0
-        for command in commands:
-            before = len(self.memory.steps)
-            count += super().command((command,))
-            if isinstance(command, Move):
-                own = self.memory.steps[before:]
-                walk = [replace(step, phases=(*STEP * N_LEGS, "forward")) for step in own]
-                walk[0] = replace(walk[0], phases=(*RISE, *walk[0].phases))
-                walk[-1] = replace(walk[-1], phases=(*walk[-1].phases, *REST))
-                self.memory.steps = self.memory.steps[:before] + walk
-        return count
+        memory = self.memory
+        steps, planned = list(memory.steps), memory.planned
+        try:
+            for command in commands:
+                before = len(memory.steps)
+                super().command((command,))
+                if isinstance(command, Move):
+                    walk = [replace(step, phases=(*STEP * N_LEGS, "forward")) for step in memory.steps[before:]]
+                    walk[0] = replace(walk[0], phases=(*RISE, *walk[0].phases))
+                    walk[-1] = replace(walk[-1], phases=(*walk[-1].phases, *REST))
+                    memory.steps = memory.steps[:before] + walk
+        except InvalidValueError:
+            memory.steps, memory.planned = steps, planned  # all of them or none
+            raise
+        return len(memory.steps) - len(steps)
 
     @property
     def _stepping(self) -> bool:
@@ -87,7 +92,7 @@ class Walk(Gait):
             step = replace(step, legs=(leg,))
             memory.steps = [step, *memory.steps[1:]]
             self._footstep(step, leg, residual)
-        elif memory.phase == "forward" and step.phases[0] != "spool":
+        elif memory.phase == "forward":
             self._stand_anew(step, residual)
             return
         super()._aim(step, residual)
@@ -100,8 +105,7 @@ class Walk(Gait):
     def _footstep(self, step: Step, leg: int, residual: Residual) -> None:
         """Where a leg goes: half a stride beyond its home, under the torso as it stands."""
         memory, config = self.memory, self.config
-        height = self._height()
-        way = self._way_from_here(step).arc(max(0.0, residual.stride_scale))
+        way, height = self._way_from_here(step, residual), self._height()
         feet = way.arc(0.5).move(self.home_b) - (0.0, 0.0, height + config.press)
         angles = leg_angles(feet)
         landing = memory.plan if angles is None else angles
@@ -117,28 +121,20 @@ class Walk(Gait):
         memory = self.memory
         return float((memory.position_w - memory.floor_w) @ memory.floor_R[:, 2])
 
-    def _way_from_here(self, step: Step) -> Pose2:
-        """Way to the step's target from below where the torso is."""
-        memory = self.memory
-        floor_w, floor_R = memory.floor_w, memory.floor_R
-        memory.floor_w, memory.floor_R = self._below()
-        way = self._way(step.target)
-        memory.floor_w, memory.floor_R = floor_w, floor_R
-        return way
-
-    def _below(self) -> tuple[np.ndarray, np.ndarray]:
-        """The floor below the torso: on the plane on which it lay, turned as it is."""
+    def _way_from_here(self, step: Step, residual: Residual) -> Pose2:
+        """Way to the step's target; it begins on the floor below the torso, on the plane on which it lay."""
         memory = self.memory
         turned = memory.floor_R.T @ memory.R_wb
-        floor_R = memory.floor_R @ rotation_z(math.atan2(turned[1, 0], turned[0, 0]))
-        return memory.position_w - self._height() * memory.floor_R[:, 2], floor_R
+        yaw = math.atan2(turned[1, 0], turned[0, 0])
+        memory.floor_w = memory.position_w - self._height() * memory.floor_R[:, 2]
+        memory.floor_R = memory.floor_R @ rotation_z(yaw)
+        return self._way(step.target).arc(max(0.0, residual.stride_scale))
 
     def _stand_anew(self, step: Step, residual: Residual) -> None:
         """The feet stand elsewhere: the way begins below where the torso is."""
-        memory, height = self.memory, self._height()
-        memory.floor_w, memory.floor_R = self._below()
-        memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
-        memory.feet_f = feet_at(memory.joints) + np.array([0.0, 0.0, height])
+        memory = self.memory
+        memory.way = self._way_from_here(step, residual)
+        memory.feet_f = feet_at(memory.joints) + np.array([0.0, 0.0, self._height()])
         memory.share, memory.trim = 0.0, np.zeros(3)
         memory.expected, memory.yaw = np.zeros(3), 0.0
 
@@ -176,4 +172,4 @@ CONFIG = CrawlerConfig(
 class Walking(PresetPolicy):
     """Walks torso up, one foot in the air at a time, forces of the other three and thrust by one QP; crawls only."""
 
-    presets = {CRAWL: {"controller": CONFIG, "law": Walker}}  # noqa: RUF012
+    presets = {CRAWL: {"controller": CONFIG, "law": Walker}}  # noqa: RUF012 - nobody writes it

@@ -6,8 +6,8 @@ They see the simulated robot itself, without noise or delay, and cancel a tick l
 what they ask for. No network with sensors knows more, however long its memory.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import tyro
@@ -68,9 +68,9 @@ class Knowing(FlightController):
     ) -> tuple[CompensationMemory, Wrench]:
         """What `tuned` adds, and the pull's opposite."""
         memory, more = super().compensate(state, reference, control_state, joints)
+        # What tells a law of the reference is the environment, and that knows the robot as it is.
         env = getattr(self.preview, "__self__", None)
-        if not isinstance(env, HoverEnv):
-            return memory, more
+        assert isinstance(env, HoverEnv)
         self._look(env.state, control_state)
         R_wb = control_state.R_wb
         return memory, more - np.concatenate((self.pull_w[:3] @ R_wb, self.pull_w[3:] @ R_wb))
@@ -119,15 +119,17 @@ LAWS: dict[str, type[Knowing]] = {
 """Laws that know, by what they know."""
 
 
-def measure(args: Args, on_scenario: partial[object] | None = None) -> dict[str, Verdict]:
+def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dict[str, Verdict]:
     """Law → its comparison with `tuned`, on the validation scenarios."""
-    count = on_scenario or partial(int)
     config = replace(TUNED, compensation=replace(TUNED.compensation, observer_gain=0.0))
     with Pool(args.workers) as pool:
         evaluator = PairedEvaluator(
-            TRACKS, Base({"preset": "tuned"}), args.scenarios, control="core", on_scenario=count, each=pool.map
+            TRACKS, Base({"preset": "tuned"}), args.scenarios, control="core", on_scenario=on_scenario, each=pool.map
         )  # fmt: skip
-        return {name: evaluator.evaluate(Base({"controller": config, "law": law}), count) for name, law in LAWS.items()}
+        return {
+            name: evaluator.evaluate(Base({"controller": config, "law": law}), on_scenario)
+            for name, law in LAWS.items()
+        }
 
 
 def ceiling_lines(verdicts: dict[str, Verdict]) -> list[list[str]]:
@@ -144,7 +146,7 @@ def main() -> None:
     args = tyro.cli(Args, description=__doc__, prog="python -m train.ceiling")
     total = (1 + len(LAWS)) * len(TRACKS) * args.scenarios
     with progress(total=total, unit="scenario", desc="ceiling") as bar:
-        verdicts = measure(args, partial(bar.update))
+        verdicts = measure(args, bar.update)
     print(format_table(ceiling_lines(verdicts)))
 
 

@@ -19,8 +19,9 @@ from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
 from spidar_gym.benchmark.track import CAP, TRACKS
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
-from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.flight.margins import Margins
+from spidar_gym.control.presets import TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, write_text
 from spidar_gym.policies.presets import PresetPolicy
@@ -79,19 +80,36 @@ class Search:
         return 0.0 if self.loops is None else flight.shortfall(self.loops(values))
 
 
-def with_config(configuration: Callable[[dict[str, float]], Any]) -> Callable[[dict[str, float]], dict[str, Any]]:
-    """What `gym.make` is told of parameters that make a configuration."""
-    return lambda values: {"controller": configuration(values)}
+def flight_search(
+    name: str,
+    start: ControllerConfig,
+    *,
+    reference: str = "tuned",
+    names: Sequence[str] = tuple(flight.BOUNDS),
+    **fixed: Any,  # noqa: ANN401 - whatever `gym.make` takes
+) -> Search:
+    """A search for a flight controller's numbers, margins held.
+
+    Args:
+        name: What its log is called.
+        start: Where it begins; what it does not tune stays as it is there.
+        reference: Preset that is played beside every generation.
+        names: Which compensations are tuned, of `flight.BOUNDS`.
+        **fixed: What `gym.make` is told besides.
+    """
+    configuration = partial(flight.configuration, start=start)
+    return Search(
+        name, "flight", reference, flight.parameters(start, names),
+        lambda values: {"controller": configuration(values), **fixed},
+        lambda values: flight.loops(configuration(values)),
+    )  # fmt: skip
 
 
 SEARCHES: dict[str, Search] = {
-    "flight": Search(
-        "flight", "flight", flight.REFERENCE, flight.PARAMETERS, with_config(flight.configuration),
-        lambda values: flight.loops(flight.configuration(values)),
-    ),
+    "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
     "crawl": Search(
-        "crawl", "ground", crawl.REFERENCE, crawl.PARAMETERS, with_config(crawl.configuration),
-        unsuccessful=crawl.UNSUCCESSFUL,
+        "crawl", "ground", crawl.REFERENCE, crawl.PARAMETERS,
+        lambda values: {"controller": crawl.configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL,
     ),
 }  # fmt: skip
 """The searches of the house by name; any other is `module:NAME`."""

@@ -18,9 +18,12 @@ from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.allocation.blocks import ThrustBox, ThrustEffort, WrenchBalance
 from spidar_gym.control.allocation.modes import FORCE_ROWS, find_allocation
 from spidar_gym.control.allocation.problem import FORCE_SCALE, Mode, assemble
+from spidar_gym.control.crawl.footsteps import Move, Stand
+from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE, FlightController
 from spidar_gym.control.flight.margins import DELAY, LAG
 from spidar_gym.envs.hover.task import FlightStart, FormGoal
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.interference import InterferenceConfig
 from spidar_gym.robot import FORMS, GRAVITY, ROBOT
 from spidar_gym.sim.body import BodyConfig
@@ -280,6 +283,19 @@ def test_a_walk_steps_with_each_leg_in_each_cycle_and_moves_on_four_feet_only():
     assert not any(tick[4].any() for tick in ticks if not tick[0].startswith("walk"))
 
 
+def test_a_walk_takes_all_commands_or_none():
+    gait = rival("walking").Walk(rival("walking").CONFIG.gait, joint_speed=0.2, dt=1.0 / CONTROL_RATE)
+    assert gait.command([Move(Pose2(0.3))]) == len(gait.memory.steps) > 0
+    before, planned = list(gait.memory.steps), gait.memory.planned
+    with pytest.raises(InvalidValueError, match="height"):
+        gait.command([Move(Pose2(0.2)), Stand(5.0)])
+    assert gait.memory.steps == before
+    assert gait.memory.planned == planned
+    first, *_, last = gait.memory.steps
+    assert first.phases[:2] == ("brace", "up")
+    assert last.phases[-2:] == ("down", "settle")
+
+
 # Planning
 
 SWUNG = np.tile([0.5, 0.9, 0.0, 0.5], 4), np.tile([0.5, 0.9, -1.0, 0.9], 4)
@@ -316,6 +332,7 @@ def test_a_form_in_its_own_jets_has_no_free_way_and_the_plan_says_so():
     assert to.goal > 1.0
     assert to.bent > 0.0
     assert back.goal == 0.0
+    assert planning.drawn_pairs(3).startswith("of 6 drawn forms ")
     flat = planning.plan_between(FORMS["form1"], FORMS["form2"], 60)
     assert flat == (0.0, 0.0, 0.0)
 
