@@ -83,6 +83,20 @@ def test_a_marker_without_a_result_and_one_without_an_end_are_refused(tmp_path):
         with_tables(tmp_path, "<!-- table: mine -->\n")
 
 
+def test_the_cost_of_methods_is_that_of_their_rows_and_of_the_searches_that_made_their_numbers():
+    table = markdown_table(ROOT, "methods qp_tuned qp_robust_overlapped hold")
+    tuned, crawler, hold = ([cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:])
+    ticks = {
+        name: [line["ticks"] for line in json.loads((ROOT / f"baselines/searches/{name}.json").read_text())["log"]]
+        for name in ("flight", "crawl")
+    }
+    assert tuned[3] == f"{len(ticks['flight'])} generations, {sum(ticks['flight']) / 1e6:.1f} M ticks"
+    assert crawler[3] == f"{len(ticks['crawl'])} generations, {sum(ticks['crawl']) / 1e6:.1f} M ticks"
+    assert hold[3] == "–"
+    timing = json.loads((ROOT / "baselines/scores/qp_tuned.json").read_text())["timing"].values()
+    assert tuned[1:3] == [f"{max(own['step_ms_p50_p99'][k] for own in timing):.1f} ms" for k in (0, 1)]
+
+
 def test_what_is_drawn_from_figures_has_a_result():
     assert set(DRAWN) == {result["table"] for result in map(read_result, FILES) if "table" in result}
 
