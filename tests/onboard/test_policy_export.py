@@ -123,6 +123,10 @@ def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy
         subprocess.run(["./spidar-runner", "replay", f"golden/{log}.in", "out"], cwd=folder, check=True)
         run = ["./spidar-runner", "compare", "out", f"golden/{log}.out"]
         assert subprocess.run(run, cwd=folder, check=False, capture_output=True).returncode == 0
+    for log, told in (("flight", True), ("crawl", False)):  # the policy of a flight has nothing to say to a crawl
+        run = ["./spidar-runner", "bench", f"golden/{log}.in"]
+        out = subprocess.run(run, cwd=folder, check=True, capture_output=True, text=True).stdout
+        assert ("flight with the residual" in out) == told
     includes = ["-Icore", "-Igenerated", "-Irunner", "-isystem", "osqp"]
     words = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
     for source in [p for part in ("core", "runner") for p in sorted((folder / part).glob("*.c"))]:

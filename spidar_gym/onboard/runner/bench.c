@@ -1,4 +1,5 @@
-/* `bench IN`: the ticks of a log and of the hardest demands: time, and instructions where the kernel counts them. */
+/* `bench IN`: the ticks of a log, of the hardest demands and of the export's policy: time, and instructions where the
+ * kernel counts them. */
 #define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,6 +12,8 @@
 #endif
 
 #include "runner.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
 
 #define TICKS 20000
 #define HARD 200
@@ -126,14 +129,48 @@ static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *harde
     return 1;
 }
 
+/* The same ticks of a flight with the learned policy of this export: beside the controller, or in place of it. */
+static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
+{
+    static sp_policy policy;
+    const int kind = sp_policy_kind(), direct = kind == SP_POLICY_DIRECT;
+    sp_flight *f = &recorded->flight;
+    sp_log_input input;
+    sp_command command;
+    sp_control_state control;
+    sp_preview preview;
+    sp_residual residual;
+    if (recorded->head.kind != SP_LOG_FLIGHT || !(direct || kind == SP_POLICY_FLIGHT)) return;
+    rewind(in);
+    if (sp_recorded_begin(in, recorded) != NULL) return;
+    sp_policy_reset(&policy);
+    for (int k = 0; k < recorded->head.ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
+        const sp_robot_state *x = &input.state;
+        sp_copy(preview.joint_target, input.reference.joint_target, SP_JOINTS);
+        sp_copy(preview.next_form, input.reference.joint_target, SP_JOINTS);
+        preview.time_to_next = SP_NO_NEXT_FORM;
+        start_clock();
+        sp_compute_state(&SP_ROBOT, x, &input.reference, &control);
+        if (direct) {
+            sp_policy_direct(&SP_ROBOT, &policy, f, x, &control, &preview, &command);
+        } else {
+            sp_policy_flight(&SP_ROBOT, &policy, f, x, &control, &preview, &residual);
+            sp_flight_step(f, x, &input.reference, &residual, &control, sp_own_room(), &command);
+        }
+        stop_clock(c);
+    }
+    report(direct ? "policy in place of the controller" : "flight with the residual", c);
+}
+
 int sp_bench(const char *path)
 {
-    static cost whole, worst;
+    static cost whole, worst, learned;
     static sp_recorded recorded;
     FILE *in = fopen(path, "rb");
     open_counter();
     int fits = in != NULL && sp_recorded_begin(in, &recorded) == NULL && recorded.head.kind != SP_LOG_RUN &&
                bench_ticks(in, &recorded, &whole, &worst);
+    if (fits) bench_policy(in, &recorded, &learned);
     if (in != NULL) fclose(in);
     if (!fits)
         return sp_reject("", "bench needs a log of a flight or a crawl; valid: golden/flight.in, golden/crawl.in");
