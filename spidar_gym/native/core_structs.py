@@ -119,7 +119,8 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("servo_position servo_velocity", "f8", (N_JOINTS,), "of the servo model [rad], [rad/s]"),
         ("has_momentum has_observed", "i4", (), "whether there was a tick before"),
         ("momentum torque", "f8", (3,), "of the legs [Nms]; feed-forward [Nm]"),
-        ("observed_momentum delivered_w external_w residual_w", "f8", (6,), "of the robot; wrenches, world axes"),
+        ("observed_momentum", "f8", (6,), "of the robot, world axes"),
+        ("delivered_w external_w residual_w fed_w slow_w", "f8", (6,), "wrenches, world axes"),
     )),
     CStruct("flight_memory", "All that the flight controller remembers from one tick to the next.", (
         ("position_integral_w attitude_integral", "f8", (3,), "[m s], [rad s]"),

@@ -6,7 +6,7 @@ from dataclasses import replace
 from spidar_gym.control.flight.centroidal import CentroidalConfig, Gains
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.margins import AXES, Margins, margins
-from spidar_gym.control.presets import TUNED_V1
+from spidar_gym.control.presets import TUNED, TUNED_V1
 from spidar_gym.tune.parameter import Parameter
 
 LEAST_GAIN, LEAST_DELAY, MOST_SENSITIVITY = 2.0, 0.040, 2.2
@@ -37,14 +37,31 @@ BOUNDS: dict[str, tuple[float, float]] = {
 }
 """Fields of `CompensationConfig`. The ramp of the joints is fixed, for the deadlines bound it and not the errors; so is
 the gain of the reference's acceleration, which none of the tracks has."""
+MORE_BOUNDS = {
+    "momentum_lead": (0.002, 0.12),
+    "torque_observer_time": (0.05, 2.0),
+    "lead_gain": (0.01, 2.0),
+    "lead_time": (0.02, 0.5),
+}
+"""Those that `retuned` has besides."""
+NAMES = tuple(BOUNDS)
+"""What is tuned by default."""
+RETUNED = replace(
+    TUNED,
+    compensation=replace(
+        TUNED.compensation, momentum_gain=1.0, momentum_lead=0.01, observer_beyond=True, torque_observer_time=0.2,
+        lead_gain=0.2, lead_time=0.1,
+    ),
+)  # fmt: skip
+"""Where the search for `retuned` begins."""
 
 
-def parameters(start: ControllerConfig, names: Sequence[str] = tuple(BOUNDS)) -> tuple[Parameter, ...]:
+def parameters(start: ControllerConfig, names: Sequence[str] = NAMES) -> tuple[Parameter, ...]:
     """Gains of the PIDs that are not 0, within a factor of 5, then compensations: a search that begins at `start`.
 
     Args:
         start: First guess.
-        names: Which compensations are tuned, of `BOUNDS`; the others stay.
+        names: Which compensations are tuned, of `BOUNDS` and `MORE_BOUNDS`; the others stay.
     """
     gains = (
         Parameter(f"{axis}_{term}", value, value / 5.0, value * 5.0)
@@ -52,7 +69,8 @@ def parameters(start: ControllerConfig, names: Sequence[str] = tuple(BOUNDS)) ->
         for term, value in zip("pid", row, strict=True)
         if value > 0.0
     )
-    return *gains, *(Parameter(name, getattr(start.compensation, name), *BOUNDS[name]) for name in names)
+    ranges = BOUNDS | MORE_BOUNDS
+    return *gains, *(Parameter(name, getattr(start.compensation, name), *ranges[name]) for name in names)
 
 
 PARAMETERS = parameters(TUNED_V1)
@@ -72,7 +90,7 @@ def configuration(values: Mapping[str, float], start: ControllerConfig = TUNED_V
         return values.get(f"{axis}_p", p), values.get(f"{axis}_i", i), values.get(f"{axis}_d", d)
 
     rows = (pid(axis, row) for axis, row in axes(start).items())
-    found = {name: values[name] for name in BOUNDS if name in values}
+    found = {name: values[name] for name in (*BOUNDS, *MORE_BOUNDS) if name in values}
     return replace(start, centroidal=pids(*rows), compensation=replace(start.compensation, **found))
 
 

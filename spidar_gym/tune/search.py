@@ -85,7 +85,7 @@ def flight_search(
     start: ControllerConfig,
     *,
     reference: str = "tuned",
-    names: Sequence[str] = tuple(flight.BOUNDS),
+    names: Sequence[str] = flight.NAMES,
     **fixed: Any,  # noqa: ANN401 - whatever `gym.make` takes
 ) -> Search:
     """A search for a flight controller's numbers, margins held.
@@ -107,6 +107,7 @@ def flight_search(
 
 SEARCHES: dict[str, Search] = {
     "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
+    "retuned": flight_search("retuned", flight.RETUNED, names=(*flight.NAMES, *flight.MORE_BOUNDS)),
     "crawl": Search(
         "crawl", "ground", crawl.REFERENCE, crawl.PARAMETERS,
         lambda values: {"controller": crawl.configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL,

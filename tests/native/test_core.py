@@ -26,6 +26,7 @@ from spidar_gym.native.recipe import seal
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import fill
 from spidar_gym.so3 import exp
+from spidar_gym.tune.flight import RETUNED
 
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 
@@ -119,6 +120,7 @@ FLIGHTS = {
     "paper": {"preset": "paper", "forms": "paper"},
     "as flown, stacked": {"preset": "as_flown", "forms": "narrow"},
     "tuned, fast": {"preset": "tuned", "forms": "independent", "joint_speed": 1.0},
+    "every compensation": {"controller": RETUNED, "forms": "independent", "joint_speed": 1.0},
     "unrestricted": {"preset": "paper", "forms": "form3", "avoid_interference": False},
     "a random robot": {"preset": "tuned", "forms": "independent", "sensors": True, "randomization": 1.0},
     "a lost rotor": {"forms": "form3", "disturbances": {"lost_rotor": 2, "fault_time": 0.5}},

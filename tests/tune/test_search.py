@@ -60,7 +60,7 @@ def test_a_search_of_ones_own_is_found_in_its_module_and_nothing_else_is(monkeyp
     )
     assert find_search("searched_for:MINE") is SEARCHES["flight"]
     for name in ("searched_for:NUMBER", "searched_for:NOTHING", "searched_by:MINE", "searched_for:", "a:b:c"):
-        with pytest.raises(InvalidValueError, match=r"search = .*flight, crawl, or module:NAME of a `Search`"):
+        with pytest.raises(InvalidValueError, match=r"search = .*flight, retuned, crawl, or module:NAME of a `Search`"):
             find_search(name)
 
 
@@ -230,7 +230,7 @@ def test_a_search_without_cma_says_what_to_install(tmp_path, monkeypatch):
 
 
 def test_a_search_that_does_not_exist_is_refused_with_those_that_do(tmp_path):
-    with pytest.raises(UnknownNameError, match="flight, crawl"):
+    with pytest.raises(UnknownNameError, match="flight, retuned, crawl"):
         tuning.tune("swim", tmp_path, generations=1, **BUDGET)
 
 

@@ -1,4 +1,4 @@
-"""What moving legs, slow servos, the air and the way itself ask of the torso: five options, each off by default.
+"""What moving legs, slow servos, the air and the way itself ask of the torso: six options, each off by default.
 
 The paper's controller is quasi-static: it treats the legs' motion and everything unmodelled as disturbances for its
 integrals. Here are the classical answers. All are pure functions of a small memory.
@@ -28,6 +28,8 @@ class CompensationConfig:
     """Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]."""
     momentum_filter: float = 0.02
     """Time constant of its first-order filter [s]."""
+    momentum_lead: float = 0.0
+    """The torque is what the legs will want so much later: what slow rotors should aim at [s]; 0 is off."""
     servo_bandwidth: float = 40.0
     """Natural frequency of the model of the joint servos that drives it [rad/s]."""
     vectoring_lead: float = 0.0
@@ -36,10 +38,19 @@ class CompensationConfig:
     """Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]."""
     observer_time: float = 0.25
     """Time constant of the observer [s]."""
+    torque_observer_time: float = 0.0
+    """That of the torque [s]; 0: as of the force."""
+    observer_beyond: bool = False
+    """Whether it looks at the error's momentum and at what is asked beyond what is fed forward: so no belief about the
+    rotors can take the legs' own torque, or a path's, for a disturbance."""
     observer_order: int = 1
     """Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later."""
     observer_lag: float = 0.05
     """Time constant of the model of the rotors that the observer believes in [s]."""
+    lead_gain: float = 0.0
+    """ρ: what the feedback asks for passes 1 + ρ (1 − 1/(1 + T s)), which gives back phase; 0 is off [Franklin2019]."""
+    lead_time: float = 0.1
+    """T of it [s]."""
     joint_ramp: float = 0.0
     """Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off."""
     reference_gain: float = 0.0
@@ -50,7 +61,7 @@ class CompensationConfig:
         if type(self.observer_order) is not int or self.observer_order not in (1, 2):
             raise InvalidValueError("observer_order", self.observer_order, "1 or 2")
         require_not_negative(**vars(self))
-        for name in ("servo_bandwidth", "observer_time"):
+        for name in ("servo_bandwidth", "observer_time", "lead_time"):
             if getattr(self, name) <= 0.0:
                 raise InvalidValueError(name, getattr(self, name), "a number above 0")
 
@@ -75,12 +86,16 @@ class CompensationMemory:
     """Observed external wrench, world axes [N, Nm]."""
     residual_w: np.ndarray
     """What is behind the first low-pass of an observer that has two, world axes [N, Nm]."""
+    fed_w: np.ndarray
+    """Wrench that was fed forward in the last tick, the weight too, world axes [N, Nm]."""
+    slow_w: np.ndarray
+    """What the feedback asks for behind the low-pass of its lead, world axes [N, Nm]."""
 
 
 def fresh_compensation(joint_position: JointVector, external_w: np.ndarray) -> CompensationMemory:
     """Nothing moves; an external wrench, world axes [N, Nm], may be known."""
-    zero = np.zeros(3)
-    return CompensationMemory(joint_position, np.zeros(N_JOINTS), None, zero, None, np.zeros(6), external_w, external_w)
+    rest, zero = np.zeros(N_JOINTS), np.zeros(6)
+    return CompensationMemory(joint_position, rest, None, np.zeros(3), None, zero, external_w, external_w, zero, zero)
 
 
 def servo_response(
@@ -101,15 +116,42 @@ def servo_response(
     return command + decay * (e + dt * slope), decay * (velocity - bandwidth * dt * slope)
 
 
+def servo_ahead(
+    memory: CompensationMemory, joints: JointVector, rate: JointVector, *, bandwidth: float, lead: float
+) -> JointVector:
+    """q̇ of the servo model a while later [rad/s], exactly, if the commanded joints go on as they do.
+
+    Behind a ramp the servo comes to move as it does, 2/ω late; what is not so yet decays as after a step.
+
+    Args:
+        memory: The model in this tick.
+        joints: q^d [rad].
+        rate: Its rate [rad/s].
+        bandwidth: Natural frequency of the model [rad/s].
+        lead: How far to look ahead [s].
+    """
+    off, slow = memory.servo_position - (joints - 2.0 / bandwidth * rate), memory.servo_velocity - rate
+    return rate + servo_response(off, slow, np.zeros(N_JOINTS), bandwidth=bandwidth, dt=lead)[1]
+
+
 def momentum_torque(
-    snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *, config: CompensationConfig, dt: float
-) -> CompensationMemory:
+    snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *,
+    config: CompensationConfig, dt: float, joint_velocity: JointVector | None = None,
+) -> CompensationMemory:  # fmt: skip
     """Torque that changes the legs' angular momentum as their motion wants it, and that momentum, for the next tick.
 
     Full centroidal dynamics: L = IΣ ω + h(q, q̇), so τ = ḣ + ω × h beyond [Zhao2025, Eq. 4], which leaves h out. h is
     taken from the servo model, which the commanded joints drive: nothing is differentiated that was measured.
+
+    Args:
+        snapshot: Momentum map.
+        memory: The last tick, the servo model in this one.
+        omega_b: Angular velocity, torso axes [rad/s].
+        config: Time constant of the filter.
+        dt: Length of the tick [s].
+        joint_velocity: q̇ [rad/s]; that of the servo model by default.
     """
-    h = snapshot.momentum_map[3:] @ memory.servo_velocity
+    h = snapshot.momentum_map[3:] @ (memory.servo_velocity if joint_velocity is None else joint_velocity)
     rate = np.zeros(3) if memory.momentum is None else (h - memory.momentum) / dt
     x, y, z = omega_b.tolist()
     hx, hy, hz = h.tolist()
@@ -129,6 +171,39 @@ def reference_wrench(snapshot: Snapshot, R_wb: Matrix3, reference: Reference) ->
     alpha_w = quat_to_matrix(reference.quat_wb) @ reference.alpha_b
     force_b = snapshot.mass * (reference.acceleration_w @ R_wb)
     return np.concatenate((force_b, snapshot.inertia_c @ (alpha_w @ R_wb)))
+
+
+def weight_wrench(snapshot: Snapshot, R_wb: Matrix3, omega_b: Vector3, turning_b: Vector3) -> Wrench:
+    """Wrench in {CoG} that carries the robot, and turns the angular momentum of `turning_b` with it [N, Nm].
+
+    Args:
+        snapshot: Mass and centroidal inertia.
+        R_wb: Attitude of the torso.
+        omega_b: Angular velocity of the torso, torso axes [rad/s].
+        turning_b: The one whose momentum it is, torso axes [rad/s].
+    """
+    x, y, z = omega_b.tolist()
+    hx, hy, hz = (snapshot.inertia_c @ turning_b).tolist()
+    weight = snapshot.mass * GRAVITY * R_wb[2]
+    return np.concatenate((weight, (y * hz - z * hy, z * hx - x * hz, x * hy - y * hx)))
+
+
+def lead_feedback(
+    memory: CompensationMemory, feedback: Wrench, R_wb: Matrix3, *, config: CompensationConfig, dt: float
+) -> tuple[CompensationMemory, Wrench]:
+    """What a lead compensator adds to the feedback: ρ times what changes faster than its time constant [Franklin2019].
+
+    Args:
+        memory: The last tick.
+        feedback: What the PIDs ask for, {CoG} [N, Nm].
+        R_wb: Attitude.
+        config: ρ and the time constant.
+        dt: Length of the tick [s].
+    """
+    asked = np.concatenate((R_wb @ feedback[:3], R_wb @ feedback[3:]))
+    slow = memory.slow_w + (1.0 - math.exp(-dt / config.lead_time)) * (asked - memory.slow_w)
+    more = config.lead_gain * (asked - slow)
+    return replace(memory, slow_w=slow), np.concatenate((more[:3] @ R_wb, more[3:] @ R_wb))
 
 
 def lead_forces(
@@ -168,12 +243,15 @@ def observe_wrench(
     command is that of before, filtered as the momentum's rate is, and what the acceleration lacks. With a low-pass of
     order 2 it is the extended state observer of a velocity, at bandwidth 1/T [Gao2003]. Tests hold it against both.
 
+    `observer_beyond` leaves out on both sides what is fed forward, w_g and the legs' h with it: the momentum is that of
+    the error. A T of the rotors above theirs buys margin, and would have whatever is fed forward come late.
+
     Args:
         snapshot: Mass, inertia, momentum map.
         memory: The last tick.
         R_wb: Attitude.
-        omega_b: Angular velocity, torso axes [rad/s].
-        velocity_w: Velocity of the CoG, world [m/s].
+        omega_b: Angular velocity, or what it exceeds the reference's by, torso axes [rad/s].
+        velocity_w: Velocity of the CoG, or what it exceeds the reference's by, world [m/s].
         allocated: Wrench of the last tick's allocation, {CoG} [N, Nm].
         config: Time constants.
         dt: Length of the tick [s].
@@ -181,16 +259,22 @@ def observe_wrench(
     Returns:
         The memory with the observed wrench, the wrench that the rotors are believed to give, and the momentum.
     """
-    L = snapshot.inertia_c @ omega_b + snapshot.momentum_map[3:] @ memory.servo_velocity
+    L = snapshot.inertia_c @ omega_b
+    if not config.observer_beyond:
+        L = L + snapshot.momentum_map[3:] @ memory.servo_velocity
     momentum = np.concatenate((snapshot.mass * velocity_w, R_wb @ L))
     asked = np.concatenate((R_wb @ allocated[:3], R_wb @ allocated[3:]))
+    if config.observer_beyond:
+        asked = asked - memory.fed_w
     if memory.observed_momentum is None:
         return replace(memory, delivered_w=asked, observed_momentum=momentum)
     smoothing = 1.0 - math.exp(-dt / config.observer_lag) if config.observer_lag > 0.0 else 1.0
     delivered = memory.delivered_w + smoothing * (asked - memory.delivered_w)
     residual = (momentum - memory.observed_momentum) / dt - delivered
-    residual[2] += snapshot.mass * GRAVITY
-    share = 1.0 - math.exp(-dt / config.observer_time)
+    if not config.observer_beyond:
+        residual[2] += snapshot.mass * GRAVITY
+    times = (config.observer_time, config.torque_observer_time or config.observer_time)
+    share = np.repeat([1.0 - math.exp(-dt / time) for time in times], 3)
     passed = residual
     if config.observer_order == 2:
         passed = memory.residual_w + share * (residual - memory.residual_w)

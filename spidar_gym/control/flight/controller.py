@@ -22,12 +22,15 @@ from spidar_gym.control.flight.compensation import (
     CompensationConfig,
     CompensationMemory,
     fresh_compensation,
+    lead_feedback,
     lead_forces,
     momentum_torque,
     observe_wrench,
     ramp_joints,
     reference_wrench,
+    servo_ahead,
     servo_response,
+    weight_wrench,
 )
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
 from spidar_gym.control.flight.observation import FlightObservables, observe
@@ -253,6 +256,12 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             control_state.snapshot, control_state.R_wb, state.omega_b, error, integrals, config=gains
         )
         compensation, more = self.compensate(state, reference, control_state, joints)
+        options, R_wb = self.config.compensation, control_state.R_wb
+        if options.lead_gain:
+            omega = state.omega_b
+            feedback = wrench - weight_wrench(control_state.snapshot, R_wb, omega, omega)
+            compensation, lead = lead_feedback(compensation, feedback, R_wb, config=options, dt=self.dt)
+            wrench += lead
         wrench += more
         return wrench, integrals, compensation
 
@@ -268,13 +277,17 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             more += options.reference_gain * reference_wrench(snapshot, R_wb, reference)
         if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
             return memory, more
+        fed = weight_wrench(snapshot, R_wb, omega, omega + control_state.error.omega_b) + more
         if options.observer_gain and self.last_step is not None and reference.support > 0.0:
             memory = replace(memory, observed_momentum=None)
         elif options.observer_gain and self.last_step is not None:
+            error = control_state.error
+            velocity, turning = reference.velocity_w - error.velocity_w, omega
+            if options.observer_beyond:
+                velocity, turning = -error.velocity_w, -error.omega_b
             memory = observe_wrench(
-                snapshot, memory, R_wb, omega, reference.velocity_w - control_state.error.velocity_w,
-                self.last_step.allocation.wrench, config=options, dt=dt,
-            )  # fmt: skip
+                snapshot, memory, R_wb, turning, velocity, self.last_step.allocation.wrench, config=options, dt=dt
+            )
         if options.observer_gain:
             more[:3] -= options.observer_gain * (memory.external_w[:3] @ R_wb)
             more[3:] -= options.observer_gain * (memory.external_w[3:] @ R_wb)
@@ -283,9 +296,15 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         )
         memory = replace(memory, servo_position=position, servo_velocity=velocity)
         if options.momentum_gain:
-            memory = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
+            if options.momentum_lead:
+                rate = (joints - self.memory.joint_position) / dt
+                velocity = servo_ahead(
+                    memory, joints, rate, bandwidth=options.servo_bandwidth, lead=options.momentum_lead
+                )
+            memory = momentum_torque(snapshot, memory, omega, config=options, dt=dt, joint_velocity=velocity)
             more[3:] += options.momentum_gain * memory.torque
-        return memory, more
+            fed[3:] += options.momentum_gain * memory.torque
+        return replace(memory, fed_w=np.concatenate((R_wb @ fed[:3], R_wb @ fed[3:]))), more
 
     def _hold(self) -> Command:
         command = super()._hold()

@@ -2,7 +2,7 @@
 
 An axis is a double integrator behind the actuators, D(s) = e^{−Ts} / (1 + τs). With the PID C(s) and the observer
 F(s) = 1 / (1 + T_o s), or its square, whose share g of the estimate is cancelled, the loop is
-L = D (C + g F s²) / (1 − g F D_m) / s², D_m the observer's belief about D.
+L = D (C + g F s²) / (1 − g F D_m) / s², D_m the observer's belief about D. A lead compensator is part of C.
 """
 
 from dataclasses import dataclass
@@ -42,9 +42,13 @@ def loop(config: ControllerConfig, axis: int, omega: np.ndarray, *, delay: float
     kp, ki, kd = rows[axis]
     s = 1j * omega
     D = np.exp(-s * delay) / (1.0 + lag * s)
-    observer = options.observer_gain / (1.0 + options.observer_time * s) ** options.observer_order
+    time = options.observer_time if axis < 2 else options.torque_observer_time or options.observer_time
+    observer = options.observer_gain / (1.0 + time * s) ** options.observer_order
     believed = 1.0 / (1.0 + options.observer_lag * s)
-    return D * (kp + ki / s + kd * s + observer * s * s) / (1.0 - observer * believed) / (s * s)
+    kept = np.exp(-1.0 / (config.rate_hz * options.lead_time))  # of the low-pass, from tick to tick
+    slow = (1.0 - kept) / (1.0 - kept * np.exp(-s / config.rate_hz))
+    feedback = (kp + ki / s + kd * s) * (1.0 + options.lead_gain * (1.0 - slow))
+    return D * (feedback + observer * s * s) / (1.0 - observer * believed) / (s * s)
 
 
 def margins(config: ControllerConfig, axis: int, *, delay: float = DELAY, lag: float = LAG) -> Margins:

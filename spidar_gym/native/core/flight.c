@@ -80,22 +80,42 @@ void sp_leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
 }
 
 /* Critically damped second-order servo one tick later, exactly, for a command that is held. */
-static void servo_response(sp_compensation_memory *m, const double *command, double bandwidth, double dt)
+static void servo_response(double *position, double *velocity, const double *command, double bandwidth, double dt)
 {
     double decay = exp(-bandwidth * dt);
     for (int j = 0; j < SP_JOINTS; j++) {
-        double e = m->servo_position[j] - command[j], slope = m->servo_velocity[j] + bandwidth * e;
-        m->servo_position[j] = command[j] + decay * (e + dt * slope);
-        m->servo_velocity[j] = decay * (m->servo_velocity[j] - bandwidth * dt * slope);
+        double e = position[j] - command[j], slope = velocity[j] + bandwidth * e;
+        position[j] = command[j] + decay * (e + dt * slope);
+        velocity[j] = decay * (velocity[j] - bandwidth * dt * slope);
     }
 }
 
-/* Torque that changes the legs' angular momentum as their motion wants it [Orin2013]. */
-static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, const double *omega_b,
-                            const sp_compensation_config *c, double dt)
+/* Joint velocity of the servo model a lead later, exactly, if the commanded joints go on as they do: behind a ramp the
+ * servo comes to move as it does, 2/ω late; what is not so yet decays as after a step. */
+static void servo_ahead(const sp_compensation_memory *m, const double *joints, const double *before,
+                        const sp_compensation_config *c, double dt, double *velocity)
+{
+    double off[SP_JOINTS], rate[SP_JOINTS], rest[SP_JOINTS];
+    sp_zero(rest, SP_JOINTS);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        rate[j] = (joints[j] - before[j]) / dt;
+        off[j] = m->servo_position[j] - (joints[j] - 2.0 / c->servo_bandwidth * rate[j]);
+        velocity[j] = m->servo_velocity[j] - rate[j];
+    }
+    servo_response(off, velocity, rest, c->servo_bandwidth, c->momentum_lead);
+    for (int j = 0; j < SP_JOINTS; j++) velocity[j] += rate[j];
+}
+
+/* Torque that changes the legs' angular momentum as their motion wants it, now or a lead later [Orin2013]; `joints` is
+ * q^d, `before` that of the last tick. */
+static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, const double *omega_b, const double *joints,
+                            const double *before, const sp_compensation_config *c, double dt)
 {
     double h[3], gyro[3], share = c->momentum_filter > 0.0 ? 1.0 - exp(-dt / c->momentum_filter) : 1.0;
-    sp_leg_momentum(s, m->servo_velocity, h);
+    double velocity[SP_JOINTS];
+    sp_copy(velocity, m->servo_velocity, SP_JOINTS);
+    if (c->momentum_lead > 0.0) servo_ahead(m, joints, before, c, dt, velocity);
+    sp_leg_momentum(s, velocity, h);
     sp_cross(omega_b, h, gyro);
     for (int i = 0; i < 3; i++) {
         double wanted = (m->has_momentum ? (h[i] - m->momentum[i]) / dt : 0.0) + gyro[i];
@@ -105,27 +125,34 @@ static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, con
     m->has_momentum = 1;
 }
 
-/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006], or the same twice in series. */
+/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006], or the same twice in series; or of the error's
+ * momentum, velocities being those of the error, without what is fed forward. */
 static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
                            const double *velocity_w, const double *allocated, const sp_compensation_config *c,
                            double dt)
 {
     double L[3], h[3], momentum[6], asked[6];
     sp_apply(s->inertia_c, omega_b, L);
-    sp_leg_momentum(s, m->servo_velocity, h);
-    for (int i = 0; i < 3; i++) L[i] += h[i], momentum[i] = s->mass * velocity_w[i];
+    for (int i = 0; i < 3; i++) momentum[i] = s->mass * velocity_w[i];
+    if (!c->observer_beyond) {
+        sp_leg_momentum(s, m->servo_velocity, h);
+        for (int i = 0; i < 3; i++) L[i] += h[i];
+    }
     sp_apply(R_wb, L, momentum + 3);
     sp_apply(R_wb, allocated, asked);
     sp_apply(R_wb, allocated + 3, asked + 3);
+    if (c->observer_beyond)
+        for (int i = 0; i < 6; i++) asked[i] -= m->fed_w[i];
     if (!m->has_observed) {
         sp_copy(m->delivered_w, asked, 6);
     } else {
         double lag = c->observer_lag > 0.0 ? 1.0 - exp(-dt / c->observer_lag) : 1.0;
-        double share = 1.0 - exp(-dt / c->observer_time);
+        double times[2] = {c->observer_time, c->torque_observer_time > 0.0 ? c->torque_observer_time : c->observer_time};
         for (int i = 0; i < 6; i++) {
+            double share = 1.0 - exp(-dt / times[i / 3]);
             m->delivered_w[i] += lag * (asked[i] - m->delivered_w[i]);
             double residual = (momentum[i] - m->observed_momentum[i]) / dt - m->delivered_w[i];
-            if (i == 2) residual += s->mass * robot->gravity;
+            if (i == 2 && !c->observer_beyond) residual += s->mass * robot->gravity;
             if (c->observer_order == 2) residual = m->residual_w[i] + share * (residual - m->residual_w[i]);
             m->residual_w[i] = residual;
             double bound = i < 3 ? SP_MAX_EXTERNAL_FORCE : SP_MAX_EXTERNAL_TORQUE;
@@ -153,6 +180,33 @@ static void follow_reference(const sp_control_state *control, const sp_reference
     }
 }
 
+/* Wrench in {CoG} that carries the robot, and turns the angular momentum of `turning_b` with it. */
+static void weight_wrench(const sp_robot *robot, const sp_control_state *control, const double *omega_b,
+                          const double *turning_b, double *wrench)
+{
+    double L[3];
+    sp_apply(control->snapshot.inertia_c, turning_b, L);
+    for (int i = 0; i < 3; i++) wrench[i] = control->snapshot.mass * robot->gravity * control->R_wb[6 + i];
+    sp_cross(omega_b, L, wrench + 3);
+}
+
+/* What the PIDs ask for beyond the weight passes a lead compensator, 1 + ρ (1 − 1/(1 + T s)). */
+static void lead_feedback(sp_compensation_memory *m, const double *weight, const double *R_wb,
+                          const sp_compensation_config *c, double dt, double *wrench)
+{
+    double feedback[6], asked[6], fast[6], more[6], share = 1.0 - exp(-dt / c->lead_time);
+    for (int i = 0; i < 6; i++) feedback[i] = wrench[i] - weight[i];
+    sp_apply(R_wb, feedback, asked);
+    sp_apply(R_wb, feedback + 3, asked + 3);
+    for (int i = 0; i < 6; i++) {
+        m->slow_w[i] += share * (asked[i] - m->slow_w[i]);
+        fast[i] = c->lead_gain * (asked[i] - m->slow_w[i]);
+    }
+    sp_apply_t(R_wb, fast, more);
+    sp_apply_t(R_wb, fast + 3, more + 3);
+    for (int i = 0; i < 6; i++) wrench[i] += more[i];
+}
+
 /* What the compensations add to the desired wrench; `joints` is the new q^d. */
 static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *joints,
                        double *wrench)
@@ -160,29 +214,52 @@ static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state
     const sp_compensation_config *c = &f->config.compensation;
     sp_compensation_memory *m = &f->memory.compensation;
     const sp_control_state *control = &f->control;
-    if (c->reference_gain != 0.0) follow_reference(control, reference, c->reference_gain, wrench);
+    double weight[6];
+    if (c->lead_gain != 0.0) {
+        weight_wrench(robot, control, state->omega_b, state->omega_b, weight);
+        lead_feedback(m, weight, control->R_wb, c, f->dt, wrench);
+    }
+    const sp_motion_error *e = &control->error;
+    const double *R_wb = control->R_wb;
+    double fed[6];
+    sp_zero(fed, 6);
+    if (c->reference_gain != 0.0) {
+        follow_reference(control, reference, c->reference_gain, fed);
+        for (int i = 0; i < 6; i++) wrench[i] += fed[i];
+    }
     if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0)) return;
     if (reference->support > 0.0) m->has_observed = 0; /* what the floor gives is nothing to learn from */
     else if (c->observer_gain != 0.0 && f->ticked) {
-        double velocity_w[3];
-        for (int i = 0; i < 3; i++) velocity_w[i] = reference->velocity_w[i] - control->error.velocity_w[i];
-        observe_wrench(robot, &control->snapshot, m, control->R_wb, state->omega_b, velocity_w, f->allocation.wrench, c,
-                       f->dt);
+        double velocity_w[3], turning[3];
+        for (int i = 0; i < 3; i++) {
+            velocity_w[i] = c->observer_beyond ? -e->velocity_w[i] : reference->velocity_w[i] - e->velocity_w[i];
+            turning[i] = c->observer_beyond ? -e->omega_b[i] : state->omega_b[i];
+        }
+        observe_wrench(robot, &control->snapshot, m, R_wb, turning, velocity_w, f->allocation.wrench, c, f->dt);
     }
     if (c->observer_gain != 0.0) {
         double force[3], torque[3];
-        sp_apply_t(control->R_wb, m->external_w, force);
-        sp_apply_t(control->R_wb, m->external_w + 3, torque);
+        sp_apply_t(R_wb, m->external_w, force);
+        sp_apply_t(R_wb, m->external_w + 3, torque);
         for (int i = 0; i < 3; i++) {
             wrench[i] -= c->observer_gain * force[i];
             wrench[3 + i] -= c->observer_gain * torque[i];
         }
     }
-    servo_response(m, joints, c->servo_bandwidth, f->dt);
+    servo_response(m->servo_position, m->servo_velocity, joints, c->servo_bandwidth, f->dt);
     if (c->momentum_gain != 0.0) {
-        momentum_torque(&control->snapshot, m, state->omega_b, c, f->dt);
-        for (int i = 0; i < 3; i++) wrench[3 + i] += c->momentum_gain * m->torque[i];
+        momentum_torque(&control->snapshot, m, state->omega_b, joints, f->memory.joint_position, c, f->dt);
+        for (int i = 0; i < 3; i++) {
+            wrench[3 + i] += c->momentum_gain * m->torque[i];
+            fed[3 + i] += c->momentum_gain * m->torque[i];
+        }
     }
+    double way[3]; /* the reference's turning */
+    for (int i = 0; i < 3; i++) way[i] = state->omega_b[i] + e->omega_b[i];
+    weight_wrench(robot, control, state->omega_b, way, weight);
+    for (int i = 0; i < 6; i++) fed[i] += weight[i];
+    sp_apply(R_wb, fed, m->fed_w);
+    sp_apply(R_wb, fed + 3, m->fed_w + 3);
 }
 
 /* The same forces in the axes that the links will have `lead` later: what slow servos should aim at. */

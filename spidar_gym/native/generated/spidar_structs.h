@@ -138,12 +138,17 @@ typedef struct {
 typedef struct {
     double momentum_gain; /* Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]. */
     double momentum_filter; /* Time constant of its first-order filter [s]. */
+    double momentum_lead; /* The torque is what the legs will want so much later: what slow rotors should aim at [s]; 0 is off. */
     double servo_bandwidth; /* Natural frequency of the model of the joint servos that drives it [rad/s]. */
     double vectoring_lead; /* The force is pointed where its link will be this much later [s]; 0 is off. */
     double observer_gain; /* Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]. */
     double observer_time; /* Time constant of the observer [s]. */
+    double torque_observer_time; /* That of the torque [s]; 0: as of the force. */
+    int32_t observer_beyond; /* Whether it looks at the error's momentum and at what is asked beyond what is fed forward: so no belief about the rotors can take the legs' own torque, or a path's, for a disturbance. */
     int32_t observer_order; /* Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later. */
     double observer_lag; /* Time constant of the model of the rotors that the observer believes in [s]. */
+    double lead_gain; /* ρ: what the feedback asks for passes 1 + ρ (1 − 1/(1 + T s)), which gives back phase; 0 is off [Franklin2019]. */
+    double lead_time; /* T of it [s]. */
     double joint_ramp; /* Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off. */
     double reference_gain; /* Share of the reference's acceleration that is asked for before there is an error; 0 is off [Lee2010]. */
 } sp_compensation_config;
@@ -384,7 +389,8 @@ typedef struct {
     double servo_position[16], servo_velocity[16]; /* of the servo model [rad], [rad/s] */
     int32_t has_momentum, has_observed; /* whether there was a tick before */
     double momentum[3], torque[3]; /* of the legs [Nms]; feed-forward [Nm] */
-    double observed_momentum[6], delivered_w[6], external_w[6], residual_w[6]; /* of the robot; wrenches, world axes */
+    double observed_momentum[6]; /* of the robot, world axes */
+    double delivered_w[6], external_w[6], residual_w[6], fed_w[6], slow_w[6]; /* wrenches, world axes */
 } sp_compensation_memory;
 
 /* All that the flight controller remembers from one tick to the next. */

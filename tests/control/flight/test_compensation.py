@@ -13,6 +13,8 @@ import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.flight.compensation import (
     CompensationConfig,
+    fresh_compensation,
+    lead_feedback,
     lead_forces,
     reference_wrench,
 )
@@ -95,7 +97,7 @@ def test_what_is_no_filter_is_refused_with_what_was_expected(name, value):
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_zero_is_refused_where_it_would_divide_and_nowhere_else(name):
-    if name in ("servo_bandwidth", "observer_time"):
+    if name in ("servo_bandwidth", "observer_time", "lead_time"):
         with pytest.raises(InvalidValueError, match=rf"{name} = 0.0 .* a number above 0"):
             CompensationConfig(**{name: 0.0})
     else:
@@ -138,12 +140,45 @@ def test_with_all_options_off_their_time_constants_change_no_bit_of_the_papers_f
     np.testing.assert_array_equal(flown(ControllerConfig()), flown(ControllerConfig(compensation=filters)))
 
 
-@pytest.mark.parametrize("option", ["momentum_gain", "vectoring_lead", "observer_gain", "joint_ramp"])
+@pytest.mark.parametrize("option", ["momentum_gain", "vectoring_lead", "observer_gain", "joint_ramp", "lead_gain"])
 def test_every_option_changes_a_flight(option):
     config = ControllerConfig(compensation=CompensationConfig(**{option: 0.05}))
     # The first form is held for a second, so that joints move from the fortieth tick on.
     difference = np.abs(flown(config, 120) - flown(ControllerConfig(), 120)).max()
     assert 1e-6 < difference < 3.0
+
+
+@pytest.mark.parametrize("option", [{"momentum_lead": 0.03}, {"torque_observer_time": 0.4}, {"observer_beyond": True}])
+def test_what_belongs_to_another_option_changes_a_flight_with_it_and_none_without(option):
+    for base, changed in ((controller_config("tuned"), True), (ControllerConfig(), False)):
+        config = replace(base, compensation=replace(base.compensation, **option))
+        difference = np.abs(flown(config, 120) - flown(base, 120)).max()
+        assert (1e-6 < difference < 3.0) if changed else difference == 0.0
+
+
+# ---- a lead compensator in the feedback ----
+
+
+def test_what_lasts_passes_the_lead_as_it_is_and_a_step_is_enlarged_at_first():
+    config = CompensationConfig(lead_gain=0.5, lead_time=0.1)
+    memory, R_wb = fresh_compensation(np.zeros(16), np.zeros(6)), exp(np.array([0.4, -0.2, 0.9]))
+    step, added = np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1]), []
+    for _ in range(60):
+        memory, more = lead_feedback(memory, step, R_wb, config=config, dt=0.025)
+        added.append(more)
+    fades = np.exp(-0.25 * np.arange(1, 61))[:, None]
+    close(np.array(added), 0.5 * fades * step)
+
+
+def test_the_lead_is_that_of_world_axes():
+    """A force that lasts in the world is not enlarged because the robot turns."""
+    config = CompensationConfig(lead_gain=0.5, lead_time=0.1)
+    memory, force = fresh_compensation(np.zeros(16), np.zeros(6)), np.array([3.0, -2.0, 1.0])
+    for k in range(80):
+        R_wb = exp(0.02 * k * np.array([0.3, 0.5, 0.8]))
+        asked = np.concatenate((force @ R_wb, np.zeros(3)))
+        memory, more = lead_feedback(memory, asked, R_wb, config=config, dt=0.025)
+    close(more, np.zeros(6), atol=1e-7)
 
 
 # ---- a reference that accelerates ----
