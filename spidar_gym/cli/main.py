@@ -9,6 +9,7 @@ import numpy as np
 import tyro
 
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.cli.ablations import ablations
 from spidar_gym.cli.arguments import FlightPresetArg, JsonArg, choice
 from spidar_gym.cli.assets import assets
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
@@ -68,6 +69,7 @@ def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: 
 
 
 app.command(gates)
+app.command(ablations)
 
 
 @app.command

@@ -107,7 +107,7 @@ def flight_search(
 
 SEARCHES: dict[str, Search] = {
     "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
-    "retuned": flight_search("retuned", flight.RETUNED, names=(*flight.NAMES, *flight.MORE_BOUNDS)),
+    "retuned": flight_search("retuned", flight.RETUNED, names=flight.RETUNED_NAMES),
     "crawl": Search(
         "crawl", "ground", crawl.REFERENCE, crawl.PARAMETERS,
         lambda values: {"controller": crawl.configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL,

@@ -3,6 +3,7 @@
 from spidar_gym.viz.courses import gate_figure, way_figure, way_of
 from spidar_gym.viz.figures import (
     Curve,
+    ablation_figure,
     crawl_figure,
     flight_figure,
     leaderboard_picture,
@@ -25,6 +26,7 @@ __all__ = [
     "Curve",
     "Film",
     "Take",
+    "ablation_figure",
     "course_traces",
     "crawl_figure",
     "crawl_strip",

@@ -142,6 +142,34 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
     _finish(figure, labelled, path)
 
 
+def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
+    """Error without a part over that of the whole controller: the mean over the tracks with its interval, each track.
+
+    Args:
+        rows: Those of `spidar ablations`.
+        path: Where the PNG goes; a PDF goes beside it.
+    """
+    plt = pyplot()
+    groups = list(dict.fromkeys(row["group"] for row in rows))
+    figure, axes = plt.subplots(1, len(groups), figsize=(7.6, 3.6), squeeze=False)
+    for axis, group in zip(axes[0], groups, strict=True):
+        names = list(dict.fromkeys(row["name"] for row in rows if row["group"] == group))[1:]
+        for k, name in enumerate(reversed(names)):
+            mean, *tracks = (row for row in rows if (row["group"], row["name"]) == (group, name))
+            axis.plot([t["factor"] for t in tracks], [k] * len(tracks), "o", color=GREY, markersize=2.5, alpha=0.7)
+            axis.plot([mean["low"], mean["high"]], [k, k], "-", color=BLUE, linewidth=3.0, solid_capstyle="butt")
+            axis.plot(mean["factor"], k, "D", color=BLUE, markersize=4.0)
+        axis.axvline(1.0, color=BLACK, linewidth=0.8, linestyle="-")
+        axis.set_yticks(range(len(names)), reversed(names))
+        axis.set_ylim(-0.7, len(names) - 0.3)
+        axis.set_xscale("log")
+        axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if value in (0.5, 2.0, 5.0, 20.0) else "")
+        axis.set_title(f"{group}: without …")
+        axis.set_xlabel("times the error: all tracks (blue), each (grey)")
+    save(figure, path)
+
+
 def learning_curves(
     panels: Mapping[str, Mapping[str, Sequence[Curve]]],
     lines: Mapping[str, Mapping[str, float]],

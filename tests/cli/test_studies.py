@@ -10,8 +10,8 @@ from spidar_gym import viz
 from spidar_gym.benchmark import statistics
 from spidar_gym.cli.main import main
 from spidar_gym.errors import MissingDependencyError
+from spidar_gym.paper import ablation_study, gate_study
 from spidar_gym.paper import flight_studies as studies
-from spidar_gym.paper import gate_study
 from spidar_gym.paper.trial import Outcome
 from spidar_gym.robot import FORMS
 from spidar_gym.tune import search
@@ -65,6 +65,17 @@ def test_the_study_of_speed_prints_a_line_for_every_controller_and_cell(quick, h
     lines = [line for line in out.splitlines() if line.startswith(("nominal", "randomised"))]
     assert len(lines) == len(rows)
     assert "pip install something" in err
+
+
+def test_ablations_play_every_track_and_write_what_they_print(here, capfd, monkeypatch):
+    made = {"error": [1.0], "success": [True]}
+    monkeypatch.setattr(ablation_study, "finish", lambda call, items, **_: [made for _ in items])
+    monkeypatch.setattr(viz, "ablation_figure", lambda rows, path: path.write_bytes(b"drawn"))
+    main(["ablations", "--scenarios", "1", "--workers", "1", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)["ablations"]
+    assert sorted(files(here)) == ["o/ablations.json", "o/ablations.png"]
+    assert {row["factor"] for row in rows} == {1.0}
+    assert {row["group"] for row in rows} == {"flight", "ground"}
 
 
 def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypatch):

@@ -28,8 +28,6 @@ class CompensationConfig:
     """Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]."""
     momentum_filter: float = 0.02
     """Time constant of its first-order filter [s]."""
-    momentum_lead: float = 0.0
-    """The torque is what the legs will want so much later: what slow rotors should aim at [s]; 0 is off."""
     servo_bandwidth: float = 40.0
     """Natural frequency of the model of the joint servos that drives it [rad/s]."""
     vectoring_lead: float = 0.0
@@ -116,42 +114,15 @@ def servo_response(
     return command + decay * (e + dt * slope), decay * (velocity - bandwidth * dt * slope)
 
 
-def servo_ahead(
-    memory: CompensationMemory, joints: JointVector, rate: JointVector, *, bandwidth: float, lead: float
-) -> JointVector:
-    """q̇ of the servo model a while later [rad/s], exactly, if the commanded joints go on as they do.
-
-    Behind a ramp the servo comes to move as it does, 2/ω late; what is not so yet decays as after a step.
-
-    Args:
-        memory: The model in this tick.
-        joints: q^d [rad].
-        rate: Its rate [rad/s].
-        bandwidth: Natural frequency of the model [rad/s].
-        lead: How far to look ahead [s].
-    """
-    off, slow = memory.servo_position - (joints - 2.0 / bandwidth * rate), memory.servo_velocity - rate
-    return rate + servo_response(off, slow, np.zeros(N_JOINTS), bandwidth=bandwidth, dt=lead)[1]
-
-
 def momentum_torque(
-    snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *,
-    config: CompensationConfig, dt: float, joint_velocity: JointVector | None = None,
-) -> CompensationMemory:  # fmt: skip
+    snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *, config: CompensationConfig, dt: float
+) -> CompensationMemory:
     """Torque that changes the legs' angular momentum as their motion wants it, and that momentum, for the next tick.
 
     Full centroidal dynamics: L = IΣ ω + h(q, q̇), so τ = ḣ + ω × h beyond [Zhao2025, Eq. 4], which leaves h out. h is
     taken from the servo model, which the commanded joints drive: nothing is differentiated that was measured.
-
-    Args:
-        snapshot: Momentum map.
-        memory: The last tick, the servo model in this one.
-        omega_b: Angular velocity, torso axes [rad/s].
-        config: Time constant of the filter.
-        dt: Length of the tick [s].
-        joint_velocity: q̇ [rad/s]; that of the servo model by default.
     """
-    h = snapshot.momentum_map[3:] @ (memory.servo_velocity if joint_velocity is None else joint_velocity)
+    h = snapshot.momentum_map[3:] @ memory.servo_velocity
     rate = np.zeros(3) if memory.momentum is None else (h - memory.momentum) / dt
     x, y, z = omega_b.tolist()
     hx, hy, hz = h.tolist()

@@ -28,7 +28,6 @@ from spidar_gym.control.flight.compensation import (
     observe_wrench,
     ramp_joints,
     reference_wrench,
-    servo_ahead,
     servo_response,
     weight_wrench,
 )
@@ -296,12 +295,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         )
         memory = replace(memory, servo_position=position, servo_velocity=velocity)
         if options.momentum_gain:
-            if options.momentum_lead:
-                rate = (joints - self.memory.joint_position) / dt
-                velocity = servo_ahead(
-                    memory, joints, rate, bandwidth=options.servo_bandwidth, lead=options.momentum_lead
-                )
-            memory = momentum_torque(snapshot, memory, omega, config=options, dt=dt, joint_velocity=velocity)
+            memory = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
             more[3:] += options.momentum_gain * memory.torque
             fed[3:] += options.momentum_gain * memory.torque
         return replace(memory, fed_w=np.concatenate((R_wb @ fed[:3], R_wb @ fed[3:]))), more

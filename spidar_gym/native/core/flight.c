@@ -90,32 +90,12 @@ static void servo_response(double *position, double *velocity, const double *com
     }
 }
 
-/* Joint velocity of the servo model a lead later, exactly, if the commanded joints go on as they do: behind a ramp the
- * servo comes to move as it does, 2/ω late; what is not so yet decays as after a step. */
-static void servo_ahead(const sp_compensation_memory *m, const double *joints, const double *before,
-                        const sp_compensation_config *c, double dt, double *velocity)
-{
-    double off[SP_JOINTS], rate[SP_JOINTS], rest[SP_JOINTS];
-    sp_zero(rest, SP_JOINTS);
-    for (int j = 0; j < SP_JOINTS; j++) {
-        rate[j] = (joints[j] - before[j]) / dt;
-        off[j] = m->servo_position[j] - (joints[j] - 2.0 / c->servo_bandwidth * rate[j]);
-        velocity[j] = m->servo_velocity[j] - rate[j];
-    }
-    servo_response(off, velocity, rest, c->servo_bandwidth, c->momentum_lead);
-    for (int j = 0; j < SP_JOINTS; j++) velocity[j] += rate[j];
-}
-
-/* Torque that changes the legs' angular momentum as their motion wants it, now or a lead later [Orin2013]; `joints` is
- * q^d, `before` that of the last tick. */
-static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, const double *omega_b, const double *joints,
-                            const double *before, const sp_compensation_config *c, double dt)
+/* Torque that changes the legs' angular momentum as their motion wants it [Orin2013]. */
+static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, const double *omega_b,
+                            const sp_compensation_config *c, double dt)
 {
     double h[3], gyro[3], share = c->momentum_filter > 0.0 ? 1.0 - exp(-dt / c->momentum_filter) : 1.0;
-    double velocity[SP_JOINTS];
-    sp_copy(velocity, m->servo_velocity, SP_JOINTS);
-    if (c->momentum_lead > 0.0) servo_ahead(m, joints, before, c, dt, velocity);
-    sp_leg_momentum(s, velocity, h);
+    sp_leg_momentum(s, m->servo_velocity, h);
     sp_cross(omega_b, h, gyro);
     for (int i = 0; i < 3; i++) {
         double wanted = (m->has_momentum ? (h[i] - m->momentum[i]) / dt : 0.0) + gyro[i];
@@ -248,7 +228,7 @@ static void compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state
     }
     servo_response(m->servo_position, m->servo_velocity, joints, c->servo_bandwidth, f->dt);
     if (c->momentum_gain != 0.0) {
-        momentum_torque(&control->snapshot, m, state->omega_b, joints, f->memory.joint_position, c, f->dt);
+        momentum_torque(&control->snapshot, m, state->omega_b, c, f->dt);
         for (int i = 0; i < 3; i++) {
             wrench[3 + i] += c->momentum_gain * m->torque[i];
             fed[3 + i] += c->momentum_gain * m->torque[i];

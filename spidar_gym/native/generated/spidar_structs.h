@@ -138,7 +138,6 @@ typedef struct {
 typedef struct {
     double momentum_gain; /* Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]. */
     double momentum_filter; /* Time constant of its first-order filter [s]. */
-    double momentum_lead; /* The torque is what the legs will want so much later: what slow rotors should aim at [s]; 0 is off. */
     double servo_bandwidth; /* Natural frequency of the model of the joint servos that drives it [rad/s]. */
     double vectoring_lead; /* The force is pointed where its link will be this much later [s]; 0 is off. */
     double observer_gain; /* Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]. */

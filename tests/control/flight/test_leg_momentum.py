@@ -14,7 +14,6 @@ from spidar_gym.control.flight.compensation import (
     CompensationConfig,
     fresh_compensation,
     momentum_torque,
-    servo_ahead,
     servo_response,
 )
 from spidar_gym.native.plant import Plant
@@ -184,21 +183,6 @@ def test_a_step_of_the_wanted_torque_passes_the_filter_by_63_percent_in_its_time
         memory = momentum_torque(snapshot, memory, omega, config=config, dt=DT)
     close(memory.torque, (1.0 - math.exp(-1.0)) * wanted, atol=1e-12)
     assert np.linalg.norm(wanted) > 0.02
-
-
-@pytest.mark.parametrize("ticks", [1, 3])
-def test_ahead_the_servo_moves_as_it_will_behind_a_ramp(ticks):
-    """Against the exact answer to a command that is held, in steps so small that they are a ramp."""
-    rng, bandwidth, fine = np.random.default_rng(5), 30.0, 4000
-    position, velocity, joints, rate = rng.uniform(-0.5, 0.5, (4, 16))
-    memory = replace(fresh_compensation(joints, np.zeros(6)), servo_position=position, servo_velocity=velocity)
-    found = servo_ahead(memory, joints, rate, bandwidth=bandwidth, lead=ticks * DT)
-    h = ticks * DT / fine
-    for k in range(fine):
-        told = joints + (k + 0.5) * h * rate
-        position, velocity = servo_response(position, velocity, told, bandwidth=bandwidth, dt=h)
-    close(found, velocity, atol=1e-6)
-    close(servo_ahead(memory, joints, rate, bandwidth=bandwidth, lead=0.0), memory.servo_velocity, atol=1e-12)
 
 
 def rotation_of_floating_torso(share, fold=0.3, ticks=40):

@@ -1,0 +1,213 @@
+"""What each part of the best controllers is worth: one of them off at a time, on every track of flight and ground."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.benchmark.evaluate import play
+from spidar_gym.benchmark.resume import finish
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.statistics import (
+    Interval,
+    Numbers,
+    Strata,
+    named_generator,
+    overall_score,
+    stratified_bootstrap,
+)
+from spidar_gym.benchmark.track import SCENARIOS, TRACKS
+from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.footsteps import GaitConfig
+from spidar_gym.control.flight.centroidal import CentroidalConfig, Gains
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.policies.presets import PresetPolicy
+
+BEST = {"flight": "tuned", "ground": "robust_overlapped"}
+"""Preset that parts are taken from, by group of tracks."""
+WHOLE = "all of it"
+"""What the controller with all of its parts is called."""
+OVERALL = "overall"
+"""Column of the geometric mean over the tracks."""
+
+
+def _without_integral(gains: tuple[Gains, ...]) -> tuple[Gains, ...]:
+    return tuple((p, 0.0, d) for p, _, d in gains)
+
+
+def flights() -> dict[str, dict[str, Any]]:
+    """The best controller in the air, and without each of its parts: name → arguments of `gym.make`."""
+    best = controller_config(BEST["flight"])
+    gains, options = best.centroidal, best.compensation
+
+    def less(**off: Any) -> ControllerConfig:  # noqa: ANN401 - fields of several types
+        return replace(best, compensation=replace(options, **off))
+
+    found = {
+        "no feed-forward of the legs": less(momentum_gain=0.0),
+        "no lead of the vectoring": less(vectoring_lead=0.0),
+        "no observer": less(observer_gain=0.0),
+        "… of all that is asked for": less(observer_beyond=False),
+        "… with one time constant": less(torque_observer_time=0.0),
+        "no lead compensator": less(lead_gain=0.0),
+        "no ramp of the joints": less(joint_ramp=0.0),
+        "no integrals": replace(
+            best,
+            centroidal=replace(
+                gains,
+                position_gains=_without_integral(gains.position_gains),
+                attitude_gains=_without_integral(gains.attitude_gains),
+            ),
+        ),
+        "the paper's gains": replace(best, centroidal=CentroidalConfig()),
+        "gains alone": replace(best, compensation=ControllerConfig().compensation),
+    }
+    # What the best one does not have cannot be taken from it.
+    kept = {name: config for name, config in found.items() if config != best}
+    return {name: {"controller": config} for name, config in {WHOLE: best, **kept}.items()} | {
+        "no rows against interference": {"controller": best, "avoid_interference": False}
+    }
+
+
+def crawls() -> dict[str, dict[str, Any]]:
+    """The best crawler, and without each of its parts: name → arguments of `gym.make`."""
+    best, plain = crawler_config(BEST["ground"]), CrawlerConfig()
+    gait = best.gait
+
+    def less(**off: Any) -> CrawlerConfig:  # noqa: ANN401 - fields of several types
+        return replace(best, gait=replace(gait, **off))
+
+    phases = ("swing_at", "lower_at", "forward_at", "down_at")
+    rests = ("start_time", "spool_time", "settle_time", "leg_touch_time", "torso_touch_time")
+    heights, strides = ("lift_height", "raise_angle"), ("max_distance", "inner", "outer")
+
+    def papers(names: tuple[str, ...]) -> dict[str, Any]:
+        return {name: getattr(GaitConfig(), name) for name in names}
+
+    found = {
+        "least ‖f‖² in place of power": replace(best, power=False),
+        "no answer to the legs' errors": replace(best, leg_stiffness=0.0, leg_damping=0.0),
+        "no feed-forward of joint torque": replace(best, feed_forward=0.0),
+        "feet that do not roll": less(rolling=False),
+        "no trim of the torso's way": less(trim_gain=0.0),
+        "phases one after the other": less(**papers(phases)),
+        "the paper's rests": less(**papers(rests)),
+        "the paper's heights": less(**papers(heights)),
+        "the paper's strides": less(**papers(strides)),
+        "the paper's torque limit": replace(best, torque_limit=plain.torque_limit),
+        "the paper's friction": replace(best, foot_friction=plain.foot_friction),
+    }
+    return {name: {"controller": config} for name, config in {WHOLE: best, **found}.items()}
+
+
+PARTS: Mapping[str, Callable[[], dict[str, dict[str, Any]]]] = {"flight": flights, "ground": crawls}
+"""Group of tracks → what plays them."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One controller on one track."""
+
+    group: str
+    """Group of the track."""
+    name: str
+    """Key of `PARTS[group]()`."""
+    track: str
+    """Track."""
+    scenarios: int
+    """How many of its test scenarios, from the first on."""
+
+
+class _Told(PresetPolicy):
+    """The zero action on a controller of one's own."""
+
+    def __init__(self, arguments: dict[str, Any]) -> None:
+        """Take the arguments of `gym.make`."""
+        self._arguments = arguments
+
+    def arguments(self, env_id: str) -> dict[str, Any]:
+        """The controller."""
+        return self._arguments
+
+
+def play_job(job: Job) -> dict[str, Any]:
+    """Errors of the scenarios and whether each was a success."""
+    arguments = PARTS[job.group]()[job.name]
+    played = play(_Told(arguments), job.track, load_scenarios(job.track)[0][: job.scenarios])
+    metrics = [one["metrics"] for one in played]
+    return {"error": [m["error"] for m in metrics], "success": [bool(m["success"]) for m in metrics]}
+
+
+def jobs(scenarios: int = SCENARIOS) -> list[Job]:
+    """All of the work."""
+    return [
+        Job(group, name, track, scenarios)
+        for group, parts in PARTS.items()
+        for track in TRACKS
+        if TRACKS[track].group == group
+        for name in parts()
+    ]
+
+
+def study(
+    *, scenarios: int = SCENARIOS, workers: int = 1, folder: Path | None = None,
+    on_job: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Play every controller on every track of its group, in pairs with the whole one.
+
+    Those of an interrupted call are in `folder`, and are not played again.
+
+    Returns:
+        One row a controller and track, and one for all tracks together (`OVERALL`): `group`, `name`, `track`, `factor`,
+        how many times the error of the whole one, with `low` and `high`, its 95 % interval, and `success`, the share.
+    """
+    work = jobs(scenarios)
+    played = finish(play_job, work, workers=workers, folder=folder, on_done=lambda *_: on_job())
+    of = {(job.group, job.name, job.track): one for job, one in zip(work, played, strict=True)}
+    rows = list[dict[str, Any]]()
+    for group, parts in PARTS.items():
+        tracks = [track for track in TRACKS if TRACKS[track].group == group]
+        for name in parts():
+            for place, own in [(OVERALL, tracks), *((track, [track]) for track in tracks)]:
+                strata = [
+                    (np.array(of[group, WHOLE, t]["error"]), np.array(of[group, name, t]["error"])[None]) for t in own
+                ]
+                success = float(np.mean([of[group, name, t]["success"] for t in own]))
+                factor = stratified_bootstrap(strata, _factor, named_generator(group, name, place))
+                rows.append({"group": group, "name": name, "track": place, **_told(factor), "success": success})
+    return rows
+
+
+def _factor(strata: Strata) -> Numbers:
+    """How many times the error of the whole one, the geometric mean over the tracks."""
+    return 1.0 / overall_score(strata)
+
+
+def _told(factor: Interval) -> dict[str, float]:
+    found = asdict(factor)
+    return {"factor": found["value"], "low": found["low"], "high": found["high"]}
+
+
+def ablation_lines(rows: list[dict[str, Any]], group: str | None = None) -> list[list[str]]:
+    """The table: a line a controller, a column a track; of one group, or of both one below the other."""
+    lines = list[list[str]]()
+    for own in [group] if group else list(PARTS):
+        ours = [row for row in rows if row["group"] == own]
+        tracks = list(dict.fromkeys(row["track"] for row in ours))
+        heading = [f"error of {BEST[own]} times", *(track.removeprefix(f"{own}-") for track in tracks)]
+        lines.append(heading)
+        for name in dict.fromkeys(row["name"] for row in ours):
+            cells = {row["track"]: _cell(row) for row in ours if row["name"] == name}
+            lines.append([name, *(cells[track] for track in tracks)])
+    width = max(map(len, lines))
+    return [[*line, *[""] * (width - len(line))] for line in lines]
+
+
+def _cell(row: dict[str, Any]) -> str:
+    lost = "" if row["success"] == 1.0 else f", {row['success']:.0%}"
+    if row["name"] == WHOLE:
+        return f"1{lost}"
+    return f"{row['factor']:.2f} [{row['low']:.2f}, {row['high']:.2f}]{lost}"

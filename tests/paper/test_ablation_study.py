@@ -1,0 +1,74 @@
+"""Pins the ablations: each takes one part away, plays in pairs with the whole one, and is told with its interval."""
+
+from dataclasses import fields
+
+import pytest
+
+from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.paper import ablation_study
+from spidar_gym.paper.ablation_study import BEST, OVERALL, PARTS, WHOLE, Job, ablation_lines, jobs, play_job, study
+
+
+def changed(one, other):
+    """Names of the fields, nested ones too, in which two configurations differ."""
+    found = set()
+    for each in fields(one):
+        a, b = getattr(one, each.name), getattr(other, each.name)
+        if hasattr(a, "__dataclass_fields__"):
+            found |= changed(a, b)
+        elif a != b:
+            found.add(each.name)
+    return found
+
+
+@pytest.mark.parametrize("group", PARTS)
+def test_every_one_lacks_a_part_and_no_two_the_same(group):
+    parts = PARTS[group]()
+    whole = parts[WHOLE]["controller"]
+    for name, arguments in parts.items():
+        differs = changed(arguments["controller"], whole) | (arguments.keys() - {"controller"})
+        assert bool(differs) == (name != WHOLE), name
+    assert len({repr(arguments) for arguments in parts.values()}) == len(parts)
+
+
+def test_every_track_of_both_groups_is_played_by_all():
+    assert {job.track for job in jobs()} == {name for name, track in TRACKS.items() if track.group in BEST}
+    assert len(jobs()) == sum(len(PARTS[track.group]()) for track in TRACKS.values() if track.group in BEST)
+
+
+def test_a_part_that_matters_is_missed_and_the_whole_one_is_the_preset():
+    lame = play_job(Job("flight", "the paper's gains", "flight-fast5", 2))
+    whole = play_job(Job("flight", WHOLE, "flight-fast5", 2))
+    assert all(a > 2.0 * b for a, b in zip(lame["error"], whole["error"], strict=True))
+    assert whole["success"] == [True, True]
+    assert len(load_scenarios("flight-fast5")[0]) > 2
+
+
+@pytest.fixture
+def played(monkeypatch):
+    """Errors that are 1, and 2 and a failure in four where something is missing."""
+
+    def made(job):
+        worse = job.name != WHOLE
+        return {"error": [1.0 + worse] * job.scenarios, "success": [not worse, True, True, True]}
+
+    made.__qualname__ = "made"
+    monkeypatch.setattr(ablation_study, "play_job", made)
+
+
+@pytest.mark.usefixtures("played")
+def test_the_table_tells_how_many_times_the_error_and_what_is_lost(tmp_path):
+    rows = study(scenarios=4, folder=tmp_path)
+    for row in rows:
+        expected = 1.0 if row["name"] == WHOLE else 2.0
+        assert [row[key] for key in ("factor", "low", "high")] == pytest.approx([expected] * 3)
+        assert row["success"] == (1.0 if row["name"] == WHOLE else 0.75)
+    assert {row["track"] for row in rows if row["group"] == "ground"} > {OVERALL, "ground-paper"}
+    lines = ablation_lines(rows)
+    assert len({len(line) for line in lines}) == 1
+    assert lines[0][:2] == [f"error of {BEST['flight']} times", OVERALL]
+    assert lines[1][:3] == [WHOLE, "1", "1"]
+    assert lines[2][1] == "2.00 [2.00, 2.00], 75%"
+    assert [f"error of {BEST['ground']} times", OVERALL] in [line[:2] for line in lines]
+    assert ablation_lines(rows, "ground") == [[*line[:7]] for line in lines[-len(PARTS["ground"]()) - 1 :]]
