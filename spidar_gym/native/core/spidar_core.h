@@ -69,12 +69,18 @@ void sp_flight_init(sp_flight *flight, const sp_controller_config *config);
 void sp_flight_reset(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const double *joint_position, const double *trim);
 void sp_flight_resume(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const sp_command *command);
 void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring);
-void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
-void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
-                    double dt, double *following, double *rate);
 void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
+
+/* compensation.c */
+void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
+void sp_compensate(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
+                   const double *joints, double *wrench);
+void sp_lead_forces(const double *forces_l, const sp_snapshot *snapshot, const double *omega_b, const double *velocity,
+                    double lead, double *led);
+void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
+                    double dt, double *following, double *rate);
 
 /* path.c: knots are in the order of time; before the first and behind the last the robot rests there */
 void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *rate, double *acceleration);

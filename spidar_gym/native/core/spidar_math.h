@@ -37,6 +37,13 @@ static inline double sp_row(const double *a, const double *x, int n)
     for (int k = 0; k < n; k++) sum += a[k] * x[k];
     return sum;
 }
+/* The largest size of n numbers. */
+static inline double sp_largest(const double *x, int n)
+{
+    double most = 0.0;
+    for (int k = 0; k < n; k++) most = sp_max(most, fabs(x[k]));
+    return most;
+}
 static inline double sp_norm(const double *a) { return sqrt(sp_dot(a, a)); }
 static inline void sp_copy(double *to, const double *from, int n) { memcpy(to, from, (size_t)n * sizeof(double)); }
 static inline void sp_zero(double *to, int n) { for (int i = 0; i < n; i++) to[i] = 0.0; }
