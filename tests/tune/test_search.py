@@ -14,6 +14,7 @@ from spidar_gym.control.presets import ROBUST_OVERLAPPED, TUNED, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import crawl
 from spidar_gym.tune import search as tuning
+from spidar_gym.tune.flight import RETUNED
 from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, find_search, play_candidate
 
 STARTS = {"flight": TUNED_V1, "crawl": crawl.START}
@@ -32,6 +33,12 @@ def started(name):
 @pytest.mark.parametrize("name", STARTS)
 def test_a_search_begins_where_it_says(name):
     assert started(name) == ({"controller": STARTS[name]}, 0.0)
+
+
+def test_retuned_begins_at_its_guess_with_margins_that_lack_next_to_nothing():
+    arguments, shortfall = started("retuned")
+    assert arguments == {"controller": RETUNED}
+    assert 0.0 < shortfall < 0.01
 
 
 @pytest.mark.parametrize("name", STARTS)
