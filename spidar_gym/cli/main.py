@@ -116,7 +116,7 @@ def tune(
     """Search the numbers of tuned (flight) or robust_overlapped (crawl) with CMA-ES; goes on where it stopped.
 
     Args:
-        search: flight or retuned, on the tracks of flights, crawl, on the ground, or module:NAME, a Search of one's own.
+        search: flight or retuned, on the tracks of flights, crawl, on the ground, or module:NAME, one's own.
         out: Folder of the search's log, written after every generation.
         generations: Generations in all.
         population: Candidates a generation.

@@ -17,6 +17,7 @@ from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.bench import engine_lines
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.paper.ablation_study import ablation_lines
 from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
@@ -125,6 +126,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "course_faults": lambda result: course_fault_lines(result["course_faults"]),
     "hops": lambda result: hop_lines(result["hops"]),
     "gates": lambda result: gate_lines(result["gates"]),
+    "ablations": lambda result: ablation_lines(result["ablations"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
 """What a command prints with `--json` → the table that it prints without: the key `table` of a result."""

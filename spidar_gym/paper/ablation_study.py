@@ -207,7 +207,8 @@ def ablation_lines(rows: list[dict[str, Any]], group: str | None = None) -> list
 
 
 def _cell(row: dict[str, Any]) -> str:
-    lost = "" if row["success"] == 1.0 else f", {row['success']:.0%}"
+    share = row["success"]
+    lost = "" if share == 1.0 else f", {share:.1%}" if share > 0.99 else f", {share:.0%}"
     if row["name"] == WHOLE:
         return f"1{lost}"
     return f"{row['factor']:.2f} [{row['low']:.2f}, {row['high']:.2f}]{lost}"

@@ -165,8 +165,9 @@ def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
         axis.set_xscale("log")
         axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if value in (0.5, 2.0, 5.0, 20.0) else "")
-        axis.set_title(f"{group}: without …")
-        axis.set_xlabel("times the error: all tracks (blue), each (grey)")
+        axis.margins(x=0.05)
+        axis.set_title(group)
+        axis.set_xlabel("times the error (grey: each track)")
     save(figure, path)
 
 
