@@ -6,7 +6,7 @@ from spidar_gym import viz
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.cli.arguments import JsonArg
 from spidar_gym.cli.console import drawn, studied
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.files import output_folder
 from spidar_gym.paper import ablation_study
 from spidar_gym.processes import cpu_count
@@ -25,10 +25,9 @@ def ablations(
         scenarios: Test scenarios of each track; all 50 take some half an hour on two cores.
         workers: Processes.
     """
+    require_least(1, workers=workers)
     if not 1 <= scenarios <= SCENARIOS:
         raise InvalidValueError("scenarios", scenarios, f"1 … {SCENARIOS}")
-    if workers < 1:
-        raise InvalidValueError("workers", workers, "at least 1")
     folder = output_folder(out)
     rows = studied(
         folder, "ablations", "track", len(ablation_study.jobs(scenarios)), json=json,

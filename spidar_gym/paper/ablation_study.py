@@ -1,7 +1,7 @@
 """What each part of the best controllers is worth: one of them off at a time, on every track of flight and ground."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.statistics import (
-    Interval,
     Numbers,
     Strata,
     named_generator,
@@ -24,7 +23,7 @@ from spidar_gym.control.crawl.footsteps import GaitConfig
 from spidar_gym.control.flight.centroidal import CentroidalConfig, Gains
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.presets import controller_config, crawler_config
-from spidar_gym.policies.presets import PresetPolicy
+from spidar_gym.policies.presets import OwnController
 
 BEST = {"flight": "tuned", "ground": "robust_overlapped"}
 """Preset that parts are taken from, by group of tracks."""
@@ -50,9 +49,6 @@ def flights() -> dict[str, dict[str, Any]]:
         "no feed-forward of the legs": less(momentum_gain=0.0),
         "no lead of the vectoring": less(vectoring_lead=0.0),
         "no observer": less(observer_gain=0.0),
-        "… of all that is asked for": less(observer_beyond=False),
-        "… with one time constant": less(torque_observer_time=0.0),
-        "no lead compensator": less(lead_gain=0.0),
         "no ramp of the joints": less(joint_ramp=0.0),
         "no integrals": replace(
             best,
@@ -65,9 +61,7 @@ def flights() -> dict[str, dict[str, Any]]:
         "the paper's gains": replace(best, centroidal=CentroidalConfig()),
         "gains alone": replace(best, compensation=ControllerConfig().compensation),
     }
-    # What the best one does not have cannot be taken from it.
-    kept = {name: config for name, config in found.items() if config != best}
-    return {name: {"controller": config} for name, config in {WHOLE: best, **kept}.items()} | {
+    return {name: {"controller": config} for name, config in {WHOLE: best, **found}.items()} | {
         "no rows against interference": {"controller": best, "avoid_interference": False}
     }
 
@@ -121,22 +115,10 @@ class Job:
     """How many of its test scenarios, from the first on."""
 
 
-class _Told(PresetPolicy):
-    """The zero action on a controller of one's own."""
-
-    def __init__(self, arguments: dict[str, Any]) -> None:
-        """Take the arguments of `gym.make`."""
-        self._arguments = arguments
-
-    def arguments(self, env_id: str) -> dict[str, Any]:
-        """The controller."""
-        return self._arguments
-
-
 def play_job(job: Job) -> dict[str, Any]:
     """Errors of the scenarios and whether each was a success."""
     arguments = PARTS[job.group]()[job.name]
-    played = play(_Told(arguments), job.track, load_scenarios(job.track)[0][: job.scenarios])
+    played = play(OwnController(arguments), job.track, load_scenarios(job.track)[0][: job.scenarios])
     metrics = [one["metrics"] for one in played]
     return {"error": [m["error"] for m in metrics], "success": [bool(m["success"]) for m in metrics]}
 
@@ -177,7 +159,8 @@ def study(
                 ]
                 success = float(np.mean([of[group, name, t]["success"] for t in own]))
                 factor = stratified_bootstrap(strata, _factor, named_generator(group, name, place))
-                rows.append({"group": group, "name": name, "track": place, **_told(factor), "success": success})
+                told = {"factor": factor.value, "low": factor.low, "high": factor.high, "success": success}
+                rows.append({"group": group, "name": name, "track": place, **told})
     return rows
 
 
@@ -186,15 +169,10 @@ def _factor(strata: Strata) -> Numbers:
     return 1.0 / overall_score(strata)
 
 
-def _told(factor: Interval) -> dict[str, float]:
-    found = asdict(factor)
-    return {"factor": found["value"], "low": found["low"], "high": found["high"]}
-
-
-def ablation_lines(rows: list[dict[str, Any]], group: str | None = None) -> list[list[str]]:
-    """The table: a line a controller, a column a track; of one group, or of both one below the other."""
+def ablation_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """The table: a line a controller, a column a track, the groups one below the other."""
     lines = list[list[str]]()
-    for own in [group] if group else list(PARTS):
+    for own in PARTS:
         ours = [row for row in rows if row["group"] == own]
         tracks = list(dict.fromkeys(row["track"] for row in ours))
         heading = [f"error of {BEST[own]} times", *(track.removeprefix(f"{own}-") for track in tracks)]

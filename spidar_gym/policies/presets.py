@@ -43,3 +43,15 @@ class PresetPolicy:
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
         """Zeros."""
         return np.zeros((len(observations), self._size))
+
+
+class OwnController(PresetPolicy):
+    """The zero action on a controller that no preset names, the same in every environment."""
+
+    def __init__(self, arguments: Mapping[str, Any]) -> None:
+        """Take the arguments of `gym.make`."""
+        self._arguments = arguments
+
+    def arguments(self, env_id: str) -> Mapping[str, Any]:
+        """The controller."""
+        return self._arguments

@@ -24,7 +24,7 @@ from spidar_gym.control.flight.margins import Margins
 from spidar_gym.control.presets import TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, write_text
-from spidar_gym.policies.presets import PresetPolicy
+from spidar_gym.policies.presets import OwnController
 from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune import crawl, flight
 from spidar_gym.tune.parameter import Parameter, decode
@@ -151,18 +151,6 @@ class Candidate:
     """Which episodes."""
 
 
-class _Played(PresetPolicy):
-    """The zero action on a controller of one's own."""
-
-    def __init__(self, arguments: dict[str, Any]) -> None:
-        """Take the arguments of `gym.make`."""
-        self._arguments = arguments
-
-    def arguments(self, env_id: str) -> dict[str, Any]:
-        """The controller."""
-        return self._arguments
-
-
 def play_candidate(candidate: Candidate) -> dict[str, Any]:
     """Play it: the `errors` of its scenarios, the benchmark's and what failing adds, and the `ticks` simulated."""
     search = find_search(candidate.search)
@@ -173,7 +161,7 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
             arguments = search.arguments(dict(candidate.values))
         except InvalidValueError:
             return {"errors": [CAP] * len(candidate.scenarios), "ticks": 0}
-    played = play(_Played(arguments), candidate.track, candidate.scenarios)
+    played = play(OwnController(arguments), candidate.track, candidate.scenarios)
     seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where it diverged
     errors = [one["metrics"]["error"] + search.unsuccessful * (not one["metrics"]["success"]) for one in played]
     return {"errors": errors, "ticks": round(seconds * CONTROL_RATE)}

@@ -276,7 +276,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             more += options.reference_gain * reference_wrench(snapshot, R_wb, reference)
         if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
             return memory, more
-        fed = weight_wrench(snapshot, R_wb, omega, omega + control_state.error.omega_b) + more
+        fed = more.copy()
         if options.observer_gain and self.last_step is not None and reference.support > 0.0:
             memory = replace(memory, observed_momentum=None)
         elif options.observer_gain and self.last_step is not None:
@@ -298,7 +298,10 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             memory = momentum_torque(snapshot, memory, omega, config=options, dt=dt)
             more[3:] += options.momentum_gain * memory.torque
             fed[3:] += options.momentum_gain * memory.torque
-        return replace(memory, fed_w=np.concatenate((R_wb @ fed[:3], R_wb @ fed[3:]))), more
+        if options.observer_beyond:
+            fed += weight_wrench(snapshot, R_wb, omega, omega + control_state.error.omega_b)
+            memory = replace(memory, fed_w=np.concatenate((R_wb @ fed[:3], R_wb @ fed[3:])))
+        return memory, more
 
     def _hold(self) -> Command:
         command = super()._hold()

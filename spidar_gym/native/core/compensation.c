@@ -9,13 +9,13 @@ void sp_leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
 }
 
 /* Critically damped second-order servo one tick later, exactly, for a command that is held. */
-static void servo_response(double *position, double *velocity, const double *command, double bandwidth, double dt)
+static void servo_response(sp_compensation_memory *m, const double *command, double bandwidth, double dt)
 {
     double decay = exp(-bandwidth * dt);
     for (int j = 0; j < SP_JOINTS; j++) {
-        double e = position[j] - command[j], slope = velocity[j] + bandwidth * e;
-        position[j] = command[j] + decay * (e + dt * slope);
-        velocity[j] = decay * (velocity[j] - bandwidth * dt * slope);
+        double e = m->servo_position[j] - command[j], slope = m->servo_velocity[j] + bandwidth * e;
+        m->servo_position[j] = command[j] + decay * (e + dt * slope);
+        m->servo_velocity[j] = decay * (m->servo_velocity[j] - bandwidth * dt * slope);
     }
 }
 
@@ -56,9 +56,10 @@ static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compe
         sp_copy(m->delivered_w, asked, 6);
     } else {
         double lag = c->observer_lag > 0.0 ? 1.0 - exp(-dt / c->observer_lag) : 1.0;
-        double times[2] = {c->observer_time, c->torque_observer_time > 0.0 ? c->torque_observer_time : c->observer_time};
+        double of_force = 1.0 - exp(-dt / c->observer_time), of_torque = of_force;
+        if (c->torque_observer_time > 0.0) of_torque = 1.0 - exp(-dt / c->torque_observer_time);
         for (int i = 0; i < 6; i++) {
-            double share = 1.0 - exp(-dt / times[i / 3]);
+            double share = i < 3 ? of_force : of_torque;
             m->delivered_w[i] += lag * (asked[i] - m->delivered_w[i]);
             double residual = (momentum[i] - m->observed_momentum[i]) / dt - m->delivered_w[i];
             if (i == 2 && !c->observer_beyond) residual += s->mass * robot->gravity;
@@ -154,7 +155,7 @@ void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *st
             wrench[3 + i] -= c->observer_gain * torque[i];
         }
     }
-    servo_response(m->servo_position, m->servo_velocity, joints, c->servo_bandwidth, f->dt);
+    servo_response(m, joints, c->servo_bandwidth, f->dt);
     if (c->momentum_gain != 0.0) {
         momentum_torque(&control->snapshot, m, omega, c, f->dt);
         for (int i = 0; i < 3; i++) {
@@ -162,6 +163,7 @@ void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *st
             fed[3 + i] += c->momentum_gain * m->torque[i];
         }
     }
+    if (!c->observer_beyond) return;
     for (int i = 0; i < 3; i++) way[i] = omega[i] + e->omega_b[i]; /* how the reference turns */
     weight_wrench(robot, control, omega, way, weight);
     for (int i = 0; i < 6; i++) fed[i] += weight[i];

@@ -12,6 +12,7 @@ from spidar_gym.control.flight.compensation import (
     CompensationConfig,
     fresh_compensation,
     observe_wrench,
+    weight_wrench,
 )
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import controller_config
@@ -150,6 +151,18 @@ def rumour(real_lag):
 def test_the_observer_blames_nobody_for_rotors_that_lag_as_it_believes():
     assert rumour(0.1) < 1e-9
     assert rumour(0.4) > 3.0
+
+
+def test_what_is_fed_forward_carries_a_robot_and_keeps_it_turning():
+    """Against the change of its momentum in the world, differenced."""
+    h, omega, start = 1e-5, np.array([0.7, -0.4, 0.9]), exp(np.array([0.3, 0.2, -0.5]))
+    snapshot = model().snapshot(FORMS["form2"], start, LEVEL)
+    later, before = (start @ exp(t * omega) @ snapshot.inertia_c @ omega for t in (h, -h))
+    wrench = weight_wrench(snapshot, start, omega, omega)
+    close(start @ wrench[:3], np.array([0.0, 0.0, snapshot.mass * GRAVITY]))
+    close(start @ wrench[3:], (later - before) / (2.0 * h), atol=1e-6)
+    assert np.linalg.norm(wrench[3:]) > 0.1
+    close(weight_wrench(snapshot, start, omega, STILL)[3:], STILL)
 
 
 def blamed(beyond):
