@@ -32,7 +32,7 @@ COMPARED: dict[str, dict[str, tuple[str, float, str]]] = {
         "error": ("error", 1.0, ""),
     },
 }
-COMPARED["path"], COMPARED["course"] = COMPARED["flight"], COMPARED["ground"]
+COMPARED["path"], COMPARED["course"], COMPARED["steps"] = COMPARED["flight"], COMPARED["ground"], COMPARED["ground"]
 """What is compared by group: metric → heading, factor, unit."""
 
 

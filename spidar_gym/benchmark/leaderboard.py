@@ -40,7 +40,7 @@ SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = {
         ("unsolved", "unsolved", 1.0, 2),
     ),
 }  # fmt: skip
-SHOWN["path"] = SHOWN["flight"]
+SHOWN["path"], SHOWN["steps"] = SHOWN["flight"], SHOWN["ground"]
 SHOWN["course"] = (
     ("duration_s", "s", 1.0, 1), ("flown_s", "flown s", 1.0, 1), ("crawled_s", "crawled s", 1.0, 1),
     ("energy_wh", "Wh", 1.0, 2), ("final_error_m", "final mm", 1e3, 1), ("final_yaw_rad", "yaw mrad", 1e3, 1),

@@ -29,7 +29,7 @@ FLIGHT, GROUND, BOTH = "flight", "ground", "course"
 """Where a track is: in the air, on the floor, or both."""
 GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course"}
 """Environment → group of its tracks. The scores of `flight` and of `ground` are summed up, each in one."""
-REFERENCES = {"flight": "qp", "ground": "qp", "path": "qp", "course": "course_rule"}
+REFERENCES = {"flight": "qp", "ground": "qp", "path": "qp", "course": "course_rule", "steps": "qp"}
 """Group → the row that scores refer to."""
 
 
@@ -51,6 +51,8 @@ class Track:
     """Disturbances that are drawn evenly for each scenario."""
     calm: float = 0.0
     """Share of the scenarios that have none of them."""
+    apart: str = ""
+    """Group of its own; that of its environment if empty."""
 
     @property
     def world(self) -> str:
@@ -64,8 +66,8 @@ class Track:
 
     @property
     def group(self) -> str:
-        """Tracks of one environment: `flight`, `ground`, `path`, or `course`."""
-        return GROUPED[self.env_id]
+        """Tracks that belong together: `flight`, `ground`, `path`, `course`, or `steps`."""
+        return self.apart or GROUPED[self.env_id]
 
     @property
     def reference(self) -> str:
@@ -138,6 +140,11 @@ TRACKS: dict[str, Track] = {
         "paths at 0.3 … 1.5 m/s, independent legs; robots drawn at strength 0.3, real sensors, half in wind",
         PATH, 20.0, {**_REAL, "forms": "independent", "joint_speed": 0.2},
         disturbances={"wind": (1.0, 3.0)}, calm=0.5,
+    ),
+    "ground-steps": Track(
+        "0.8 m ahead over tiles of random heights up to 30 … 100 mm, or onto stairs as high; robots as before", CRAWL,
+        150.0, {**_REAL, "distance": 0.8, "direction": 0.0, "turn": 0.0, "terrain": "mixed"},
+        {"steps": (0.03, 0.1)}, apart="steps",
     ),
     "course-takeoff": Track(
         "take off, over a wall, land, crawl to the mark; robots drawn at strength 1, real sensors, wind of 1 … 2 m/s",

@@ -31,6 +31,7 @@ from spidar_gym.native.engine_structs import (
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.ground import TERRAINS
 from spidar_gym.sim.randomize import TABLE
 
 OPERATIONS = ("set", "scale", "add")
@@ -146,7 +147,8 @@ def crawl_rules(task: crawl.CrawlTask, controller: CrawlerConfig, settle_ticks: 
     record["share"], record["turn"], record["distance"] = crawl.PAPER_SHARE, crawl.TURN, crawl.DISTANCES
     given = (task.distance, task.direction, task.turn)
     record["is_given"], record["given"] = [x is not None for x in given], [x or 0.0 for x in given]
-    record["steps"], record["obstacles"] = task.steps, len(task.obstacles)
+    record["steps"], record["terrain"] = task.steps, TERRAINS.index(task.terrain)
+    record["obstacles"] = len(task.obstacles)
     record["obstacle"][: len(task.obstacles)] = np.reshape(task.obstacles, (-1, 3))
     record["weight"] = [weight for weight, _ in crawl.CRAWL_REWARD_TERMS.values()]
     for name in (

@@ -17,7 +17,7 @@ from spidar_gym.sim.air import N_DUCTS, AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.ground import BOXES, TILES, GroundConfig
+from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES, GroundConfig
 from spidar_gym.sim.sensors import SensorConfig
 from spidar_gym.state import IMU_SAMPLES
 
@@ -49,8 +49,9 @@ DRAWN = ("equal", "independent", "narrow")
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
-    "TILES": TILES, "BOXES": BOXES, "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS,
-    "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
+    "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
+    "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST,
+    "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -98,6 +99,7 @@ ENGINE_ENUMERATIONS = (
     Enumeration("sequence", "Sequences of forms.", SEQUENCES, "FORMS_"),
     Enumeration("path_kind", "Paths of the CoG.", PATHS, "PATHS_"),
     Enumeration("heading", "Where the robot looks on its path.", HEADINGS, "HEADING_"),
+    Enumeration("terrain", "What a floor with steps may be.", TERRAINS, "TERRAIN_"),
     Enumeration("flight_failure", "Why a flight is over.", FLIGHT_FAILURES, "FLIGHT_"),
     Enumeration("crawl_failure", "Why a crawl is over.", CRAWL_FAILURES, "CRAWL_"),
     Enumeration("course_failure", "Why a course is over.", COURSE_FAILURES, "OFF_COURSE_"),
@@ -332,7 +334,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("distance", "f8", (2,), "and go at least and at most so far [m]"),
         ("is_given", "i4", (3,), "whether distance, direction and turn are, and not drawn"),
         ("given", "f8", (3,), "[m], [rad], [rad]"),
-        ("steps", "f8", (), "tiles are drawn up to this height [m]; 0 leaves the floor as it is"),
+        ("steps", "f8", (), "the floor has steps of this height [m]; 0 leaves it as it is"),
+        ("terrain", "i4", (), "an `sp_terrain`: what has them"),
         ("obstacles", "i4", (), "how many blocks"),
         ("obstacle", "f8", (MAX_OBSTACLES, 3), "x, y, radius [m]"),
         ("obstacle_height goal_clearance", "f8", (), "[m]"),

@@ -25,6 +25,13 @@ TILE = 0.25
 """Edge of a tile [m]; the uneven floor is a square of 4 m round the origin."""
 TILE_DEPTH = 0.05
 """Half the thickness of a tile [m]."""
+TERRAINS = ("tiles", "stairs", "mixed")
+"""What a floor with steps may be."""
+STAIR_ROW, STAIR_ROWS, STAIRS = 10, 3, 2
+"""The first stair begins with this row of tiles, 0.5 m ahead of the origin, each is so many rows deep, the last one to
+the end; how many there are."""
+HIGHEST = 0.2
+"""No tile is higher [m]."""
 BOXES = 64
 """Boxes that there is room for."""
 FARTHEST = 100.0
@@ -60,8 +67,8 @@ class GroundConfig:
             raise InvalidValueError("boxes", self.boxes.tolist(), f"half sizes from 0, nothing beyond {FARTHEST:g} m")
         if self.boxed and self.uneven:
             raise InvalidValueError("boxes", int(self.boxed), "a floor with either tiles or boxes")
-        if (self.tiles < 0.0).any() or (self.tiles > 0.2).any():
-            raise InvalidValueError("tiles", float(self.tiles.max()), "heights within 0 … 0.2 m")
+        if (self.tiles < 0.0).any() or (self.tiles > HIGHEST).any():
+            raise InvalidValueError("tiles", float(self.tiles.max()), f"heights within 0 … {HIGHEST:g} m")
 
     @property
     def uneven(self) -> bool:
@@ -142,10 +149,22 @@ def with_blocks(ground: GroundConfig, blocks: tuple[tuple[float, float, float], 
     return replace(ground, tiles=tiles)
 
 
-def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float) -> GroundConfig:
-    """The same slope with tiles of random heights, even between 0 and `steps` [m]."""
-    tiles = rng.uniform(0.0, steps, (TILES, TILES))
-    return replace(ground, tiles=tiles)
+def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float, terrain: str = "tiles") -> GroundConfig:
+    """The same slope with steps.
+
+    Args:
+        ground: The slope.
+        rng: Generator of what is drawn.
+        steps: Height of the steps [m].
+        terrain: `tiles` of heights that are even between 0 and `steps`, `stairs` across the way ahead, each `steps`
+            higher than the one before, or `mixed`, one as often as the other.
+    """
+    if terrain == "mixed":
+        terrain = "stairs" if rng.random() < 0.5 else "tiles"
+    if terrain == "tiles":
+        return replace(ground, tiles=rng.uniform(0.0, steps, (TILES, TILES)))
+    stair = np.clip((np.arange(TILES) - STAIR_ROW) // STAIR_ROWS + 1, 0, STAIRS)
+    return replace(ground, tiles=np.repeat(stair[:, None] * steps, TILES, axis=1))
 
 
 @dataclass(frozen=True, slots=True)

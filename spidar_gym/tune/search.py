@@ -19,6 +19,7 @@ from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
 from spidar_gym.benchmark.track import CAP, TRACKS
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
+from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.flight.margins import Margins
 from spidar_gym.control.presets import TUNED_V1
@@ -33,8 +34,8 @@ DRAWS = 2
 """Scenarios are drawn as those of a split of this number would be, which no split has (0 is test, 1 validation)."""
 MARGIN_COST = 10.0
 """Cost of margins that fall short by their own size."""
-STEP = 0.15
-"""First step of the search, in halves of the parameters' ranges."""
+STEP, SMALL_STEP = 0.15, 0.05
+"""First step of a search, in halves of the parameters' ranges, and of one that begins near a good controller."""
 
 MOST_BYTES = 2**26
 """No log is larger."""
@@ -69,6 +70,8 @@ class Search:
     """Parameters → margins of the loops; None where there are none, as of a gait: what it stands is flown."""
     unsuccessful: float = 0.0
     """What an episode that is no success adds to its error."""
+    step: float = STEP
+    """First step, in halves of the parameters' ranges."""
 
     @property
     def tracks(self) -> tuple[str, ...]:
@@ -86,6 +89,7 @@ def flight_search(
     *,
     reference: str = "tuned",
     names: Sequence[str] = flight.NAMES,
+    step: float = STEP,
     **fixed: Any,  # noqa: ANN401 - whatever `gym.make` takes
 ) -> Search:
     """A search for a flight controller's numbers, margins held.
@@ -95,24 +99,43 @@ def flight_search(
         start: Where it begins; what it does not tune stays as it is there.
         reference: Preset that is played beside every generation.
         names: Which compensations are tuned, of `flight.BOUNDS`.
+        step: First step, in halves of the parameters' ranges.
         **fixed: What `gym.make` is told besides.
     """
     configuration = partial(flight.configuration, start=start)
     return Search(
         name, "flight", reference, flight.parameters(start, names),
         lambda values: {"controller": configuration(values), **fixed},
-        lambda values: flight.loops(configuration(values)),
+        lambda values: flight.loops(configuration(values)), step=step,
+    )  # fmt: skip
+
+
+def ground_search(
+    name: str, start: CrawlerConfig, *, reference: str = "robust_overlapped", step: float = STEP,
+    **wider: tuple[float, float],
+) -> Search:  # fmt: skip
+    """A search for a crawler's numbers.
+
+    Args:
+        name: What its log is called.
+        start: Where it begins; what it does not tune stays as it is there.
+        reference: Preset that crawls beside every generation.
+        step: First step, in halves of the parameters' ranges.
+        **wider: Other bounds than the usual ones.
+    """
+    configuration = partial(crawl.configuration, start=start)
+    return Search(
+        name, "ground", reference, crawl.parameters(start, **wider),
+        lambda values: {"controller": configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL, step=step,
     )  # fmt: skip
 
 
 SEARCHES: dict[str, Search] = {
     "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
-    "retuned": flight_search("retuned", flight.RETUNED, names=flight.RETUNED_NAMES),
-    "crawl": Search(
-        "crawl", "ground", crawl.REFERENCE, crawl.PARAMETERS,
-        lambda values: {"controller": crawl.configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL,
-    ),
-}  # fmt: skip
+    "retuned": flight_search("retuned", flight.RETUNED, names=flight.RETUNED_NAMES, step=SMALL_STEP),
+    "crawl": ground_search("crawl", crawl.START, reference=crawl.REFERENCE),
+    "recrawl": ground_search("recrawl", crawl.RESTART, step=SMALL_STEP, torque_limit=(3.0, 7.0)),
+}
 """The searches of the house by name; any other is `module:NAME`."""
 
 
@@ -276,10 +299,11 @@ def _evolution(name: str, population: int, seed: int) -> Any:  # noqa: ANN401 - 
     """A search at its beginning: what it does from here on rests on the costs that it is told, and on nothing else."""
     import cma
 
+    search = find_search(name)
     # Of its own: whatever draws from NumPy's global generator meanwhile would change the search.
     draw = np.random.RandomState(seed + 1).randn
     options = {"popsize": population, "randn": draw, "seed": math.nan, "verbose": -9, "CMA_diagonal": True}
-    return cma.CMAEvolutionStrategy(np.zeros(len(find_search(name).parameters)), STEP, options)
+    return cma.CMAEvolutionStrategy(np.zeros(len(search.parameters)), search.step, options)
 
 
 def _line(

@@ -21,7 +21,7 @@ from spidar_gym.sim.disturbances import Disturbances
 IDS = [
     "flight-paper", "flight-forms", "flight-fast3", "flight-fast5", "flight-randomised", "flight-wind",
     "flight-narrow", "ground-paper", "ground-directions", "ground-friction", "ground-uneven", "ground-randomised",
-    "flight-path", "course-takeoff", "course-gates", "course-mixed",
+    "flight-path", "ground-steps", "course-takeoff", "course-gates", "course-mixed",
 ]  # fmt: skip
 
 
@@ -57,7 +57,7 @@ def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name)
         PATH if name == "flight-path" else {"flight": HOVER, "ground": CRAWL, "course": COURSE}[world]
     )
     assert (track.world, track.flies) == (world, world == "flight")
-    assert track.group == ("path" if name == "flight-path" else world)
+    assert track.group == {"flight-path": "path", "ground-steps": "steps"}.get(name, world)
     assert (
         track.formula == TRACKS[{"flight": "flight-paper", "ground": "ground-paper"}.get(world, "course-gates")].formula
     )

@@ -167,7 +167,7 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
             (["tune", "flight", f"--{name}", "0"], "at least 1") for name in ("generations", "scenarios", "workers")
         ),
         (["tune", "crawl", "--population", "1", "--generations", "1"], "at least 2"),
-        (["tune", "swim"], "flight, retuned, crawl"),
+        (["tune", "swim"], "flight, retuned, crawl, recrawl"),
         (["paper", "flight", "--camera", "back"], "fixed, chase, side, front, top"),
         (["run", "spidar_gym/Walk-v0"], "spidar_gym/Hover-v0"),
         (["run", "--forms", "form4"], ", ".join(SEQUENCES)),

@@ -22,6 +22,8 @@ CRAWLS = {
     "drawn": {"preset": "robust", **DRAWN},
     "a slope of tiles": {"preset": "robust", "slope": 0.1, "slope_direction": 1.0, "steps": 0.01},
     "drawn robots on tiles": {"steps": 0.01, "randomization": 0.5, "sensors": True},
+    "stairs of a drawn robot": {"preset": "robust", "steps": 0.04, "terrain": "stairs", "distance": 0.8, **DRAWN},
+    "tiles or stairs": {"preset": "robust", "steps": 0.04, "terrain": "mixed"},
     "obstacles": {"obstacles": ((1.0, 0.0, 0.2),), "distance": 0.3},
     "alone": {"action_mode": "direct"},
 }

@@ -21,6 +21,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "flights of drawn robots": (HOVER, {"preset": "tuned", "forms": "narrow", **DRAWN}),
     "crawls": (CRAWL, {}),
     "crawls of drawn robots on tiles": (CRAWL, {"preset": "robust", "steps": 0.01, "slope": 0.1, **DRAWN}),
+    "crawls on tiles or stairs": (CRAWL, {"preset": "robust", "steps": 0.05, "terrain": "mixed"}),
     "courses by targets": (COURSE, {"hold": 5, **DRAWN}),
     "courses by the rule": (COURSE, {"action_mode": "residual", "hold": 5}),
     "courses alone": (COURSE, {"action_mode": "direct", **DRAWN}),

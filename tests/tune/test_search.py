@@ -17,7 +17,7 @@ from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import RETUNED
 from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, find_search, play_candidate
 
-STARTS = {"flight": TUNED_V1, "crawl": crawl.START}
+STARTS = {"flight": TUNED_V1, "retuned": RETUNED, "crawl": crawl.START, "recrawl": crawl.RESTART}
 ROOT = Path(__file__).resolve().parents[2]
 RIVALS = ("adrc", "compensation", "indi", "mpc")
 SEARCHED = ROOT / "baselines/searches"
@@ -35,17 +35,12 @@ def test_a_search_begins_where_it_says(name):
     assert started(name) == ({"controller": STARTS[name]}, 0.0)
 
 
-def test_retuned_begins_at_its_guess_with_margins_that_lack_next_to_nothing():
-    arguments, shortfall = started("retuned")
-    assert arguments == {"controller": RETUNED}
-    assert 0.0 < shortfall < 0.01
-
-
 @pytest.mark.parametrize("name", STARTS)
 def test_a_search_is_made_on_all_tracks_of_its_group_and_begins_with_its_margins(name):
     search = find_search(name)
-    assert search.tracks == tuple(t for t in TRACKS if TRACKS[t].group == ("ground" if name == "crawl" else "flight"))
-    assert len(search.tracks) == (5 if name == "crawl" else 7)
+    on_ground = name.endswith("crawl")
+    assert search.tracks == tuple(t for t in TRACKS if TRACKS[t].group == ("ground" if on_ground else "flight"))
+    assert len(search.tracks) == (5 if on_ground else 7)
     assert started(name)[1] == 0.0
 
 
@@ -67,7 +62,9 @@ def test_a_search_of_ones_own_is_found_in_its_module_and_nothing_else_is(monkeyp
     )
     assert find_search("searched_for:MINE") is SEARCHES["flight"]
     for name in ("searched_for:NUMBER", "searched_for:NOTHING", "searched_by:MINE", "searched_for:", "a:b:c"):
-        with pytest.raises(InvalidValueError, match=r"search = .*flight, retuned, crawl, or module:NAME of a `Search`"):
+        with pytest.raises(
+            InvalidValueError, match=r"search = .*flight, retuned, crawl, recrawl, or module:NAME of a `Search`"
+        ):
             find_search(name)
 
 
@@ -237,7 +234,7 @@ def test_a_search_without_cma_says_what_to_install(tmp_path, monkeypatch):
 
 
 def test_a_search_that_does_not_exist_is_refused_with_those_that_do(tmp_path):
-    with pytest.raises(UnknownNameError, match="flight, retuned, crawl"):
+    with pytest.raises(UnknownNameError, match="flight, retuned, crawl, recrawl"):
         tuning.tune("swim", tmp_path, generations=1, **BUDGET)
 
 

@@ -36,8 +36,6 @@ class CompensationConfig:
     """Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]."""
     observer_time: float = 0.25
     """Time constant of the observer [s]."""
-    torque_observer_time: float = 0.0
-    """That of the torque [s]; 0: as of the force."""
     observer_beyond: bool = False
     """Whether it looks at the error's momentum and at what is asked beyond what is fed forward: so no belief about the
     rotors can take the legs' own torque, or a path's, for a disturbance."""
@@ -45,6 +43,12 @@ class CompensationConfig:
     """Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later."""
     observer_lag: float = 0.05
     """Time constant of the model of the rotors that the observer believes in [s]."""
+    torque_observer_gain: float = 0.0
+    """Share of the observed torque that is cancelled; 0: as of the force."""
+    torque_observer_time: float = 0.0
+    """Time constant of the observer of the torque [s]; 0: as of the force."""
+    torque_observer_lag: float = 0.0
+    """That of the rotors, as it believes in them [s]; 0: as of the force."""
     lead_gain: float = 0.0
     """ρ: what the feedback asks for passes 1 + ρ (1 − 1/(1 + T s)), which gives back phase; 0 is off [Franklin2019]."""
     lead_time: float = 0.1
@@ -62,6 +66,14 @@ class CompensationConfig:
         for name in ("servo_bandwidth", "observer_time", "lead_time"):
             if getattr(self, name) <= 0.0:
                 raise InvalidValueError(name, getattr(self, name), "a number above 0")
+
+    @property
+    def observers(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Gain, time constant [s] and belief about the rotors [s] of the observers of force and of torque."""
+        force = (self.observer_gain, self.observer_time, self.observer_lag)
+        torque = (self.torque_observer_gain, self.torque_observer_time, self.torque_observer_lag)
+        gain, time, lag = (own or other for own, other in zip(torque, force, strict=True))
+        return force, (gain, time, lag)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,13 +251,12 @@ def observe_wrench(
         asked = asked - memory.fed_w
     if memory.observed_momentum is None:
         return replace(memory, delivered_w=asked, observed_momentum=momentum)
-    smoothing = 1.0 - math.exp(-dt / config.observer_lag) if config.observer_lag > 0.0 else 1.0
-    delivered = memory.delivered_w + smoothing * (asked - memory.delivered_w)
+    smoothings = [1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0 for _, _, lag in config.observers]
+    delivered = memory.delivered_w + np.repeat(smoothings, 3) * (asked - memory.delivered_w)
     residual = (momentum - memory.observed_momentum) / dt - delivered
     if not config.observer_beyond:
         residual[2] += snapshot.mass * GRAVITY
-    times = (config.observer_time, config.torque_observer_time or config.observer_time)
-    share = np.repeat([1.0 - math.exp(-dt / time) for time in times], 3)
+    share = np.repeat([1.0 - math.exp(-dt / time) for _, time, _ in config.observers], 3)
     passed = residual
     if config.observer_order == 2:
         passed = memory.residual_w + share * (residual - memory.residual_w)

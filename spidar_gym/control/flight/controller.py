@@ -132,7 +132,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             R_wb = quat_to_matrix(state.quat_wb)
             snapshot = self.model.snapshot(joints, R_wb, state.vectoring)
             # What the observer is going to cancel, the integrals need not hold.
-            kept = 1.0 - self.config.compensation.observer_gain
+            kept = 1.0 - np.repeat([gain for gain, _, _ in self.config.compensation.observers], 3)
             integrals = warm_start_integrals(snapshot, R_wb, kept * trim, config=self.config.centroidal)
             external = -np.concatenate((R_wb @ trim[:3], R_wb @ trim[3:]))
             compensation = fresh_compensation(joints, external)
@@ -288,8 +288,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
                 snapshot, memory, R_wb, turning, velocity, self.last_step.allocation.wrench, config=options, dt=dt
             )
         if options.observer_gain:
-            more[:3] -= options.observer_gain * (memory.external_w[:3] @ R_wb)
-            more[3:] -= options.observer_gain * (memory.external_w[3:] @ R_wb)
+            (of_force, _, _), (of_torque, _, _) = options.observers
+            more[:3] -= of_force * (memory.external_w[:3] @ R_wb)
+            more[3:] -= of_torque * (memory.external_w[3:] @ R_wb)
         position, velocity = servo_response(
             memory.servo_position, memory.servo_velocity, joints, bandwidth=options.servo_bandwidth, dt=dt
         )

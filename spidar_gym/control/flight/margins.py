@@ -42,9 +42,9 @@ def loop(config: ControllerConfig, axis: int, omega: np.ndarray, *, delay: float
     kp, ki, kd = rows[axis]
     s = 1j * omega
     D = np.exp(-s * delay) / (1.0 + lag * s)
-    time = options.observer_time if axis < 2 else options.torque_observer_time or options.observer_time
-    observer = options.observer_gain / (1.0 + time * s) ** options.observer_order
-    believed = 1.0 / (1.0 + options.observer_lag * s)
+    gain, time, belief = options.observers[axis // 2]
+    observer = gain / (1.0 + time * s) ** options.observer_order
+    believed = 1.0 / (1.0 + belief * s)
     kept = np.exp(-1.0 / (config.rate_hz * options.lead_time))  # of the low-pass, from tick to tick
     slow = (1.0 - kept) / (1.0 - kept * np.exp(-s / config.rate_hz))
     feedback = (kp + ki / s + kd * s) * (1.0 + options.lead_gain * (1.0 - slow))

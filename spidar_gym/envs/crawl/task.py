@@ -13,7 +13,7 @@ from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.rewards import tolerance
 from spidar_gym.errors import InvalidValueError, require_array, require_name, require_within
 from spidar_gym.robot import N_LEGS, ROBOT
-from spidar_gym.sim.ground import MAX_SLOPE, GroundConfig, Touch, uneven, with_blocks
+from spidar_gym.sim.ground import HIGHEST, MAX_SLOPE, STAIRS, TERRAINS, GroundConfig, Touch, uneven, with_blocks
 
 PAPER_WAY = Pose2(0.6, 0.0, 0.0)
 """The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
@@ -83,7 +83,10 @@ class CrawlTask:
     slope_direction: float = 0.0
     """Direction in which it rises [rad]."""
     steps: float = 0.0
-    """The floor is of 25 cm tiles whose heights are drawn up to this [m]; 0 is a plane."""
+    """The floor is of 25 cm tiles with steps of this height [m]; 0 is a plane."""
+    terrain: str = "tiles"
+    """What has them: `tiles` whose heights are drawn up to `steps`, `stairs` of that height across the way ahead, 0.5
+    and 1.25 m from the start, at most 0.1 m, or `mixed`, one as often as the other."""
     obstacles: tuple[tuple[float, float, float], ...] = ()
     """Blocks on the floor: (x, y, radius) [m] from the start; the tiles within are 15 cm high."""
     horizon_s: float = 75.0
@@ -99,6 +102,9 @@ class CrawlTask:
             object.__setattr__(self, name, float(value or 0.0))
         if self.schedule is not None:
             require_name("schedule", self.schedule, SCHEDULES)
+        require_name("terrain", self.terrain, TERRAINS)
+        if self.terrain != "tiles" and self.steps > HIGHEST / STAIRS:
+            raise InvalidValueError("steps", self.steps, f"stairs of at most {HIGHEST / STAIRS:g} m")
         self._check_obstacles()
         if self.distance == 0.0 and self.turn == 0.0:
             raise InvalidValueError("distance", 0.0, "a way or a turn above 0")
@@ -164,7 +170,7 @@ class CrawlTask:
         if self.slope:
             ground = GroundConfig(self.slope, self.slope_direction, base.tiles)
         if self.steps:
-            ground = uneven(ground, rng, self.steps)
+            ground = uneven(ground, rng, self.steps, self.terrain)
         return with_blocks(ground, self.obstacles, OBSTACLE_HEIGHT) if self.obstacles else ground
 
     def reward_terms(

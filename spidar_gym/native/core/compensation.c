@@ -34,6 +34,25 @@ static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, con
     m->has_momentum = 1;
 }
 
+/* What the torque has of its own, or what the force has where that is 0. */
+static double own_or(double own, double other)
+{
+    return own != 0.0 ? own : other;
+}
+
+/* Share of the observed torque that is cancelled. */
+double sp_torque_observer_gain(const sp_compensation_config *c)
+{
+    return own_or(c->torque_observer_gain, c->observer_gain);
+}
+
+/* Shares of the way that an observer goes in a tick, and its rotors, as it believes in them. */
+static void passes(double time, double lag, double dt, double *share, double *of_rotors)
+{
+    *share = 1.0 - exp(-dt / time);
+    *of_rotors = lag > 0.0 ? 1.0 - exp(-dt / lag) : 1.0;
+}
+
 /* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006], or the same twice in series; or of the error's
  * momentum, velocities being those of the error, without what is fed forward. */
 static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
@@ -55,12 +74,16 @@ static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compe
     if (!m->has_observed) {
         sp_copy(m->delivered_w, asked, 6);
     } else {
-        double lag = c->observer_lag > 0.0 ? 1.0 - exp(-dt / c->observer_lag) : 1.0;
-        double of_force = 1.0 - exp(-dt / c->observer_time), of_torque = of_force;
-        if (c->torque_observer_time > 0.0) of_torque = 1.0 - exp(-dt / c->torque_observer_time);
+        double lags[2], shares[2];
+        passes(c->observer_time, c->observer_lag, dt, shares, lags);
+        if (c->torque_observer_time == 0.0 && c->torque_observer_lag == 0.0)
+            shares[1] = shares[0], lags[1] = lags[0];
+        else
+            passes(own_or(c->torque_observer_time, c->observer_time), own_or(c->torque_observer_lag, c->observer_lag), dt,
+                   shares + 1, lags + 1);
         for (int i = 0; i < 6; i++) {
-            double share = i < 3 ? of_force : of_torque;
-            m->delivered_w[i] += lag * (asked[i] - m->delivered_w[i]);
+            double share = shares[i / 3];
+            m->delivered_w[i] += lags[i / 3] * (asked[i] - m->delivered_w[i]);
             double residual = (momentum[i] - m->observed_momentum[i]) / dt - m->delivered_w[i];
             if (i == 2 && !c->observer_beyond) residual += s->mass * robot->gravity;
             if (c->observer_order == 2) residual = m->residual_w[i] + share * (residual - m->residual_w[i]);
@@ -152,7 +175,7 @@ void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *st
         sp_apply_t(R_wb, m->external_w + 3, torque);
         for (int i = 0; i < 3; i++) {
             wrench[i] -= c->observer_gain * force[i];
-            wrench[3 + i] -= c->observer_gain * torque[i];
+            wrench[3 + i] -= sp_torque_observer_gain(c) * torque[i];
         }
     }
     servo_response(m, joints, c->servo_bandwidth, f->dt);

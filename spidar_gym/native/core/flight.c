@@ -128,7 +128,9 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     if (trim == NULL) return;
     /* Integrals whose terms are the wrench that is known to be needed; the observer cancels its share itself. */
     sp_snapshot *s = &f->control.snapshot;
-    double R[9], force[3], torque[3], adjugate[9], angular[3], share = 1.0 - f->config.compensation.observer_gain;
+    double R[9], force[3], torque[3], adjugate[9], angular[3];
+    double of_force = 1.0 - f->config.compensation.observer_gain;
+    double of_torque = 1.0 - sp_torque_observer_gain(&f->config.compensation);
     sp_from_quat(state->quat_wb, R);
     sp_snapshot_at(robot, joints, R, state->vectoring, s);
     sp_apply(R, trim, force);
@@ -144,8 +146,8 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     sp_apply_t(adjugate, trim + 3, angular);
     for (int i = 0; i < 3; i++) {
         double kf = f->config.centroidal.position_gains[3 * i + 1], kt = f->config.centroidal.attitude_gains[3 * i + 1];
-        m->position_integral_w[i] = kf > 0.0 ? share * force[i] / s->mass / kf : 0.0;
-        m->attitude_integral[i] = kt > 0.0 ? share * angular[i] / det / kt : 0.0;
+        m->position_integral_w[i] = kf > 0.0 ? of_force * force[i] / s->mass / kf : 0.0;
+        m->attitude_integral[i] = kt > 0.0 ? of_torque * angular[i] / det / kt : 0.0;
     }
 }
 

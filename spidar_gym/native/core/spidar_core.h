@@ -75,6 +75,7 @@ void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_ref
 
 /* compensation.c */
 void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
+double sp_torque_observer_gain(const sp_compensation_config *config);
 void sp_compensate(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                    const double *joints, double *wrench);
 void sp_lead_forces(const double *forces_l, const sp_snapshot *snapshot, const double *omega_b, const double *velocity,

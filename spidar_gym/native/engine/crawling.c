@@ -33,11 +33,22 @@ static sp_pose2 draw_way(const sp_crawl_rules *rules, sp_generator *generator)
     }
 }
 
+/* Tiles of random heights, or stairs across the way ahead. */
+static void draw_steps(const sp_crawl_rules *rules, sp_generator *generator, double *tiles)
+{
+    int terrain = rules->terrain;
+    if (terrain == SP_TERRAIN_MIXED) terrain = sp_random(generator) < 0.5 ? SP_TERRAIN_STAIRS : SP_TERRAIN_TILES;
+    for (int k = 0; k < SP_TILES * SP_TILES; k++) {
+        int beyond = k / SP_TILES - SP_STAIR_ROW, stair = beyond < 0 ? 0 : beyond / SP_STAIR_ROWS + 1;
+        if (terrain == SP_TERRAIN_TILES) tiles[k] = sp_uniform(generator, 0.0, rules->steps);
+        else tiles[k] = (stair < SP_STAIRS ? stair : SP_STAIRS) * rules->steps;
+    }
+}
+
 /* Draw the heights of the tiles, and lay the blocks. */
 static void draw_floor(const sp_crawl_rules *rules, sp_generator *generator, double *tiles)
 {
-    for (int k = 0; rules->steps > 0.0 && k < SP_TILES * SP_TILES; k++)
-        tiles[k] = sp_uniform(generator, 0.0, rules->steps);
+    if (rules->steps > 0.0) draw_steps(rules, generator, tiles);
     for (int b = 0; b < rules->obstacles; b++) {
         const double *block = rules->obstacle[b];
         for (int k = 0; k < SP_TILES * SP_TILES; k++) {

@@ -15,6 +15,9 @@
 #define SP_MAX_PENDING 32 /* engine_structs */
 #define SP_MAX_FRAMES 16 /* engine_structs */
 #define SP_TILES 16 /* engine_structs */
+#define SP_STAIR_ROW 10 /* engine_structs */
+#define SP_STAIR_ROWS 3 /* engine_structs */
+#define SP_STAIRS 2 /* engine_structs */
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
@@ -85,6 +88,11 @@ typedef enum {
 typedef enum {
     SP_HEADING_KEPT = 0, SP_HEADING_ALONG = 1, SP_HEADING_MIXED = 2
 } sp_heading;
+
+/* What a floor with steps may be. */
+typedef enum {
+    SP_TERRAIN_TILES = 0, SP_TERRAIN_STAIRS = 1, SP_TERRAIN_MIXED = 2
+} sp_terrain;
 
 /* Why a flight is over. */
 typedef enum {
@@ -461,7 +469,8 @@ typedef struct {
     double distance[2]; /* and go at least and at most so far [m] */
     int32_t is_given[3]; /* whether distance, direction and turn are, and not drawn */
     double given[3]; /* [m], [rad], [rad] */
-    double steps; /* tiles are drawn up to this height [m]; 0 leaves the floor as it is */
+    double steps; /* the floor has steps of this height [m]; 0 leaves it as it is */
+    int32_t terrain; /* an `sp_terrain`: what has them */
     int32_t obstacles; /* how many blocks */
     double obstacle[64][3]; /* x, y, radius [m] */
     double obstacle_height, goal_clearance; /* [m] */

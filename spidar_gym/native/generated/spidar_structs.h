@@ -142,10 +142,12 @@ typedef struct {
     double vectoring_lead; /* The force is pointed where its link will be this much later [s]; 0 is off. */
     double observer_gain; /* Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]. */
     double observer_time; /* Time constant of the observer [s]. */
-    double torque_observer_time; /* That of the torque [s]; 0: as of the force. */
     int32_t observer_beyond; /* Whether it looks at the error's momentum and at what is asked beyond what is fed forward: so no belief about the rotors can take the legs' own torque, or a path's, for a disturbance. */
     int32_t observer_order; /* Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later. */
     double observer_lag; /* Time constant of the model of the rotors that the observer believes in [s]. */
+    double torque_observer_gain; /* Share of the observed torque that is cancelled; 0: as of the force. */
+    double torque_observer_time; /* Time constant of the observer of the torque [s]; 0: as of the force. */
+    double torque_observer_lag; /* That of the rotors, as it believes in them [s]; 0: as of the force. */
     double lead_gain; /* ρ: what the feedback asks for passes 1 + ρ (1 − 1/(1 + T s)), which gives back phase; 0 is off [Franklin2019]. */
     double lead_time; /* T of it [s]. */
     double joint_ramp; /* Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off. */

@@ -148,7 +148,13 @@ def test_every_option_changes_a_flight(option):
     assert 1e-6 < difference < 3.0
 
 
-@pytest.mark.parametrize("option", [{"torque_observer_time": 0.4}, {"observer_beyond": True}])
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"torque_observer_gain": 0.4}, {"torque_observer_time": 0.4}, {"torque_observer_lag": 0.4},
+        {"observer_beyond": True},
+    ],
+)  # fmt: skip
 def test_what_belongs_to_another_option_changes_a_flight_with_it_and_none_without(option):
     for base, changed in ((controller_config("tuned"), True), (ControllerConfig(), False)):
         config = replace(base, compensation=replace(base.compensation, **option))

@@ -25,7 +25,9 @@ def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float 
     kp, ki, kd = gains(config, axis)
     o = config.compensation
     x, v, a, integral, first, estimate, believed = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    time = o.observer_time if axis < 2 else o.torque_observer_time or o.observer_time
+    share, time, lag = o.observer_gain, o.observer_time, o.observer_lag
+    if axis >= 2:
+        share, time, lag = o.torque_observer_gain or share, o.torque_observer_time or time, o.torque_observer_lag or lag
     line = [0.0] * max(1, round((DELAY + delay) / H))
     slow, kept = [0.0] * round(1.0 / (config.rate_hz * H)), math.exp(-1.0 / (config.rate_hz * o.lead_time))
     seconds, peaks = 60.0, []
@@ -35,11 +37,11 @@ def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float 
         feedback = -(kp * x + ki * integral + kd * v)
         # The low-pass of the lead goes from tick to tick, and here every instant is one.
         slow.append(feedback + kept * (slow.pop(0) - feedback))
-        u = feedback + o.lead_gain * (feedback - slow[-1]) - o.observer_gain * estimate
+        u = feedback + o.lead_gain * (feedback - slow[-1]) - share * estimate
         first += H / time * (a - believed - first)
         passed = first if o.observer_order == 2 else a - believed
         estimate += H / time * (passed - estimate)
-        believed += H / o.observer_lag * (u - believed)
+        believed += H / lag * (u - believed)
         line.append(u)
         a += H / LAG * (gain * line.pop(0) - a)
         v += H * a
@@ -59,6 +61,7 @@ def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float 
         ("tuned", {}),
         ("tuned", {"observer_order": 2}),
         ("tuned", {"lead_gain": 0.3, "lead_time": 0.15, "torque_observer_time": 0.35}),
+        ("tuned", {"torque_observer_gain": 0.5, "torque_observer_lag": 0.1}),
     ],
 )
 @pytest.mark.parametrize("axis", range(len(AXES)))

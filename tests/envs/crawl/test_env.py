@@ -243,7 +243,10 @@ def test_a_tilted_robot_has_failed():
     assert info["failure"] == "tilt"
 
 
-@pytest.mark.parametrize("options", [{"slope": 0.12, "slope_direction": 1.0}, {"steps": 0.015}])
+@pytest.mark.parametrize(
+    "options",
+    [{"slope": 0.12, "slope_direction": 1.0}, {"steps": 0.015}, {"steps": 0.03, "terrain": "stairs"}],
+)
 def test_a_cycle_on_a_slope_or_on_tiles_reaches_its_goal(options):
     info = crawl(make(**SHORT, preset="robust", **options))[-1][3]
     assert np.hypot(*info["goal_error"][:2]) < 0.015
@@ -258,6 +261,23 @@ def test_the_floor_of_an_uneven_episode_follows_from_the_seed():
     assert not np.array_equal(first, env.plant.config.ground.tiles)
     env.reset(seed=1)
     assert np.array_equal(first, env.plant.config.ground.tiles)
+
+
+def test_stairs_are_across_the_way_and_every_other_floor_of_mixed_steps_has_them():
+    env = make(**SHORT, steps=0.04, terrain="mixed")
+    floors, home = [], make(**SHORT).controller.config.gait.home_b
+    for seed in range(40):
+        env.reset(seed=seed)
+        floors.append(env.plant.config.ground)
+    stairs = [ground for ground in floors if (ground.tiles == ground.tiles[:, :1]).all()]
+    assert 12 <= len(stairs) <= 28
+    points = np.array([(x, y, 0.0) for x in (-1.9, 0.0, 0.49, 0.51, 1.24, 1.26, 1.9) for y in (-1.0, 0.0, 1.5)])
+    for ground in stairs:
+        assert ground.height(points).reshape(7, 3).T.tolist() == [[0.0, 0.0, 0.0, 0.04, 0.04, 0.08, 0.08]] * 3
+        # The torso starts below them, the front feet on the first.
+        assert ground.height(home).tolist() == [0.04, 0.0, 0.0, 0.04]
+    rest = [ground.tiles for ground in floors if (ground.tiles != ground.tiles[:, :1]).any()]
+    assert all(0.0 < tiles.min() < 0.002 and 0.038 < tiles.max() < 0.04 for tiles in rest)
 
 
 def test_options_reach_the_robot_and_the_gait():
@@ -295,6 +315,8 @@ def test_gait_residuals_shape_the_gait():
         *(({"slope": v}, InvalidValueError, "within -0.6") for v in (1.0, math.inf)),
         ({"steps": -0.01}, InvalidValueError, "within 0"),
         ({"steps": 0.5}, InvalidValueError, "within 0"),
+        ({"terrain": "gravel"}, UnknownNameError, "tiles, stairs, mixed"),
+        *(({"steps": 0.11, "terrain": t}, InvalidValueError, "at most 0.1 m") for t in ("stairs", "mixed")),
         ({"distance": -1.0}, InvalidValueError, "within 0"),
         ({"joint_speed": 0.0}, InvalidValueError, "rad/s"),
         ({"horizon_s": 0.0}, InvalidValueError, r"\[s\]"),
