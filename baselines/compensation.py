@@ -6,13 +6,14 @@ The law is that of `tuned`, and its search the same: what differs is that no int
 """
 
 from dataclasses import replace
+from typing import Any
 
 from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.control.presets import TUNED
 from spidar_gym.tune.flight import pids
 from spidar_gym.tune.search import flight_search
 
-FREE = {"avoid_interference": False}
+FREE: dict[str, Any] = {"avoid_interference": False}
 """Of `gym.make`: the rotors may blow wherever they want."""
 START = replace(
     TUNED,
@@ -22,7 +23,7 @@ START = replace(
     ),
 )
 """Where the search begins: what a shorter one came to, margins held."""
-SEARCH = flight_search("compensation", START, **FREE)
+SEARCH = flight_search("compensation", START, by_pattern=True, **FREE)
 """`spidar tune baselines.compensation:SEARCH`."""
 
 

@@ -38,7 +38,7 @@ from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import GRAVITY, ROBOT
 from spidar_gym.so3 import skew
 from spidar_gym.state import Reference, RobotState
-from spidar_gym.tune.flight import BOUNDS
+from spidar_gym.tune.flight import BOUNDS, INSIDE, lack, most
 from spidar_gym.tune.parameter import Parameter
 from spidar_gym.tune.search import Search
 
@@ -250,6 +250,8 @@ def loop(numbers: Numbers, axis: int, *, delay: float = DELAY, lag: float = LAG)
 
 KEYS = ("xy", "z", "roll_pitch", "yaw")
 """What the parameters of each of `AXES` begin with."""
+SLOWEST, FASTEST = 3.0, 15.0
+"""Between these ω is searched for [rad/s]."""
 TERMS = ("bandwidth", "damping", "observer")
 """Fields of `Numbers` that each has."""
 BASE = replace(
@@ -261,7 +263,6 @@ BASE = replace(
 OPTIONS = ("servo_bandwidth", "vectoring_lead")
 """What of it is tuned."""
 PARAMETERS = (
-    *(Parameter(f"{key}_bandwidth", 7.0, 3.0, 15.0) for key in KEYS),
     *(Parameter(f"{key}_damping", 0.01, 0.001, 0.2) for key in KEYS),
     *(Parameter(f"{key}_observer", 0.2 if key in KEYS[:2] else 0.4, 0.05, 2.0) for key in KEYS),
     Parameter("belief", 0.1, 0.01, 0.3),
@@ -278,6 +279,18 @@ def numbers_of(values: Mapping[str, float]) -> Numbers:
     return Numbers(bandwidth, damping, observer, values["belief"], values["lag"], values["delay"])
 
 
+def settle(values: Mapping[str, float]) -> dict[str, float]:
+    """The same parameters, each axis as fast as its margins allow."""
+    found = {f"{key}_bandwidth": SLOWEST for key in KEYS} | dict(values)
+    for axis, key in enumerate(KEYS):
+
+        def holds(bandwidth: float, axis: int = axis, key: str = key) -> bool:
+            return lack(loop(numbers_of({**found, f"{key}_bandwidth": bandwidth}), axis), INSIDE) == 0.0
+
+        found[f"{key}_bandwidth"] = max(SLOWEST, most(holds, SLOWEST, FASTEST))
+    return found
+
+
 def arguments(values: Mapping[str, float]) -> dict[str, object]:
     """What `gym.make` is told of parameters."""
     compensation = replace(BASE.compensation, **{name: values[name] for name in OPTIONS})
@@ -291,9 +304,9 @@ def loops(values: Mapping[str, float]) -> list[Margins]:
     return [loop(numbers, axis) for axis in range(len(AXES))]
 
 
-SEARCH = Search("mpc", "flight", "tuned", PARAMETERS, arguments, loops)
+SEARCH = Search("mpc", "flight", "tuned", PARAMETERS, arguments, loops, by_pattern=True, settle=settle)
 """`spidar tune baselines.mpc:SEARCH`."""
-FOUND = {each.name: each.start for each in PARAMETERS}
+FOUND = {each.name: each.start for each in PARAMETERS} | {f"{key}_bandwidth": 7.0 for key in KEYS}
 """What it flies with."""
 
 

@@ -21,6 +21,7 @@ from spidar_gym.cli.gates import gates
 from spidar_gym.cli.paper import paper_app
 from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
+from spidar_gym.cli.steps import steps
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
@@ -69,6 +70,7 @@ def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: 
 
 
 app.command(gates)
+app.command(steps)
 app.command(ablations)
 
 
@@ -108,26 +110,27 @@ def tune(
     /,
     out: Path = Path("out/tune"),
     generations: int = 100,
-    population: int = 12,
+    population: int | None = None,
     scenarios: int = 3,
     seed: int = 0,
     workers: int = cpu_count(),
 ) -> None:
-    """Search the numbers of tuned (flight) or robust_overlapped (crawl) with CMA-ES; goes on where it stopped.
+    """Search a controller's numbers: flight and crawl with CMA-ES, the others by pattern; goes on where it stopped.
 
     Args:
-        search: flight or retuned, on the tracks of flights, crawl, on the ground, or module:NAME, one's own.
+        search: flight or retuned, on the tracks of flights, crawl or recrawl, on the ground, or module:NAME, one's own.
         out: Folder of the search's log, written after every generation.
-        generations: Generations in all.
-        population: Candidates a generation.
-        scenarios: Scenarios of each track a candidate plays, drawn anew for each generation.
+        generations: Generations in all; a pattern search ends where no step is worth it.
+        population: Candidates a generation, 12 if not given; 2 of a pattern search, always.
+        scenarios: Scenarios of each track a candidate plays, drawn anew for each generation but of a pattern search.
         seed: Seed of the search.
         workers: Processes.
     """
-    how = dict(generations=generations, population=population, scenarios=scenarios, seed=seed, workers=workers)
+    candidates = tuning.candidates(search, population)
+    how = dict(generations=generations, population=candidates, scenarios=scenarios, seed=seed, workers=workers)
     tuning.check_search(search, **how)
     folder = output_folder(out)
-    total = generations * tuning.pieces(search, population)
+    total = sum(tuning.pieces(search, candidates, k) for k in range(generations))
     with progress(total=total, unit="play", desc=f"tune {search}") as bar, kept(goes_on(bar, folder)):
         last = tuning.tune(
             search, folder, **how, on_piece=bar.update,

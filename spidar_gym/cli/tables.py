@@ -15,6 +15,7 @@ from spidar_gym.benchmark.leaderboard_tables import overall_lines, track_lines
 from spidar_gym.benchmark.row import read_row, read_rows
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.bench import engine_lines
+from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.paper.ablation_study import ablation_lines
@@ -24,6 +25,7 @@ from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import lost_lines, speed_lines
 from spidar_gym.paper.gate_study import gate_lines
 from spidar_gym.paper.hops import hop_lines
+from spidar_gym.paper.step_study import step_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
@@ -39,8 +41,8 @@ KEYS = {"command", "version", "date"}
 Lines = list[list[str]]
 
 
-def _compared(root: Path, name: str, base: str) -> Lines:
-    row, other = (read_row(root / "baselines" / "scores" / f"{n}.json") for n in (name, base))
+def _compared(root: Path, name: str, base: str, group: str = "") -> Lines:
+    row, other = (read_row(root / "baselines" / "scores" / group / f"{n}.json") for n in (name, base))
     tables = comparison_tables(compare_rows(row, other))
     if len(tables) != 1:
         raise InvalidValueError("compare", f"{name} {base}", "rows that share tracks of one kind, flight or ground")
@@ -58,26 +60,6 @@ def _track(root: Path, track: str) -> Lines:
 
 def _margins(root: Path, preset: str) -> Lines:
     return margin_lines(loops(controller_config(preset)))
-
-
-SEARCHED = {"qp_tuned": "flight", "qp_robust_overlapped": "crawl"}
-"""Row → the search that its numbers come from, where it is called otherwise."""
-
-
-def _methods(root: Path, *names: str) -> Lines:
-    """What rows cost: a step of the environment while they were made, and how long their numbers were searched for."""
-    lines = [["row", "a step, median", "a step, 99 % below", "searched for"]]
-    for name in names:
-        row = read_row(root / "baselines" / "scores" / f"{name}.json")
-        steps = [own["step_ms_p50_p99"] for own in row.content["timing"].values()]
-        path = root / "baselines" / "searches" / f"{SEARCHED.get(name, name)}.json"
-        log = json.loads(path.read_text(encoding="utf-8"))["log"] if path.exists() else []
-        ticks = sum(line["ticks"] for line in log)
-        lines.append([
-            f"`{name}`", f"{max(median for median, _ in steps):.1f} ms", f"{max(most for _, most in steps):.1f} ms",
-            f"{len(log)} generations, {ticks / 1e6:.1f} M ticks" if log else "–",
-        ])  # fmt: skip
-    return lines
 
 
 SUMMARY = {
@@ -103,6 +85,7 @@ def _summary(root: Path) -> Lines:
 
 
 COMPUTED: dict[str, Callable[..., Lines]] = {
+    "card": card_lines,
     "compare": _compared,
     "held-out": lambda root, group: held_out_lines(read_content(root / HELD_OUT), group),
     "held-out-conditions": lambda root: condition_lines(),
@@ -111,7 +94,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "leaderboard": _overall,
     "leaderboard-track": _track,
     "margins": _margins,
-    "methods": _methods,
+    "methods": method_lines,
     "summary": _summary,
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
 }
@@ -127,6 +110,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "hops": lambda result: hop_lines(result["hops"]),
     "gates": lambda result: gate_lines(result["gates"]),
     "ablations": lambda result: ablation_lines(result["ablations"]),
+    "steps": lambda result: step_lines(result["steps"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
 """What a command prints with `--json` → the table that it prints without: the key `table` of a result."""

@@ -3,7 +3,6 @@
 import hashlib
 import importlib.util
 import json
-import math
 import shutil
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -28,14 +27,17 @@ from spidar_gym.files import json_text, write_text
 from spidar_gym.policies.presets import OwnController
 from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune import crawl, flight
+from spidar_gym.tune.evolution import Cma, Evolution, Pattern, better
 from spidar_gym.tune.parameter import Parameter, decode
 
 DRAWS = 2
 """Scenarios are drawn as those of a split of this number would be, which no split has (0 is test, 1 validation)."""
+POPULATION = 12
+"""Candidates a generation, usually."""
 MARGIN_COST = 10.0
 """Cost of margins that fall short by their own size."""
-STEP, SMALL_STEP = 0.15, 0.05
-"""First step of a search, in halves of the parameters' ranges, and of one that begins near a good controller."""
+STEP = 0.15
+"""First step of a search, in halves of the parameters' ranges."""
 
 MOST_BYTES = 2**26
 """No log is larger."""
@@ -70,8 +72,11 @@ class Search:
     """Parameters → margins of the loops; None where there are none, as of a gait: what it stands is flown."""
     unsuccessful: float = 0.0
     """What an episode that is no success adds to its error."""
-    step: float = STEP
-    """First step, in halves of the parameters' ranges."""
+    by_pattern: bool = False
+    """Whether it is a `Pattern` on the same scenarios in all generations, for a search near a good controller, and not
+    CMA-ES on others in each."""
+    settle: Callable[[dict[str, float]], dict[str, float]] = dict
+    """Parameters → those and what follows from them: all that `arguments` and `loops` are told."""
 
     @property
     def tracks(self) -> tuple[str, ...]:
@@ -89,7 +94,7 @@ def flight_search(
     *,
     reference: str = "tuned",
     names: Sequence[str] = flight.NAMES,
-    step: float = STEP,
+    by_pattern: bool = False,
     **fixed: Any,  # noqa: ANN401 - whatever `gym.make` takes
 ) -> Search:
     """A search for a flight controller's numbers, margins held.
@@ -99,19 +104,20 @@ def flight_search(
         start: Where it begins; what it does not tune stays as it is there.
         reference: Preset that is played beside every generation.
         names: Which compensations are tuned, of `flight.BOUNDS`.
-        step: First step, in halves of the parameters' ranges.
+        by_pattern: As of `Search`; each axis is then as stiff as the margins allow, and its damping is tuned.
         **fixed: What `gym.make` is told besides.
     """
     configuration = partial(flight.configuration, start=start)
     return Search(
-        name, "flight", reference, flight.parameters(start, names),
+        name, "flight", reference, flight.parameters(start, names, stiffness=not by_pattern),
         lambda values: {"controller": configuration(values), **fixed},
-        lambda values: flight.loops(configuration(values)), step=step,
+        lambda values: flight.loops(configuration(values)), by_pattern=by_pattern,
+        settle=partial(flight.at_the_edge, start=start) if by_pattern else dict,
     )  # fmt: skip
 
 
 def ground_search(
-    name: str, start: CrawlerConfig, *, reference: str = "robust_overlapped", step: float = STEP,
+    name: str, start: CrawlerConfig, *, reference: str = "robust_overlapped", by_pattern: bool = False,
     **wider: tuple[float, float],
 ) -> Search:  # fmt: skip
     """A search for a crawler's numbers.
@@ -120,21 +126,22 @@ def ground_search(
         name: What its log is called.
         start: Where it begins; what it does not tune stays as it is there.
         reference: Preset that crawls beside every generation.
-        step: First step, in halves of the parameters' ranges.
+        by_pattern: As of `Search`.
         **wider: Other bounds than the usual ones.
     """
     configuration = partial(crawl.configuration, start=start)
     return Search(
         name, "ground", reference, crawl.parameters(start, **wider),
-        lambda values: {"controller": configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL, step=step,
+        lambda values: {"controller": configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL,
+        by_pattern=by_pattern,
     )  # fmt: skip
 
 
 SEARCHES: dict[str, Search] = {
     "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
-    "retuned": flight_search("retuned", flight.RETUNED, names=flight.RETUNED_NAMES, step=SMALL_STEP),
+    "retuned": flight_search("retuned", flight.RETUNED, names=flight.RETUNED_NAMES, by_pattern=True),
     "crawl": ground_search("crawl", crawl.START, reference=crawl.REFERENCE),
-    "recrawl": ground_search("recrawl", crawl.RESTART, step=SMALL_STEP, torque_limit=(3.0, 7.0)),
+    "recrawl": ground_search("recrawl", crawl.RESTART, by_pattern=True, torque_limit=(3.0, 7.0)),
 }
 """The searches of the house by name; any other is `module:NAME`."""
 
@@ -212,17 +219,35 @@ def cost(errors: Mapping[str, float], shortfall: float) -> float:
 
 def check_search(name: str, *, generations: int, population: int, scenarios: int, seed: int, workers: int) -> None:
     """Refuse a search that cannot be made."""
-    find_search(name)
-    if importlib.util.find_spec("cma") is None:
+    if not find_search(name).by_pattern and importlib.util.find_spec("cma") is None:
         raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'")
     require_least(1, generations=generations, scenarios=scenarios, workers=workers)
     require_least(2, population=population)
     require_least(0, seed=seed)
 
 
-def pieces(name: str, population: int) -> int:
-    """How many pieces of work a generation has: candidates, the mean and the reference, on every track."""
-    return (population + 2) * len(find_search(name).tracks)
+def candidates(name: str, population: int | None) -> int:
+    """Candidates a generation of a search: as many as given, or as is usual.
+
+    Raises:
+        InvalidValueError: For a pattern search with any but two.
+    """
+    by_pattern = find_search(name).by_pattern
+    if population is None:
+        return 2 if by_pattern else POPULATION
+    if by_pattern and population != 2:
+        raise InvalidValueError("population", population, "2 of a pattern search: a step to either side")
+    return population
+
+
+def pieces(name: str, population: int, generation: int = 0) -> int:
+    """How many pieces of work a generation has: candidates, the mean and the reference, on every track.
+
+    A pattern search knows the last two from its first generation on.
+    """
+    search = find_search(name)
+    known = 2 if search.by_pattern and generation > 0 else 0
+    return (population + 2 - known) * len(search.tracks)
 
 
 def tune(
@@ -259,27 +284,40 @@ def tune(
     )  # fmt: skip
     settings = {"search": name, "population": population, "scenarios": scenarios, "seed": seed}
     path, unfinished = folder / log_name(name), folder / f"{find_search(name).name}-unfinished"
-    search, evolution, lines = find_search(name), _evolution(name, population, seed), read_log(path, settings)
+    search, lines = find_search(name), read_log(path, settings)
+    evolution = _evolution(search, population, seed)
     _replay(name, evolution, lines, path)
-    for _ in range(len(lines) * pieces(name, population)):
+    for _ in range(sum(pieces(name, population, k) for k in range(len(lines)))):
         on_piece()
     for generation in range(len(lines), generations):
         points, mean = evolution.ask(), evolution.mean.copy()
+        values: list[dict[str, float] | None] = [search.settle(decode(search.parameters, x)) for x in points]
+        knows = search.by_pattern and generation > 0
         # The mean of the distribution is played too: it is the answer, so its cost belongs in the log.
-        values = [*(decode(search.parameters, x) for x in [*points, mean]), None]
-        drawn = draw_scenarios(name, generation, seed, scenarios)
+        values += [] if knows else [search.settle(decode(search.parameters, mean)), None]
+        drawn = draw_scenarios(name, 0 if search.by_pattern else generation, seed, scenarios)
         jobs = [Candidate(name, own, track, drawn[track]) for own in values for track in drawn]
         played = finish(play_candidate, jobs, workers=workers, folder=unfinished, on_done=lambda *_: on_piece())
         means = np.array([np.mean(one["errors"]) for one in played]).reshape(len(values), len(drawn))
         errors = [dict(zip(drawn, row.tolist(), strict=True)) for row in means]
         costs = [cost(own, _shortfall(search, one)) for own, one in zip(errors, values, strict=True)]
-        evolution.tell(points, costs[:population])
-        ticks = sum(one["ticks"] for one in played)
-        lines.append(_line(name, generation, costs, errors[population], ticks, mean, evolution))
+        if knows:
+            errors.append(lines[-1]["errors"])
+            costs += [lines[-1]["cost"], lines[-1]["reference"]]
+        evolution.tell(points, costs[:-1])
+        ticks, told = sum(one["ticks"] for one in played), errors[_answer(search, costs)]
+        lines.append(_line(name, generation, costs, told, ticks, mean, evolution))
         write_text(path, log_text(settings, lines))
         shutil.rmtree(unfinished, ignore_errors=True)
         on_generation({name: lines[-1][name] for name in ("generation", "cost", "reference", "best", "sigma")})
+        if not evolution.sigma:
+            break
     return lines[-1]
+
+
+def _answer(search: Search, costs: Sequence[float]) -> int:
+    """Whose cost a line of the log tells: the mean that was played, of a pattern where it stands afterwards."""
+    return better(costs[:-1]) if search.by_pattern else len(costs) - 2
 
 
 def log_name(name: str) -> str:
@@ -295,33 +333,29 @@ def _shortfall(search: Search, values: dict[str, float] | None) -> float:
         return 0.0  # its errors are `CAP`
 
 
-def _evolution(name: str, population: int, seed: int) -> Any:  # noqa: ANN401 - cma is optional
+def _evolution(search: Search, population: int, seed: int) -> Evolution:
     """A search at its beginning: what it does from here on rests on the costs that it is told, and on nothing else."""
-    import cma
-
-    search = find_search(name)
-    # Of its own: whatever draws from NumPy's global generator meanwhile would change the search.
-    draw = np.random.RandomState(seed + 1).randn
-    options = {"popsize": population, "randn": draw, "seed": math.nan, "verbose": -9, "CMA_diagonal": True}
-    return cma.CMAEvolutionStrategy(np.zeros(len(search.parameters)), search.step, options)
+    size = len(search.parameters)
+    return Pattern(size, STEP) if search.by_pattern else Cma(size, STEP, population, seed)
 
 
 def _line(
     name: str, generation: int, costs: list[float], errors: dict[str, float], ticks: int, mean: np.ndarray,
-    evolution: Any,  # noqa: ANN401 - cma's
+    evolution: Evolution,
 ) -> dict[str, Any]:  # fmt: skip
     """The log's line of a generation, from its costs, those of mean and reference last; the search was told them."""
-    search = find_search(name)
-    rounded = {key: float(f"{value:.4g}") for key, value in decode(search.parameters, evolution.mean).items()}
+    search, answer = find_search(name), _answer(find_search(name), costs)
+    settled = search.settle(decode(search.parameters, evolution.mean))
+    played = settled if search.by_pattern else decode(search.parameters, mean)
     return {
         "generation": generation,
-        "cost": costs[-2],
+        "cost": costs[answer],
         "reference": costs[-1],
         "best": min(costs[:-2]),
         "sigma": float(evolution.sigma),
-        "shortfall": _shortfall(search, decode(search.parameters, mean)),
+        "shortfall": _shortfall(search, played),
         "ticks": ticks,
-        "parameters": rounded,
+        "parameters": {key: float(f"{value:.4g}") for key, value in settled.items()},
         "costs": costs,
         "errors": errors,
     }
@@ -351,13 +385,13 @@ def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
     return content["log"]
 
 
-def _replay(name: str, evolution: Any, lines: list[dict[str, Any]], path: Path) -> None:  # noqa: ANN401 - cma's
+def _replay(name: str, evolution: Evolution, lines: list[dict[str, Any]], path: Path) -> None:
     """Bring a search to where the one of the log was (`SpidarError` where it does not get there)."""
     for generation, line in enumerate(lines):
         points, mean = evolution.ask(), evolution.mean.copy()
         fits = len(line["costs"]) == len(points) + 2
         if fits:
-            evolution.tell(points, line["costs"][:-2])
+            evolution.tell(points, line["costs"][:-1])
         of = partial(_line, name, generation, line["costs"], line["errors"], line["ticks"], mean)
         if not fits or line != of(evolution):
             raise SpidarError(

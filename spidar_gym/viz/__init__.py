@@ -9,6 +9,7 @@ from spidar_gym.viz.figures import (
     leaderboard_picture,
     learning_curves,
     speed_figure,
+    step_figure,
 )
 from spidar_gym.viz.film import (
     Film,
@@ -41,6 +42,7 @@ __all__ = [
     "leaderboard_picture",
     "learning_curves",
     "speed_figure",
+    "step_figure",
     "way_figure",
     "way_of",
 ]  # fmt: skip

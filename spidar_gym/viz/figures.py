@@ -10,6 +10,7 @@ import numpy as np
 
 from spidar_gym.benchmark.leaderboard import Board, ranking
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.envs.crawl.task import SUCCESS_SLIP
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, PAPER_FLIGHT, UNRESTRICTED, FlightLog
 from spidar_gym.policies.policy import KINDS
@@ -169,6 +170,52 @@ def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
         axis.set_title(group)
         axis.set_xlabel("times the error (grey: each track)")
     save(figure, path)
+
+
+def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
+    """Share of successes and slip against the height of the steps: a column a terrain, a line a gait and its feet.
+
+    Args:
+        rows: Those of `spidar steps`.
+        path: Where the PNG goes; a PDF goes beside it.
+    """
+    plt = pyplot()
+    terrains, lines = (list(dict.fromkeys(of(row) for row in rows)) for of in (_terrain, _gait_and_feet))
+    gaits = list(dict.fromkeys(gait for gait, _ in lines))
+    figure, axes = plt.subplots(2, len(terrains), figsize=(7.2, 4.2), squeeze=False, sharex=True, sharey="row")
+    looks = [(*LOOKS[gaits.index(gait) % len(LOOKS)], *(("-", "full") if feet == "higher" else ("--", "none")))
+             for gait, feet in lines]  # fmt: skip
+    for column, terrain in zip(axes.T, terrains, strict=True):
+        for k, (gait, feet) in enumerate(lines):
+            own = [row for row in rows if (_terrain(row), *_gait_and_feet(row)) == (terrain, gait, feet)]
+            color, mark, stroke, filled = looks[k]
+            heights = [1e3 * row["height"] for row in own]
+            shares = [row["successes"] / row["runs"] + 0.012 * (k - 0.5 * (len(lines) - 1)) for row in own]
+            for axis, values in zip(column, (shares, [1e3 * row["slip_m"] for row in own]), strict=True):
+                axis.plot(heights, values, stroke, color=color, marker=mark, fillstyle=filled, markersize=4.5)
+        column[0].set_title(terrain)
+        column[0].set_ylim(-0.08, 1.08)
+        column[1].axhline(1e3 * SUCCESS_SLIP, color=GREY, linewidth=0.9, linestyle="-")
+        column[1].set_xlabel("height of the steps [mm]")
+    axes[0, 0].set_ylabel("share of successes")
+    axes[1, 0].set_ylabel("slip of a foot [mm]")
+    names = [f"{gait}, feet {feet}" if feet == "higher" else f"{gait}" for gait, feet in lines]
+    handles = [
+        plt.Line2D([], [], color=color, marker=mark, linestyle=stroke, fillstyle=filled, label=name)
+        for name, (color, mark, stroke, filled) in zip(names, looks, strict=True)
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, columnspacing=1.2, handletextpad=0.5)
+    save(figure, path)
+
+
+def _terrain(row: Mapping[str, Any]) -> str:
+    """Terrain of a row of `spidar steps`."""
+    return row["terrain"]
+
+
+def _gait_and_feet(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Gait of a row of `spidar steps`, and how high its feet are lifted."""
+    return row["gait"], row["feet"]
 
 
 def learning_curves(

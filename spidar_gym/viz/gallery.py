@@ -25,7 +25,7 @@ from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.stage import Stage, cog, extent, standing
 from spidar_gym.viz.courses import gate_figure, way_figure, way_of
-from spidar_gym.viz.figures import ablation_figure, crawl_figure, flight_figure, speed_figure
+from spidar_gym.viz.figures import ablation_figure, crawl_figure, flight_figure, speed_figure, step_figure
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
 
 SIZE = 480, 340
@@ -58,6 +58,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "speeds": lambda path: speed_figure(_rows(path, "speeds"), path),
         "gates": lambda path: gate_figure(_rows(path, "gates"), path),
         "ablations": lambda path: ablation_figure(_rows(path, "ablations"), path),
+        "steps": lambda path: step_figure(_rows(path, "steps"), path),
         "course": course_way,
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}

@@ -10,7 +10,7 @@ from spidar_gym import viz
 from spidar_gym.benchmark import statistics
 from spidar_gym.cli.main import main
 from spidar_gym.errors import MissingDependencyError
-from spidar_gym.paper import ablation_study, gate_study
+from spidar_gym.paper import ablation_study, gate_study, step_study
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper.trial import Outcome
 from spidar_gym.robot import FORMS
@@ -108,6 +108,18 @@ def test_gates_plays_every_gait_before_every_gate_and_writes_what_it_prints(here
     assert all((row["runs"], row["arrived"]) == (2, 2) for row in rows)
     main(["gates", "--seeds", "1", "--workers", "1"])
     assert "all arrive" in capfd.readouterr().out
+
+
+def test_steps_plays_every_gait_on_every_floor_and_writes_what_it_prints(here, capfd, monkeypatch):
+    monkeypatch.setattr(step_study, "play", lambda case: {"failure": "", "slip_m": 0.02, "time_s": 20.0})
+    monkeypatch.setattr(viz, "step_figure", lambda rows, path: path.write_bytes(b"drawn"))
+    main(["steps", "--gaits", "robust", "overlapped", "--seeds", "2", "--workers", "1", "--json", "--out", "o"])
+    rows = json.loads(capfd.readouterr().out)["steps"]
+    assert sorted(files(here)) == ["o/steps.json", "o/steps.png"]
+    assert {row["gait"] for row in rows} == {"robust", "overlapped"}
+    assert all((row["runs"], row["successes"]) == (2, 2) for row in rows)
+    main(["steps", "--seeds", "1", "--workers", "1"])
+    assert "what the others lack" in capfd.readouterr().out
 
 
 def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(monkeypatch, here, capfd):

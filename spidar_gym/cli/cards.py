@@ -1,0 +1,131 @@
+"""Cards of methods: what each costs, how it was tuned, what its loops bear, where it wins and loses; from its row."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from spidar_gym.benchmark.comparison import Comparison, compare_rows
+from spidar_gym.benchmark.row import Row, read_rows
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.margins import Margins
+from spidar_gym.control.presets import PRESETS
+from spidar_gym.envs.registry import HOVER
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import policy_arguments
+from spidar_gym.policies.source import load_module, module_of
+from spidar_gym.tune.flight import loops
+from spidar_gym.tune.search import SEARCHES, Search, find_search
+
+SEARCHED = {"qp_tuned": "flight", "qp_robust_overlapped": "crawl"}
+"""Row → the search that its numbers come from, where it is called otherwise."""
+
+Lines = list[list[str]]
+
+
+def _row(root: Path, name: str) -> Row:
+    """A committed row with all of its tracks."""
+    return read_rows(root / "baselines" / "scores", name)[name]
+
+
+def _log(root: Path, name: str) -> list[dict[str, Any]]:
+    """Log of the search that a row's numbers come from; empty where there is none."""
+    path = root / "baselines" / "searches" / f"{SEARCHED.get(name, name)}.json"
+    return json.loads(path.read_text(encoding="utf-8"))["log"] if path.exists() else []
+
+
+def _step(row: Row) -> tuple[float, float]:
+    """Median and 99 % of the time of a step of the environment on the slowest track [ms]."""
+    steps = [own["step_ms_p50_p99"] for own in row.content["timing"].values()]
+    return max(median for median, _ in steps), max(most for _, most in steps)
+
+
+def method_lines(root: Path, *names: str) -> Lines:
+    """What rows cost: a step of the environment while they were made, and how long their numbers were searched for."""
+    lines = [["row", "a step, median", "a step, 99 % below", "searched for"]]
+    for name in names:
+        median, most = _step(_row(root, name))
+        lines.append([f"`{name}`", f"{median:.1f} ms", f"{most:.1f} ms", _searched(_log(root, name)) or "–"])
+    return lines
+
+
+def _searched(log: Sequence[dict[str, Any]]) -> str:
+    ticks = sum(line["ticks"] for line in log)
+    return f"{len(log)} generations, {ticks / 1e6:.1f} M ticks" if log else ""
+
+
+def card_lines(root: Path, name: str, base: str) -> Lines:
+    """A row on a card.
+
+    Args:
+        root: The checkout.
+        name: The row, of a policy in `baselines/`.
+        base: The row that it is compared with.
+    """
+    row, other = _row(root, name), _row(root, base)
+    spec = row.content["policies"][0]
+    search = _search(spec, name)
+    median, most = _step(row)
+    unsolved = sum(int(row.column(track, "unsolved").sum()) for track in row.content["tracks"])
+    found = compare_rows(row, other)
+    lines = [
+        [f"`{name}`", row.doc],
+        ["its row", f"`{row.content['command']}`"],
+        ["its numbers", _numbers(root, name, search)],
+    ]
+    margins = _margins(spec, search)
+    if margins:
+        lines.append(["its loops bear", _least(margins)])
+    return [
+        *lines,
+        ["a step", f"{median:.1f} ms, 99 % below {most:.1f} ms; {unsolved} without a solution"],
+        [f"better than `{base}`", _places(found, lambda low, high: high < 0.0)],
+        [f"worse than `{base}`", _places(found, lambda low, high: low > 0.0)],
+    ]
+
+
+def _search(spec: str, name: str) -> tuple[str, Search] | None:
+    """The search for a policy's numbers and how `spidar tune` is told of it."""
+    if name in SEARCHED or name in SEARCHES:
+        own = SEARCHED.get(name, name)
+        return own, find_search(own)
+    of = f"{module_of(spec)[0]}:SEARCH"
+    return (of, find_search(of)) if hasattr(load_module(module_of(spec)[0]), "SEARCH") else None
+
+
+def _numbers(root: Path, name: str, search: tuple[str, Search] | None) -> str:
+    """Where its numbers come from."""
+    if search is None:
+        return "those of its parts, or chosen by hand"
+    log = _searched(_log(root, name))
+    return f"`spidar tune {search[0]}`: {log or 'first guesses, by hand; no log'}"
+
+
+def _margins(spec: str, search: tuple[str, Search] | None) -> list[Margins]:
+    """Margins of its loops; none where it has no linear ones."""
+    arguments = policy_arguments(load_policy(spec), HOVER)
+    if arguments is None:
+        return []
+    if "law" in arguments and search is not None and search[1].loops is not None:
+        return [*search[1].loops({p.name: p.start for p in search[1].parameters})]
+    config = arguments.get("controller") or PRESETS.get(arguments.get("preset", "paper"))
+    return loops(config) if isinstance(config, ControllerConfig) else []
+
+
+def _least(margins: Sequence[Margins]) -> str:
+    """The least of all axes."""
+    gain, delay = min(m.gain for m in margins), min(m.delay for m in margins)
+    most = max(m.sensitivity for m in margins)
+    return (
+        f"a gain of {gain:.2f}, {1e3 * delay:.0f} ms more delay, a sensitivity of {most:.2f}; on the worst of four axes"
+    )
+
+
+def _places(found: Sequence[Comparison], holds: Callable[[float, float], bool]) -> str:
+    """Tracks on which the interval of the error's change holds so."""
+    places = []
+    for comparison in found:
+        change = comparison.changes["error"]
+        if holds(change.low, change.high):
+            places.append(f"`{comparison.track}` {change.relative:+.0%} [{change.low:+.0%}, {change.high:+.0%}]")
+    return ", ".join(places) or "nowhere, the interval clear"
