@@ -244,8 +244,9 @@ def loop(numbers: Numbers, axis: int, *, delay: float = DELAY, lag: float = LAG)
     seen = (1.0 + K[2] + K[3] * back) * observer
     of_u = 1.0 + K[2] * given + K[3] * back - seen * believed
     of_e = K[0] + (K[1] + seen * (1.0 - back) / DT) * s
+    of_rate = (K[1] + seen * (1.0 - back) / DT) / of_u
     D = np.exp(-s * delay) / (1.0 + lag * s)
-    return margins_of(D * of_e / of_u / (s * s))
+    return margins_of(D * of_e / of_u / (s * s), of_rate, rate_hz=CONTROL_RATE)
 
 
 KEYS = ("xy", "z", "roll_pitch", "yaw")

@@ -102,12 +102,12 @@ def _numbers(root: Path, name: str, search: tuple[str, Search] | None) -> str:
 
 
 def _margins(spec: str, search: tuple[str, Search] | None) -> list[Margins]:
-    """Margins of its loops; none where it has no linear ones."""
+    """Margins of its loops; none where it has no linear ones. A law of one's own says with which numbers, `FOUND`."""
     arguments = policy_arguments(load_policy(spec), HOVER)
     if arguments is None:
         return []
     if "law" in arguments and search is not None and search[1].loops is not None:
-        return [*search[1].loops({p.name: p.start for p in search[1].parameters})]
+        return [*search[1].loops(load_module(module_of(spec)[0]).FOUND)]
     config = arguments.get("controller") or PRESETS.get(arguments.get("preset", "paper"))
     return loops(config) if isinstance(config, ControllerConfig) else []
 
@@ -115,9 +115,10 @@ def _margins(spec: str, search: tuple[str, Search] | None) -> list[Margins]:
 def _least(margins: Sequence[Margins]) -> str:
     """The least of all axes."""
     gain, delay = min(m.gain for m in margins), min(m.delay for m in margins)
-    most = max(m.sensitivity for m in margins)
+    sensitivity, noise = max(m.sensitivity for m in margins), max(m.noise for m in margins)
     return (
-        f"a gain of {gain:.2f}, {1e3 * delay:.0f} ms more delay, a sensitivity of {most:.2f}; on the worst of four axes"
+        f"a gain of {gain:.2f}, {1e3 * delay:.0f} ms more delay; a sensitivity of {sensitivity:.2f}, noise by "
+        f"{noise:.1f} s⁻¹; each on the worst of four axes"
     )
 
 

@@ -35,6 +35,7 @@ from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import Step, rollout
 from spidar_gym.policies.source import ZIP
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import TERRAINS
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
 
@@ -43,6 +44,7 @@ FormsArg = Annotated[str | None, choice(SEQUENCES)]
 PathArg = Annotated[str | None, choice(PATHS[1:])]
 HeadingArg = Annotated[str | None, choice(HEADINGS)]
 ScheduleArg = Annotated[str | None, choice(SCHEDULES)]
+TerrainArg = Annotated[str | None, choice(TERRAINS)]
 UNDISTURBED = Disturbances()
 COURSE_HOLD, COURSE_PACE = 4, 6.0
 """Control periods of a step on a course that is shown, and how many times as fast its film is."""
@@ -79,7 +81,9 @@ class TaskOptions:
     slope: float | None = None
     """Angle of the floor [degrees; radians in gymnasium.make] (crawl)."""
     steps: float | None = None
-    """The floor is of tiles with random heights up to this [m] (crawl)."""
+    """The floor is of tiles with steps of this height [m] (crawl)."""
+    terrain: TerrainArg = None
+    """What has them, tiles of random heights, stairs, or one as often as the other (crawl)."""
 
     @property
     def given(self) -> dict[str, Any]:

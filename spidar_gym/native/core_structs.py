@@ -117,7 +117,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("compensation_memory", "What the compensations remember.", (
         ("servo_position servo_velocity", "f8", (N_JOINTS,), "of the servo model [rad], [rad/s]"),
-        ("has_momentum has_observed", "i4", (), "whether there was a tick before"),
+        ("has_momentum has_observed has_slow", "i4", (), "whether there was a tick before"),
         ("momentum torque", "f8", (3,), "of the legs [Nms]; feed-forward [Nm]"),
         ("observed_momentum", "f8", (6,), "of the robot, world axes"),
         ("delivered_w external_w residual_w fed_w slow_w", "f8", (6,), "wrenches, world axes"),

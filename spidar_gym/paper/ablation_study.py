@@ -25,7 +25,7 @@ from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.policies.presets import OwnController
 
-BEST = {"flight": "tuned", "ground": "robust_overlapped"}
+BEST = {"flight": "retuned", "ground": "robust_retuned"}
 """Preset that parts are taken from, by group of tracks."""
 WHOLE = "all of it"
 """What the controller with all of its parts is called."""
@@ -48,7 +48,11 @@ def flights() -> dict[str, dict[str, Any]]:
     found = {
         "no feed-forward of the legs": less(momentum_gain=0.0),
         "no lead of the vectoring": less(vectoring_lead=0.0),
+        "no lead compensator": less(lead_gain=0.0),
         "no observer": less(observer_gain=0.0),
+        "one observer for force and torque": less(
+            torque_observer_gain=0.0, torque_observer_time=0.0, torque_observer_lag=0.0
+        ),
         "no ramp of the joints": less(joint_ramp=0.0),
         "no integrals": replace(
             best,
@@ -82,7 +86,7 @@ def crawls() -> dict[str, dict[str, Any]]:
         return {name: getattr(GaitConfig(), name) for name in names}
 
     found = {
-        "least ‖f‖² in place of power": replace(best, power=False),
+        "least power in place of ‖f‖²": replace(best, power=True),
         "no answer to the legs' errors": replace(best, leg_stiffness=0.0, leg_damping=0.0),
         "no feed-forward of joint torque": replace(best, feed_forward=0.0),
         "feet that do not roll": less(rolling=False),

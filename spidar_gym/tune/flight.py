@@ -11,8 +11,8 @@ from spidar_gym.control.flight.margins import AXES, Margins, margins
 from spidar_gym.control.presets import TUNED, TUNED_V1
 from spidar_gym.tune.parameter import Parameter
 
-LEAST_GAIN, LEAST_DELAY, MOST_SENSITIVITY = 2.0, 0.040, 2.2
-"""Margins that every loop must keep: gain factor, more delay [s], largest sensitivity."""
+LEAST_GAIN, LEAST_DELAY, MOST_SENSITIVITY, MOST_NOISE = 2.0, 0.040, 2.2, 16.0
+"""Margins that every loop must keep: gain factor, more delay [s], largest sensitivity, gain of noise [1/s]."""
 INSIDE = 1.002
 """At the edge they are kept with this factor, so that four digits of a number keep them."""
 REFERENCE = "tuned_v1"
@@ -164,12 +164,15 @@ def shortfall(found: Sequence[Margins]) -> float:
 def lack(m: Margins, inside: float = 1.0) -> float:
     """How far the margins of one loop fall short, each asked for by a factor more."""
     total = max(0.0, 1.0 - m.gain / (inside * LEAST_GAIN)) + max(0.0, 1.0 - m.delay / (inside * LEAST_DELAY))
-    return total + max(0.0, inside * min(m.sensitivity, 100.0) / MOST_SENSITIVITY - 1.0)
+    for value, bound in ((m.sensitivity, MOST_SENSITIVITY), (m.noise, MOST_NOISE)):
+        total += max(0.0, inside * min(value, 1000.0) / bound - 1.0)
+    return total
 
 
 def margin_lines(found: Sequence[Margins]) -> list[list[str]]:
     """Margins of every one of `AXES`: the cells of a table."""
-    lines = [["axis", "gain margin", "phase margin", "delay margin", "sensitivity"]]
+    lines = [["axis", "gain margin", "phase margin", "delay margin", "sensitivity", "gain of noise"]]
     for name, m in zip(AXES, found, strict=True):
-        lines.append([name, f"{m.gain:.2f}", f"{m.phase:.2f} rad", f"{1e3 * m.delay:.0f} ms", f"{m.sensitivity:.2f}"])
+        cells = f"{m.gain:.2f}", f"{m.phase:.2f} rad", f"{1e3 * m.delay:.0f} ms", f"{m.sensitivity:.2f}"
+        lines.append([name, *cells, f"{m.noise:.1f} s⁻¹"])
     return lines

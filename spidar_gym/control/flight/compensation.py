@@ -98,14 +98,14 @@ class CompensationMemory:
     """What is behind the first low-pass of an observer that has two, world axes [N, Nm]."""
     fed_w: np.ndarray
     """Wrench that was fed forward in the last tick, the weight too, world axes [N, Nm]."""
-    slow_w: np.ndarray
-    """What the feedback asks for behind the low-pass of its lead, world axes [N, Nm]."""
+    slow_w: np.ndarray | None
+    """What the feedback asks for behind the low-pass of its lead, world axes [N, Nm]; None before the first tick."""
 
 
 def fresh_compensation(joint_position: JointVector, external_w: np.ndarray) -> CompensationMemory:
     """Nothing moves; an external wrench, world axes [N, Nm], may be known."""
     rest, zero = np.zeros(N_JOINTS), np.zeros(6)
-    return CompensationMemory(joint_position, rest, None, np.zeros(3), None, zero, external_w, external_w, zero, zero)
+    return CompensationMemory(joint_position, rest, None, np.zeros(3), None, zero, external_w, external_w, zero, None)
 
 
 def servo_response(
@@ -184,7 +184,8 @@ def lead_feedback(
         dt: Length of the tick [s].
     """
     asked = np.concatenate((R_wb @ feedback[:3], R_wb @ feedback[3:]))
-    slow = memory.slow_w + (1.0 - math.exp(-dt / config.lead_time)) * (asked - memory.slow_w)
+    last = asked if memory.slow_w is None else memory.slow_w  # what is known to be needed at first is nothing new
+    slow = last + (1.0 - math.exp(-dt / config.lead_time)) * (asked - last)
     more = config.lead_gain * (asked - slow)
     return replace(memory, slow_w=slow), np.concatenate((more[:3] @ R_wb, more[3:] @ R_wb))
 

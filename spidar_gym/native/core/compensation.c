@@ -131,6 +131,8 @@ static void lead_feedback(sp_compensation_memory *m, const double *weight, const
     for (int i = 0; i < 6; i++) feedback[i] = wrench[i] - weight[i];
     sp_apply(R_wb, feedback, asked);
     sp_apply(R_wb, feedback + 3, asked + 3);
+    if (!m->has_slow) sp_copy(m->slow_w, asked, 6); /* what is known to be needed at first is nothing new */
+    m->has_slow = 1;
     for (int i = 0; i < 6; i++) {
         m->slow_w[i] += share * (asked[i] - m->slow_w[i]);
         fast[i] = c->lead_gain * (asked[i] - m->slow_w[i]);

@@ -388,7 +388,7 @@ typedef struct {
 /* What the compensations remember. */
 typedef struct {
     double servo_position[16], servo_velocity[16]; /* of the servo model [rad], [rad/s] */
-    int32_t has_momentum, has_observed; /* whether there was a tick before */
+    int32_t has_momentum, has_observed, has_slow; /* whether there was a tick before */
     double momentum[3], torque[3]; /* of the legs [Nms]; feed-forward [Nm] */
     double observed_momentum[6]; /* of the robot, world axes */
     double delivered_w[6], external_w[6], residual_w[6], fed_w[6], slow_w[6]; /* wrenches, world axes */

@@ -169,8 +169,12 @@ def test_what_lasts_passes_the_lead_as_it_is_and_a_step_is_enlarged_at_first():
     config = CompensationConfig(lead_gain=0.5, lead_time=0.1)
     memory, R_wb = fresh_compensation(np.zeros(16), np.zeros(6)), exp(np.array([0.4, -0.2, 0.9]))
     step, added = np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1]), []
+    # What is asked for in the first tick is what is known to be needed: no step.
+    memory, more = lead_feedback(memory, -step, R_wb, config=config, dt=0.025)
+    close(more, np.zeros(6), atol=0.0)
+    step = 2.0 * step
     for _ in range(60):
-        memory, more = lead_feedback(memory, step, R_wb, config=config, dt=0.025)
+        memory, more = lead_feedback(memory, 0.5 * step, R_wb, config=config, dt=0.025)
         added.append(more)
     fades = np.exp(-0.25 * np.arange(1, 61))[:, None]
     close(np.array(added), 0.5 * fades * step)

@@ -74,11 +74,54 @@ def test_a_loop_bears_its_margins_and_no_more(preset, axis, options):
     assert growth(config, axis, delay=0.94 * m.delay) < 1.0 < growth(config, axis, delay=1.06 * m.delay)
 
 
+def trembling(config: ControllerConfig, axis: int) -> float:
+    """RMS of the commanded acceleration over that of a white error of the rate, drawn anew in every tick of 200 s."""
+    (kp, ki, kd), o, dt, fine = gains(config, axis), config.compensation, 1.0 / config.rate_hz, 10
+    share, time, lag = o.observers[axis // 2]
+    passes = [1.0 - math.exp(-dt / each) for each in (time, lag, o.lead_time)]
+    rng, line = np.random.default_rng(0), [0.0] * round((DELAY - 0.5 * dt) / dt * fine)
+    x = v = a = integral = slow = estimate = first = believed = u = before = 0.0
+    noise, asked = rng.normal(size=8000), list[float]()
+    for error in noise.tolist():
+        believed += passes[1] * (u - believed)
+        residual = (v + error - before) / dt - believed
+        first += (passes[0] if o.observer_order == 2 else 1.0) * (residual - first)
+        estimate += passes[0] * (first - estimate)
+        before = v + error
+        integral += dt * x
+        feedback = -(kp * x + ki * integral + kd * before)
+        slow += passes[2] * (feedback - slow)
+        u = feedback + o.lead_gain * (feedback - slow) - share * estimate
+        asked.append(u)
+        for _ in range(fine):
+            line.append(u)
+            a += (1.0 - math.exp(-dt / fine / LAG)) * (line.pop(0) - a)
+            v += dt / fine * a
+            x += dt / fine * v
+    return float(np.std(asked[400:]) / np.std(noise[400:]))
+
+
+@pytest.mark.parametrize(
+    ("preset", "options"),
+    [
+        ("paper", {}), ("tuned", {}), ("tuned", {"observer_order": 2}),
+        ("tuned", {"lead_gain": 0.5, "lead_time": 0.04}),
+        ("tuned", {"torque_observer_gain": 0.5, "torque_observer_time": 0.1, "torque_observer_lag": 0.1}),
+    ],
+)  # fmt: skip
+def test_noise_of_the_rate_comes_through_as_the_margins_say(preset, options):
+    config = controller_config(preset)
+    config = replace(config, compensation=replace(config.compensation, **options))
+    for axis in range(len(AXES)):
+        assert trembling(config, axis) == pytest.approx(margins(config, axis).noise, rel=0.03)
+
+
 def test_a_loop_that_is_unstable_has_no_margins():
     wild = replace(CentroidalConfig(), position_gains=((3.6, 0.03, 400.0),) * 3)
     m = margins(ControllerConfig(centroidal=wild), 0)
     assert (m.gain, m.delay, m.phase) == (0.0, 0.0, 0.0)
     assert math.isinf(m.sensitivity)
+    assert math.isinf(m.noise)
     assert shortfall(loops(ControllerConfig(centroidal=wild))) > 1.0
 
 
