@@ -291,7 +291,8 @@ def _errors(infos: list[dict[str, Any]]) -> str:
     errors = np.array([np.concatenate([info["position_error"], info["attitude_error"]]) for info in infos])
     rms = np.sqrt((errors**2).sum(axis=0) / len(errors))
     position, attitude = 1e3 * np.linalg.norm(rms[:3]), 1e3 * np.linalg.norm(rms[3:])
-    return f"RMS position {position:.1f} mm, attitude {attitude:.1f} mrad"
+    sunk = 1e3 * max(0.0, float(errors[:, 2].max()))
+    return f"RMS position {position:.1f} mm, attitude {attitude:.1f} mrad, sank by {sunk:.1f} mm at most"
 
 
 def _check_run(

@@ -28,6 +28,8 @@ def steps(
     """
     require_least(1, seeds=seeds, workers=workers)
     chosen = tuple(dict.fromkeys(gaits))
+    for gait in chosen:
+        step_study.controller_of(gait)  # or it says what would be one
     folder = output_folder(out)
     rows = studied(
         folder, "steps", "run", len(step_study.cells(chosen)) * seeds, json=json,

@@ -54,8 +54,10 @@ def _overall(root: Path, count: str = "") -> Lines:
     return lines[: int(count) + 1] if count else lines
 
 
-def _track(root: Path, track: str) -> Lines:
-    return track_lines(tabulate(read_rows(root / "baselines" / "scores")), track)
+def _track(root: Path, track: str, *names: str) -> Lines:
+    """The rows of a track, or those that are named."""
+    heading, *lines = track_lines(tabulate(read_rows(root / "baselines" / "scores")), track)
+    return [heading, *(line for line in lines if not names or line[0] in names)]
 
 
 def _margins(root: Path, preset: str) -> Lines:

@@ -109,8 +109,6 @@ def sweep(
         and time [s].
     """
     names = {gait: gait_name(gait) for gait in gaits}
-    for gait in gaits:
-        controller_of(gait)
     cases = [Case(*cell, seed) for cell in cells(gaits) for seed in range(seeds)]
     found = finish(play, cases, workers=workers, folder=folder, on_done=lambda *_: on_run())
     rows = []

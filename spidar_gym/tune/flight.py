@@ -61,7 +61,7 @@ def pids(xy: Gains, z: Gains, tilt: Gains, yaw: Gains) -> CentroidalConfig:
 # As `tuned` is, but that each observer may go its own way (that of the torque is at its best where it exaggerates the
 # lag of the rotors, for so it adds to what is fed forward of the legs; that of the force has nothing to add to), and a
 # little lead.
-RETUNED = replace(
+RETUNED_START = replace(
     TUNED,
     compensation=replace(
         TUNED.compensation, torque_observer_gain=0.6, torque_observer_time=0.2, torque_observer_lag=0.3,

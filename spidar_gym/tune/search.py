@@ -139,7 +139,7 @@ def ground_search(
 
 SEARCHES: dict[str, Search] = {
     "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
-    "retuned": flight_search("retuned", flight.RETUNED, names=flight.RETUNED_NAMES, by_pattern=True),
+    "retuned": flight_search("retuned", flight.RETUNED_START, names=flight.RETUNED_NAMES, by_pattern=True),
     "crawl": ground_search("crawl", crawl.START, reference=crawl.REFERENCE),
     "recrawl": ground_search("recrawl", crawl.RESTART, by_pattern=True, torque_limit=(3.0, 7.0)),
 }

@@ -8,7 +8,7 @@ import pytest
 from spidar_gym.control.flight.margins import AXES, margins
 from spidar_gym.control.presets import TUNED
 from spidar_gym.tune.evolution import LEAST, SMALLEST, Pattern, better
-from spidar_gym.tune.flight import INSIDE, RETUNED, at_the_edge, configuration, lack, loops, most, shortfall
+from spidar_gym.tune.flight import INSIDE, RETUNED_START, at_the_edge, configuration, lack, loops, most, shortfall
 from spidar_gym.tune.search import SEARCHES
 
 
@@ -55,7 +55,7 @@ def test_the_largest_number_for_which_something_holds_is_found_to_a_thousandth(e
     assert most(lambda f: f <= edge, 0.5, 2.0) <= found
 
 
-@pytest.mark.parametrize("start", [TUNED, RETUNED])
+@pytest.mark.parametrize("start", [TUNED, RETUNED_START])
 def test_at_the_edge_every_axis_keeps_its_margins_and_bears_no_stiffer_loop(start):
     values = {"xy_d": 6.5, "roll_pitch_d": 7.5}
     settled = at_the_edge(values, start)

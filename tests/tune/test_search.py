@@ -16,10 +16,10 @@ from spidar_gym.control.presets import ROBUST_OVERLAPPED, TUNED, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import crawl
 from spidar_gym.tune import search as tuning
-from spidar_gym.tune.flight import RETUNED
+from spidar_gym.tune.flight import RETUNED_START
 from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, find_search, play_candidate
 
-STARTS = {"flight": TUNED_V1, "retuned": RETUNED, "crawl": crawl.START, "recrawl": crawl.RESTART}
+STARTS = {"flight": TUNED_V1, "retuned": RETUNED_START, "crawl": crawl.START, "recrawl": crawl.RESTART}
 ROOT = Path(__file__).resolve().parents[2]
 RIVALS = ("adrc", "compensation", "indi", "mpc")
 SEARCHED = ROOT / "baselines/searches"
