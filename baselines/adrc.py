@@ -21,7 +21,7 @@ START = replace(
     ),
 )
 """Where the search begins: what a shorter one came to, margins held."""
-SEARCH = flight_search("adrc", START, names=FREE, by_pattern=True)
+SEARCH = flight_search("adrc", START, names=FREE)
 """`spidar tune baselines.adrc:SEARCH`."""
 
 

@@ -6,14 +6,13 @@ The law is that of `tuned`, and its search the same: what differs is that no int
 """
 
 from dataclasses import replace
-from typing import Any
 
 from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.control.presets import TUNED
 from spidar_gym.tune.flight import pids
 from spidar_gym.tune.search import flight_search
 
-FREE: dict[str, Any] = {"avoid_interference": False}
+FREE = {"avoid_interference": False}
 """Of `gym.make`: the rotors may blow wherever they want."""
 START = replace(
     TUNED,
@@ -23,7 +22,7 @@ START = replace(
     ),
 )
 """Where the search begins: what a shorter one came to, margins held."""
-SEARCH = flight_search("compensation", START, by_pattern=True, **FREE)
+SEARCH = flight_search("compensation", START, **FREE)
 """`spidar tune baselines.compensation:SEARCH`."""
 
 

@@ -23,7 +23,7 @@ START = replace(
 """Where the search begins: what a shorter one came to, margins held."""
 FREE = tuple(name for name in BOUNDS if name != "observer_gain")
 """Compensations that are tuned."""
-SEARCH = flight_search("indi", START, names=FREE, by_pattern=True)
+SEARCH = flight_search("indi", START, names=FREE)
 """`spidar tune baselines.indi:SEARCH`."""
 
 

@@ -1,7 +1,7 @@
 """Cards of methods: what each costs, how it was tuned, what its loops bear, where it wins and loses; from its row."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,10 @@ from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_arguments
 from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune.flight import loops
-from spidar_gym.tune.search import SEARCHES, Search, find_search
+from spidar_gym.tune.search import Search, find_search
 
-SEARCHED = {"qp_tuned": "flight", "qp_robust_overlapped": "crawl"}
-"""Row → the search that its numbers come from, where it is called otherwise."""
+SEARCHED = {"qp_tuned": ("flight",), "qp_robust_overlapped": ("crawl",), "qp_retuned": ("retuned", "recrawl")}
+"""Row → the searches of the house that its numbers come from; those of others are called as they are."""
 
 Lines = list[list[str]]
 
@@ -28,9 +28,9 @@ def _row(root: Path, name: str) -> Row:
     return read_rows(root / "baselines" / "scores", name)[name]
 
 
-def _log(root: Path, name: str) -> list[dict[str, Any]]:
-    """Log of the search that a row's numbers come from; empty where there is none."""
-    path = root / "baselines" / "searches" / f"{SEARCHED.get(name, name)}.json"
+def _log(root: Path, search: str) -> list[dict[str, Any]]:
+    """Log of a search; empty where there is none."""
+    path = root / "baselines" / "searches" / f"{search}.json"
     return json.loads(path.read_text(encoding="utf-8"))["log"] if path.exists() else []
 
 
@@ -45,7 +45,8 @@ def method_lines(root: Path, *names: str) -> Lines:
     lines = [["row", "a step, median", "a step, 99 % below", "searched for"]]
     for name in names:
         median, most = _step(_row(root, name))
-        lines.append([f"`{name}`", f"{median:.1f} ms", f"{most:.1f} ms", _searched(_log(root, name)) or "–"])
+        log = [line for search in SEARCHED.get(name, (name,)) for line in _log(root, search)]
+        lines.append([f"`{name}`", f"{median:.1f} ms", f"{most:.1f} ms", _searched(log) or "–"])
     return lines
 
 
@@ -64,16 +65,16 @@ def card_lines(root: Path, name: str, base: str) -> Lines:
     """
     row, other = _row(root, name), _row(root, base)
     spec = row.content["policies"][0]
-    search = _search(spec, name)
+    searches = _searches(spec, name)
     median, most = _step(row)
     unsolved = sum(int(row.column(track, "unsolved").sum()) for track in row.content["tracks"])
     found = compare_rows(row, other)
     lines = [
         [f"`{name}`", row.doc],
         ["its row", f"`{row.content['command']}`"],
-        ["its numbers", _numbers(root, name, search)],
+        ["its numbers", _numbers(root, searches)],
     ]
-    margins = _margins(spec, search)
+    margins = _margins(spec, searches)
     if margins:
         lines.append(["its loops bear", _least(margins)])
     return [
@@ -84,30 +85,29 @@ def card_lines(root: Path, name: str, base: str) -> Lines:
     ]
 
 
-def _search(spec: str, name: str) -> tuple[str, Search] | None:
-    """The search for a policy's numbers and how `spidar tune` is told of it."""
-    if name in SEARCHED or name in SEARCHES:
-        own = SEARCHED.get(name, name)
-        return own, find_search(own)
-    of = f"{module_of(spec)[0]}:SEARCH"
-    return (of, find_search(of)) if hasattr(load_module(module_of(spec)[0]), "SEARCH") else None
+def _searches(spec: str, name: str) -> dict[str, Search]:
+    """The searches for a policy's numbers, by what `spidar tune` is told."""
+    module = module_of(spec)[0]
+    if name in SEARCHED:
+        return {own: find_search(own) for own in SEARCHED[name]}
+    return {f"{module}:SEARCH": find_search(f"{module}:SEARCH")} if hasattr(load_module(module), "SEARCH") else {}
 
 
-def _numbers(root: Path, name: str, search: tuple[str, Search] | None) -> str:
+def _numbers(root: Path, searches: Mapping[str, Search]) -> str:
     """Where its numbers come from."""
-    if search is None:
-        return "those of its parts, or chosen by hand"
-    log = _searched(_log(root, name))
-    return f"`spidar tune {search[0]}`: {log or 'first guesses, by hand; no log'}"
+    logs = {of: _searched(_log(root, search.name)) for of, search in searches.items()}
+    told = [f"`spidar tune {of}`: {log or 'first guesses, by hand; no log'}" for of, log in logs.items()]
+    return "; ".join(told) or "those of its parts, or chosen by hand"
 
 
-def _margins(spec: str, search: tuple[str, Search] | None) -> list[Margins]:
+def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
     """Margins of its loops; none where it has no linear ones. A law of one's own says with which numbers, `FOUND`."""
     arguments = policy_arguments(load_policy(spec), HOVER)
     if arguments is None:
         return []
-    if "law" in arguments and search is not None and search[1].loops is not None:
-        return [*search[1].loops(load_module(module_of(spec)[0]).FOUND)]
+    own = next((search.loops for search in searches.values() if search.loops is not None), None)
+    if "law" in arguments and own is not None:
+        return [*own(load_module(module_of(spec)[0]).FOUND)]
     config = arguments.get("controller") or PRESETS.get(arguments.get("preset", "paper"))
     return loops(config) if isinstance(config, ControllerConfig) else []
 

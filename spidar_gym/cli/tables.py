@@ -42,10 +42,12 @@ Lines = list[list[str]]
 
 
 def _compared(root: Path, name: str, base: str, group: str = "") -> Lines:
-    row, other = (read_row(root / "baselines" / "scores" / group / f"{n}.json") for n in (name, base))
-    tables = comparison_tables(compare_rows(row, other))
+    """A row's file against another's; where both have tracks of several kinds, on those of one."""
+    row, other = (read_row(root / "baselines" / "scores" / f"{n}.json") for n in (name, base))
+    found = compare_rows(row, other)
+    tables = comparison_tables([each for each in found if not group or TRACKS[each.track].group == group])
     if len(tables) != 1:
-        raise InvalidValueError("compare", f"{name} {base}", "rows that share tracks of one kind, flight or ground")
+        raise InvalidValueError("compare", f"{name} {base}", "rows with tracks of one kind, or the kind behind them")
     return tables[0]
 
 

@@ -17,6 +17,7 @@ import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.estimator import Estimator, EstimatorConfig
+from spidar_gym.control.presets import RETUNED
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError, UnknownNameError
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.native.compiler import compiler
@@ -26,7 +27,6 @@ from spidar_gym.native.recipe import seal
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import fill
 from spidar_gym.so3 import exp
-from spidar_gym.tune.flight import RETUNED
 
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
 
@@ -116,12 +116,15 @@ def test_what_no_force_meets_is_softened_and_stays_within_its_bounds(library):
         assert np.linalg.norm(answer.forces_l, axis=1).max() <= 42.0 + 1e-9
 
 
+ALL = replace(RETUNED, compensation=replace(RETUNED.compensation, observer_beyond=True))
 FLIGHTS = {
     "paper": {"preset": "paper", "forms": "paper"},
     "as flown, stacked": {"preset": "as_flown", "forms": "narrow"},
     "tuned, fast": {"preset": "tuned", "forms": "independent", "joint_speed": 1.0},
-    "every compensation": {"controller": RETUNED, "forms": "independent", "joint_speed": 1.0},
+    "every compensation": {"controller": ALL, "forms": "independent", "joint_speed": 1.0},
     "unrestricted": {"preset": "paper", "forms": "form3", "avoid_interference": False},
+    "retuned, fast": {"preset": "retuned", "forms": "independent", "joint_speed": 1.0},
+    "retuned, a random robot": {"preset": "retuned", "forms": "independent", "sensors": True, "randomization": 1.0},
     "a random robot": {"preset": "tuned", "forms": "independent", "sensors": True, "randomization": 1.0},
     "a lost rotor": {"forms": "form3", "disturbances": {"lost_rotor": 2, "fault_time": 0.5}},
     "a stuck rotor": {"forms": "form2", "disturbances": {"lost_rotor": 3, "fault": "vectoring", "fault_time": 0.5}},
