@@ -8,9 +8,14 @@ import pytest
 from packaging.version import Version
 
 from spidar_gym import __version__
+from spidar_gym.benchmark.comparison import compare_rows
+from spidar_gym.benchmark.row import read_rows
+from spidar_gym.cli.cards import card_lines
 from spidar_gym.cli.docs import broken_links
 from spidar_gym.cli.tables import DRAWN, MARKED, RESULTS, markdown_table, pages, read_result, with_tables
+from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import SpidarError, UnknownNameError
+from spidar_gym.tune.flight import loops
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = pages(ROOT)
@@ -95,6 +100,23 @@ def test_the_cost_of_methods_is_that_of_their_rows_and_of_the_searches_that_made
     assert hold[3] == "–"
     timing = json.loads((ROOT / "baselines/scores/qp_tuned.json").read_text())["timing"].values()
     assert tuned[1:3] == [f"{max(own['step_ms_p50_p99'][k] for own in timing):.1f} ms" for k in (0, 1)]
+
+
+def test_a_card_tells_what_the_row_says_and_what_the_loops_bear():
+    for name, base in (("mpc", "qp_tuned"), ("walking", "qp_robust_overlapped"), ("qp_tuned", "qp")):
+        heading, *lines = card_lines(ROOT, name, base)
+        card, rows = dict(lines), {n: read_rows(ROOT / "baselines/scores", n)[n] for n in (name, base)}
+        assert heading == [f"`{name}`", rows[name].doc]
+        assert card["its row"] == f"`{rows[name].content['command']}`"
+        assert ("its loops bear" in card) == (name != "walking")
+        for comparison in compare_rows(rows[name], rows[base]):
+            change = comparison.changes["error"]
+            told = [f"`{comparison.track}`" in card[f"{words} than `{base}`"] for words in ("better", "worse")]
+            assert told == [change.high < 0.0, change.low > 0.0]
+    log = json.loads((ROOT / "baselines/searches/flight.json").read_text())["log"]
+    assert card["its numbers"].startswith(f"`spidar tune flight`: {len(log)} generations")
+    least = min(margins.gain for margins in loops(controller_config("tuned")))
+    assert card["its loops bear"].startswith(f"a gain of {least:.2f}, ")
 
 
 def test_what_is_drawn_from_figures_has_a_result():
