@@ -197,6 +197,7 @@ def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
         column[0].set_ylim(-0.08, 1.08)
         column[1].axhline(1e3 * SUCCESS_SLIP, color=GREY, linewidth=0.9, linestyle="-")
         column[1].set_xlabel("height of the steps [mm]")
+        column[0].margins(x=0.04)
     axes[0, 0].set_ylabel("share of successes")
     axes[1, 0].set_ylabel("slip of a foot [mm]")
     names = [f"{gait}, feet {feet}" if feet == "higher" else f"{gait}" for gait, feet in lines]

@@ -12,7 +12,7 @@ import pytest
 from spidar_gym.benchmark import scoring
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, SPLITS, TRACKS
-from spidar_gym.control.presets import ROBUST_OVERLAPPED, TUNED, TUNED_V1
+from spidar_gym.control.presets import RETUNED, ROBUST_OVERLAPPED, ROBUST_RETUNED, TUNED, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import crawl
 from spidar_gym.tune import search as tuning
@@ -303,3 +303,22 @@ def test_robust_overlapped_is_what_the_committed_search_ended_with():
     assert SEARCHES["crawl"].arguments(log[-1]["parameters"]) == {"controller": ROBUST_OVERLAPPED}
     gains = [line["reference"] - line["cost"] for line in log]
     assert np.exp(np.mean(gains[-10:])) > 1.25
+
+
+def test_retuned_is_what_the_committed_search_came_to_rest_at():
+    log = json.loads((SEARCHED / "retuned.json").read_text())["log"]
+    assert SEARCHES["retuned"].arguments(log[-1]["parameters"]) == {"controller": RETUNED}
+    assert log[-1]["sigma"] == 0.0
+    assert np.exp(log[-1]["reference"] - log[-1]["cost"]) > 1.15
+
+
+def test_robust_retuned_is_what_the_committed_search_ended_with_higher_feet_and_less_torque():
+    log = json.loads((SEARCHED / "recrawl.json").read_text())["log"]
+    found = SEARCHES["recrawl"].arguments(log[-1]["parameters"])["controller"]
+    own = ROBUST_RETUNED
+    assert own.gait.raise_angle > found.gait.raise_angle
+    assert own.gait.lift_height > found.gait.lift_height
+    assert own.torque_limit < found.torque_limit
+    lifted = replace(found.gait, raise_angle=own.gait.raise_angle, lift_height=own.gait.lift_height)
+    assert replace(found, gait=lifted, torque_limit=own.torque_limit) == own
+    assert np.exp(log[-1]["reference"] - log[-1]["cost"]) > 1.25
