@@ -48,10 +48,9 @@ DRAWN = ("equal", "independent", "narrow")
 """Sequences of forms that are drawn from ranges of angles."""
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
-    "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
-    "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
-    "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST,
-    "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
+    "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES, "TILES": TILES,
+    "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES, "AIR_STEPS": AIR_STEPS,
+    "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -70,8 +69,6 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", sensors, ("POSE_PERIOD", "IMU_PERIOD", "ENCODER_PERIOD", "DRIFT_SECONDS", "DROPOUT_SECONDS")),
 )  # fmt: skip
 """Prefix in C, where the numbers are, and their names there."""
-
-
 SEQUENCES = ("paper", *FORMS, *DRAWN, "mixed")
 """Sequences of forms."""
 CRAWL_FAILURES = ("duct", "tilt", "astray", "diverged")
