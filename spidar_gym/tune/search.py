@@ -290,6 +290,8 @@ def tune(
     for _ in range(sum(pieces(name, population, k) for k in range(len(lines)))):
         on_piece()
     for generation in range(len(lines), generations):
+        if not evolution.sigma:  # it rests, perhaps since an earlier call
+            break
         points, mean = evolution.ask(), evolution.mean.copy()
         values: list[dict[str, float] | None] = [search.settle(decode(search.parameters, x)) for x in points]
         knows = search.by_pattern and generation > 0
@@ -310,8 +312,6 @@ def tune(
         write_text(path, log_text(settings, lines))
         shutil.rmtree(unfinished, ignore_errors=True)
         on_generation({name: lines[-1][name] for name in ("generation", "cost", "reference", "best", "sigma")})
-        if not evolution.sigma:
-            break
     return lines[-1]
 
 

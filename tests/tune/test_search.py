@@ -220,6 +220,9 @@ def test_a_pattern_search_has_two_candidates_and_ends_where_it_rests(by_pattern,
     last = tuning.tune("retuned", tmp_path, generations=1000, **how)
     assert last["sigma"] == 0.0
     assert last["generation"] < 200
+    played = len(by_pattern)
+    assert tuning.tune("retuned", tmp_path, generations=1000, **how) == last
+    assert len(by_pattern) == played, "a search that rests is not taken up again"
 
 
 def test_another_seed_is_another_search(short, tmp_path):
