@@ -126,7 +126,9 @@ def read_result(path: Path) -> dict[str, Any]:
         result = json.loads(path.read_text(encoding="utf-8"))
         missing = KEYS - result.keys()
         date.fromisoformat(result["date"])
+        notes = result.get("notes", [])
         whole = not missing and ("lines" in result or (result["table"] in DRAWN and "result" in result))
+        whole = whole and isinstance(notes, list) and all(isinstance(note, str) for note in notes)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SpidarError(
             f"{path} is no result: {error}; valid: docs/development/results.md says what it holds"
@@ -134,7 +136,7 @@ def read_result(path: Path) -> dict[str, Any]:
     if not whole:
         raise SpidarError(
             f"{path} is no result; valid: JSON with {', '.join(sorted(KEYS))}, and either lines or table "
-            f"({', '.join(DRAWN)}) with result"
+            f"({', '.join(DRAWN)}) with result; notes is a list of sentences"
         )
     return result
 

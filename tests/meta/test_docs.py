@@ -73,6 +73,7 @@ def test_a_table_is_written_between_its_markers_with_the_command_below_and_a_sta
     "content",
     [{}, {"command": "x", "version": "0.1.0", "date": "yesterday", "lines": []},
      {"command": "x", "version": "0.1.0", "date": "2026-01-02"},
+     {"command": "x", "version": "0.1.0", "date": "2026-01-02", "lines": [], "notes": "N."},
      {"command": "x", "version": "0.1.0", "date": "2026-01-02", "table": "nothing", "result": {}}],
 )  # fmt: skip
 def test_a_damaged_result_is_refused_in_one_line(content, tmp_path):
