@@ -1,6 +1,8 @@
 """Pins the allocator as a library: its answer is physics, within the limits, and the controller's own, bit for bit."""
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import mujoco
@@ -155,3 +157,13 @@ def test_what_is_no_wrench_no_period_and_no_preset_is_refused():
             ThrustAllocator(period=period)
     with pytest.raises(UnknownNameError, match="paper, as_flown"):
         ThrustAllocator("mine")
+
+
+def test_who_allocates_thrust_has_neither_a_simulator_nor_gymnasium():
+    code = (
+        "import sys\nfrom spidar_gym.control import ThrustAllocator\nfrom spidar_gym.state import RobotState\n"
+        "import numpy as np\nThrustAllocator().allocate(RobotState.at_rest(np.zeros(16)), np.zeros(6))\n"
+        "print(*sorted({'gymnasium', 'mujoco', 'torch'} & sys.modules.keys()), end='.')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "."

@@ -3,6 +3,8 @@
 import copy
 import json
 import pickle
+import subprocess
+import sys
 
 import gymnasium
 import numpy as np
@@ -68,3 +70,21 @@ def test_importing_the_package_registers_every_environment_under_its_horizon():
     for name, entry in ENVIRONMENTS.items():
         assert gymnasium.spec(name).max_episode_steps == entry.horizon
         assert isinstance(gymnasium.spec(name).entry_point, str)
+
+
+@pytest.mark.parametrize(
+    "imports", ["spidar_gym, gymnasium", "gymnasium, spidar_gym", "spidar_gym.control, gymnasium.spaces"]
+)
+def test_whichever_is_imported_first_gymnasium_knows_every_environment(imports):
+    code = f"import {imports}; print(*(name for name in gymnasium.registry if name.startswith('spidar_gym/')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == list(ENVIRONMENTS)
+
+
+def test_without_gymnasium_its_import_fails_as_always_and_the_package_works():
+    code = (
+        "import sys, spidar_gym.control\nsys.modules['gymnasium'] = None\n"
+        "try:\n    import gymnasium\nexcept ImportError as error:\n    print(type(error).__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["ModuleNotFoundError"]
