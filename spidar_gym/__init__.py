@@ -38,7 +38,7 @@ class _Registration(MetaPathFinder):
 
 
 def _register() -> None:
-    importlib.import_module("spidar_gym.envs.registry").register()
+    importlib.import_module("spidar_gym.envs.registry")
 
 
 if "gymnasium" in sys.modules:

@@ -81,7 +81,7 @@ def import_id(name: str) -> str:
 
 
 def register() -> None:
-    """Tell Gymnasium about them; importing `spidar_gym` does this."""
+    """Tell Gymnasium about them; importing this does it, and importing `spidar_gym`, once there is Gymnasium."""
     for name, entry in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             gymnasium.register(
@@ -97,3 +97,6 @@ def environment(name: str) -> Entry:
     """Entry by id (`UnknownNameError` lists the valid ones)."""
     require_name("environment", name, ENVIRONMENTS)
     return ENVIRONMENTS[name]
+
+
+register()

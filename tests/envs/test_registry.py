@@ -73,8 +73,10 @@ def test_importing_the_package_registers_every_environment_under_its_horizon():
 
 
 @pytest.mark.parametrize(
-    "imports", ["spidar_gym, gymnasium", "gymnasium, spidar_gym", "spidar_gym.control, gymnasium.spaces"]
-)
+    "imports",
+    ["spidar_gym, gymnasium", "gymnasium, spidar_gym", "spidar_gym.control, gymnasium.spaces",
+     "spidar_gym.envs.registry, gymnasium", "spidar_gym.envs.vector, gymnasium"],
+)  # fmt: skip
 def test_whichever_is_imported_first_gymnasium_knows_every_environment(imports):
     code = f"import {imports}; print(*(name for name in gymnasium.registry if name.startswith('spidar_gym/')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
