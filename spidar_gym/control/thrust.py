@@ -1,6 +1,7 @@
 """The allocator as a library: a state and a wrench in, thrusts and vectoring angles out, tick after tick."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 from spidar_gym.arrays import RotorMask, RotorVector, Vectoring, Wrench
 from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus, Allocator
 from spidar_gym.control.allocation.modes import find_allocation
+from spidar_gym.control.allocation.problem import Mode
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.presets import controller_config
 from spidar_gym.control.rotors import ALL_FREE, RotorMemory, flight_demand, fresh_rotors
@@ -28,7 +30,12 @@ class ThrustAllocator:
     """
 
     def __init__(
-        self, preset: str = "paper", *, period: float = 1.0 / CONTROL_RATE, config: ControllerConfig | None = None
+        self,
+        preset: str = "paper",
+        *,
+        period: float = 1.0 / CONTROL_RATE,
+        config: ControllerConfig | None = None,
+        modes: Mapping[str, Mode] | None = None,
     ) -> None:
         """Build the model and the solver.
 
@@ -38,16 +45,21 @@ class ThrustAllocator:
                 Infinity for the angles that the servos end at.
             config: A configuration of one's own in place of the preset's; its allocation, allocator, interference and
                 lock count.
+            modes: Modes of one's own, `flight` and `flight_unrestricted`, in place of the allocation's: other weights,
+                limits, blocks (`spidar_gym.control.allocation.modes.find_allocation` has those to begin with).
 
         Raises:
             UnknownNameError: There is no such preset or allocation.
-            InvalidValueError: The period is not above 0.
+            InvalidValueError: The period is not above 0, or one of the modes is missing.
         """
         if not period > 0.0:
             raise InvalidValueError("period", period, "a time above 0 [s]")
         self._config = config or controller_config(preset)
         self._model = Model()
-        self._allocator = Allocator(find_allocation(self._config.allocation), self._config.allocator)
+        own = dict(find_allocation(self._config.allocation) if modes is None else modes)
+        if not {"flight", "flight_unrestricted"} <= own.keys():
+            raise InvalidValueError("modes", sorted(own), "flight and flight_unrestricted among them")
+        self._allocator = Allocator(own, self._config.allocator)
         self._turn = ROBOT.max_vectoring_speed * period
         # The lock's slew is meant for the controller's own ticks.
         self._lock_config = replace(self._config.lock, slew=self._config.lock.slew * (period * CONTROL_RATE))

@@ -28,7 +28,10 @@ from spidar_gym.policies.artifact import read_artifact
 
 ONBOARD = Path(__file__).resolve().parent
 """Sources of everything that runs on the robot around the core."""
-PARTS = {"core": (CORE, "*.[ch]"), "runner": (RUNNER, "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg")}
+PARTS = {
+    "core": (CORE, "*.[ch]"), "runner": (RUNNER, "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg"),
+    "examples": (ONBOARD / "examples", "*.c"),
+}  # fmt: skip
 """Exported folder → folder of hand-written sources, and which of their files."""
 PAGES = ("CMakeLists.txt", "package.xml", "README.md")
 """Files beside them."""

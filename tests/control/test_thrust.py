@@ -11,6 +11,8 @@ import pytest
 from support.states import random_joints, resting, staying
 
 from spidar_gym.control import ThrustAllocator
+from spidar_gym.control.allocation.blocks import JointTorqueEffort, JointTorqueLimit
+from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, UnknownNameError
@@ -167,3 +169,29 @@ def test_who_allocates_thrust_has_neither_a_simulator_nor_gymnasium():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "."
+
+
+def with_blocks(change):
+    """The paper's modes, one block after the other changed."""
+    return {
+        name: replace(mode, costs=tuple(map(change, mode.costs)), constraints=tuple(map(change, mode.constraints)))
+        for name, mode in find_allocation("paper").items()
+    }
+
+
+def test_a_weight_of_ones_own_trades_thrust_for_torque_and_a_limit_of_ones_own_is_kept():
+    q, wrench = FORMS["form3"], HOVER + [0.0, 0.0, 0.0, 0.0, 0.0, 1.5]
+    heavy = with_blocks(lambda block: JointTorqueEffort(10.0) if isinstance(block, JointTorqueEffort) else block)
+    tight = with_blocks(lambda block: JointTorqueLimit(1.0) if isinstance(block, JointTorqueLimit) else block)
+    answers = [settled(ThrustAllocator(period=math.inf, modes=modes), q, wrench) for modes in (None, heavy, tight)]
+    (thrust, torque), (_, dear), (_, bounded) = (
+        (float((t**2).sum()), np.abs(allocation.joint_torques)) for t, _, allocation in answers
+    )
+    assert np.linalg.norm(dear) < 0.8 * np.linalg.norm(torque)
+    assert float((answers[1][0] ** 2).sum()) > thrust
+    assert torque.max() > 1.2
+    assert bounded.max() == pytest.approx(1.0, abs=1e-6)
+    for _, _, allocation in answers:
+        np.testing.assert_allclose(allocation.wrench, wrench, atol=1e-6)
+    with pytest.raises(InvalidValueError, match="flight and flight_unrestricted among them"):
+        ThrustAllocator(modes={"flight": heavy["flight"]})

@@ -4,13 +4,17 @@ import hashlib
 import json
 import re
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.needs import marked, needs_compiler
 
 from spidar_gym.cli.main import main
+from spidar_gym.control import ThrustAllocator
+from spidar_gym.control.allocation.blocks import JointTorqueEffort, JointTorqueLimit
 from spidar_gym.control.allocation.cone import MAX_STEPS
+from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.errors import SpidarError
 from spidar_gym.native.compiler import compile_library, compiler
 from spidar_gym.native.recipe import FLAGS, GENERATED, NATIVE
@@ -18,6 +22,8 @@ from spidar_gym.onboard import export as exporting
 from spidar_gym.onboard.build import arguments
 from spidar_gym.onboard.export import export, export_files
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
+from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.state import RobotState
 
 pytestmark = needs_compiler
 LOGS = ("flight", "crawl")
@@ -96,7 +102,7 @@ def test_on_the_robots_processor_it_gives_the_same_bytes(folder, tmp_path):
 
 
 def test_our_own_code_compiles_without_a_warning(folder, tmp_path):
-    ours = [folder / "core", folder / "runner", NATIVE / "engine"]
+    ours = [folder / "core", folder / "runner", folder / "examples", NATIVE / "engine"]
     includes = [f"-I{part}" for part in (*ours, folder / "generated", GENERATED)]
     system = ["-isystem", str(folder / "osqp")]  # somebody else's headers
     for part in ours:
@@ -116,6 +122,43 @@ def test_the_shared_library_asks_for_no_new_symbol_and_no_heap(tmp_path):
     versions = [tuple(map(int, v)) for v in re.findall(r"GLIBC_(\d+)\.(\d+)", listed)]
     assert versions
     assert max(versions) <= (2, 17)
+
+
+def test_the_example_of_the_allocation_compiles_with_its_own_line_and_prints_what_python_finds(folder, tmp_path):
+    source = folder / "examples" / "allocate.c"
+    line = re.search(r"gcc (.+) -o allocate", source.read_text())[1]
+    words = [part for word in line.split() for part in (sorted(map(str, folder.glob(word))) if "*" in word else [word])]
+    run = [*compiler(), *(w.replace("-I", f"-I{folder}/") if w.startswith("-I") else w for w in words)]
+    run = [str(source) if word == "examples/allocate.c" else word for word in run]
+    subprocess.run([*run, "-o", str(tmp_path / "allocate")], check=True, capture_output=True)
+    out = subprocess.run([tmp_path / "allocate"], check=True, capture_output=True, text=True).stdout
+    names = [line[:10].strip() for line in out.splitlines()]
+    assert names == ["paper", "weight", "limit", "lost rotor"]
+    told = [[float(number) for number in re.findall(r"\d+\.\d+", line)] for line in out.splitlines()]
+    for (*thrust, torque), expected in zip(told, the_cases(), strict=True):
+        np.testing.assert_allclose(thrust, expected.thrust, atol=1e-5)
+        assert torque == pytest.approx(np.abs(expected.joint_torques).max(), abs=1e-5)
+
+
+def the_cases():
+    """What Python answers to the example: the paper's weights, another weight, another limit, a lost rotor."""
+
+    def with_blocks(change):
+        return {
+            name: replace(mode, costs=tuple(map(change, mode.costs)), constraints=tuple(map(change, mode.constraints)))
+            for name, mode in find_allocation("paper").items()
+        }
+
+    heavy = with_blocks(lambda block: JointTorqueEffort(10.0) if isinstance(block, JointTorqueEffort) else block)
+    tight = with_blocks(lambda block: JointTorqueLimit(1.0) if isinstance(block, JointTorqueLimit) else block)
+    lost = {"lost_thrust": np.arange(8) == 2}
+    for modes, options in ((None, {}), (heavy, {}), (tight, {}), (None, lost)):
+        allocator, state = ThrustAllocator(modes=modes), RobotState.at_rest(FORMS["form3"])
+        state = replace(state, thrust=np.zeros(8), vectoring=np.zeros((8, 2)))
+        for _ in range(80):
+            thrust, vectoring, allocation = allocator.allocate(state, [0, 0, ROBOT.weight, 0, 0, 1.5], **options)
+            state = replace(state, thrust=thrust, vectoring=vectoring)
+        yield allocation
 
 
 def spoilt(data, rng):

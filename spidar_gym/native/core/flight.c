@@ -305,3 +305,34 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     f->ticked = 1;
     sp_make_command(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
 }
+
+/* The allocation alone, for a controller of one's own: a wrench in {CoG} on the rotors, once a period of the
+ * configuration's; after sp_flight_reset. Of the reference the mode and the lost modules count. A state or wrench that is
+ * not finite is answered with what was told last; `flight->allocation` says how it went. */
+void sp_flight_allocate(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *wrench,
+                        sp_room *room, double *thrust, double *vectoring)
+{
+    sp_flight_memory *m = &f->memory;
+    sp_lock lock;
+    sp_interference bounds;
+    double square = 0.0;
+    for (int k = 0; k < 6; k++) square += wrench[k] * wrench[k];
+    if (!sp_valid_state(state) || !isfinite(square)) {
+        f->allocation.status = SP_HELD;
+        for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(m->forces_l + 3 * i);
+        sp_copy(vectoring, m->vectoring, 2 * SP_ROTORS);
+        return;
+    }
+    sp_from_quat(state->quat_wb, f->control.R_wb);
+    sp_snapshot_at(room->robot, state->joint_position, f->control.R_wb, state->vectoring, &f->control.snapshot);
+    sp_copy(f->wrench_desired, wrench, 6);
+    flight_demand(f, state, reference, &lock, &bounds);
+    sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
+    sp_follow(f->allocation.forces_l, &lock, m->vectoring, room->robot->max_vectoring_speed * f->dt, m->vectoring);
+    m->lock = lock;
+    m->interference = bounds;
+    sp_copy(m->forces_l, f->allocation.forces_l, SP_FORCES);
+    f->ticked = 1;
+    sp_copy(thrust, f->allocation.thrust, SP_ROTORS);
+    sp_copy(vectoring, m->vectoring, 2 * SP_ROTORS);
+}

@@ -72,6 +72,8 @@ void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config
 void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
+void sp_flight_allocate(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference, const double *wrench,
+                        sp_room *room, double *thrust, double *vectoring); /* the allocation alone */
 
 /* compensation.c */
 void sp_leg_momentum(const sp_snapshot *snapshot, const double *velocity, double *h);
