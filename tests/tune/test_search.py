@@ -1,5 +1,6 @@
 """Pins the search for `tuned` and `robust_overlapped`: its cost, its scenarios, its files, its interruptions."""
 
+import importlib
 import itertools
 import json
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spidar_gym.benchmark import scoring
+from spidar_gym.benchmark import HOVER, scoring
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, SPLITS, TRACKS
 from spidar_gym.control.presets import RETUNED, ROBUST_OVERLAPPED, ROBUST_RETUNED, TUNED, TUNED_V1
@@ -21,7 +22,7 @@ from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, fi
 
 STARTS = {"flight": TUNED_V1, "retuned": RETUNED_START, "crawl": crawl.START, "recrawl": crawl.RESTART}
 ROOT = Path(__file__).resolve().parents[2]
-RIVALS = ("adrc", "compensation", "indi", "mpc")
+RIVALS = {"adrc": "Adrc", "compensation": "Compensation", "indi": "Indi", "mpc": "MPC"}
 SEARCHED = ROOT / "baselines/searches"
 BUDGET = {"population": 4, "scenarios": 1, "seed": 0, "workers": 1}
 
@@ -59,7 +60,7 @@ def test_a_rivals_search_is_made_on_all_flights_and_begins_and_ends_with_its_mar
     assert search.name == name
     assert search.tracks == SEARCHES["flight"].tracks
     assert search.reference == "tuned"
-    assert search.by_pattern == (name == "mpc")
+    assert search.by_pattern
     assert search.shortfall(search.settle({p.name: p.start for p in search.parameters})) == 0.0
 
 
@@ -306,6 +307,18 @@ def test_robust_overlapped_is_what_the_committed_search_ended_with():
     assert SEARCHES["crawl"].arguments(log[-1]["parameters"]) == {"controller": ROBUST_OVERLAPPED}
     gains = [line["reference"] - line["cost"] for line in log]
     assert np.exp(np.mean(gains[-10:])) > 1.25
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_a_rival_flies_with_what_its_committed_search_ended_with(name, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
+    module = importlib.import_module(f"baselines.{name}")
+    log = json.loads((SEARCHED / f"{name}.json").read_text())["log"]
+    assert log[-1]["parameters"] == module.FOUND
+    assert log[-1]["shortfall"] == module.SEARCH.shortfall(module.FOUND) == 0.0
+    own, found = getattr(module, RIVALS[name]).presets[HOVER], module.SEARCH.arguments(module.FOUND)
+    assert own["controller"] == found["controller"]
+    assert log[-1]["cost"] < log[0]["cost"]
 
 
 def test_retuned_is_what_the_committed_search_came_to_rest_at():
