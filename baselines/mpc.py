@@ -307,8 +307,13 @@ def loops(values: Mapping[str, float]) -> list[Margins]:
 
 SEARCH = Search("mpc", "flight", "tuned", PARAMETERS, arguments, loops, by_pattern=True, settle=settle)
 """`spidar tune baselines.mpc:SEARCH`."""
-FOUND = {each.name: each.start for each in PARAMETERS} | {f"{key}_bandwidth": 7.0 for key in KEYS}
-"""What it flies with."""
+FOUND = {
+    "xy_bandwidth": 7.667, "z_bandwidth": 8.247, "roll_pitch_bandwidth": 7.716, "yaw_bandwidth": 7.516,
+    "xy_damping": 0.00118, "z_damping": 0.002521, "roll_pitch_damping": 0.00118, "yaw_damping": 0.00118,
+    "xy_observer": 0.5429, "z_observer": 1.695, "roll_pitch_observer": 0.5683, "yaw_observer": 0.482,
+    "belief": 0.08861, "lag": 0.02544, "delay": 0.425, "servo_bandwidth": 23.1, "vectoring_lead": 0.04626,
+}  # fmt: skip
+"""What it flies with: what the search ended with, `baselines/searches/mpc.json`."""
 
 
 class MPC(PresetPolicy):

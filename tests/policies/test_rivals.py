@@ -201,7 +201,7 @@ def closed_loop(factor, axis, extra=0.0, seconds=9.0):
     state = resting(FORMS["form2"])
     reference = staying(state)
     steps, lag, late = 20, LAG, DELAY - 0.5 * mpc.DT + extra  # half a tick of the delay is the hold itself
-    x, v, a, errors = 0.02, 0.0, 0.0, []
+    x, v, a, errors = 2e-4, 0.0, 0.0, []  # so small that no limit makes a cycle of what grows
     commands = [0.0] * (round(late / mpc.DT * steps) + 1)
     controller.reset(state)
     for _ in range(round(seconds / mpc.DT)):
