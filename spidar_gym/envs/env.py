@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -40,6 +40,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         "render_modes": [*RENDER_MODES],
         "render_fps": int(CONTROL_RATE),
     }
+    task_type: ClassVar[type]
+    """Class of its task."""
     task: TaskT
     """What is to be done."""
     controller: ControllerT

@@ -16,10 +16,12 @@ from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.course.task import CourseTask, parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.judge import Judge
+from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
@@ -69,17 +71,17 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
+            UnknownArgumentError: For an argument that does not exist, likewise.
             InvalidValueError: For a value out of range.
         """
         environment(name)
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = _autoreset(autoreset_mode)
-        for refused in ("control", "allocator", "law"):
-            if refused in options:
-                raise InvalidValueError(refused, options[refused], "no such argument: the core flies")
+        kind = KINDS[name]
+        require_vector_options(SpidarEnv, kind, kind.task_type, options)
         if options.get("render_mode") == "human":
             raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
-        single = KINDS[name](control="core", **options)
+        single = kind(control="core", **options)
         self._single = single
         self.render_mode = single.render_mode
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
