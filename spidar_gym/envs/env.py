@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium
@@ -50,6 +51,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """Weight and formula of each term of the reward; the weights add up to 1."""
     failures: tuple[str, ...]
     """Why an episode may be over, in the engine's order."""
+    words: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
     hold: int = 1
     """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)

@@ -273,7 +273,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
         fleet, judge = self.fleet, self._judge
-        info = told((fleet.final_infos if final else fleet.infos).copy())
+        # Each a block of its own: JAX takes no view into records.
+        info = {name: each.copy() for name, each in told(fleet.final_infos if final else fleet.infos).items()}
         if judge is not None:
             info["term"] = (judge.final_terms if final else judge.terms).copy()
         return info | {f"_{name}": mask for name in info}

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     reset_options = ("course", "disturbances")
     failures = COURSE_FAILURES
     task_type = CourseTask
+    words = MappingProxyType({"phase": PHASES})
 
     def __init__(
         self,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     reward_terms = CRAWL_REWARD_TERMS
     failures = CRAWL_FAILURES
     task_type = CrawlTask
+    words = MappingProxyType({"phase": PHASES, "shortfalls": SHORTFALLS})
 
     def __init__(
         self,
