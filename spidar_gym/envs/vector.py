@@ -93,6 +93,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             )
         self._steps = single.horizon if ends else None
         self._spec: EnvSpec | None = None
+        self.autoreset_mode = mode
+        """What happens at the end of an episode; named as in Gymnasium's own vectors."""
         self.metadata = {**single.metadata, "autoreset_mode": mode}
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
