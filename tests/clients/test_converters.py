@@ -125,3 +125,15 @@ def test_gymnasium_itself_has_no_tensor_for_a_word():
     assert numpy_to_torch({"failure": "tilt"})["failure"] != "tilt"
     with pytest.raises(BufferError):
         numpy_to_torch({"failure": np.array(["tilt"], object)})
+
+
+def test_gymnasium_itself_cannot_convert_the_ends_of_its_own_vectors():
+    """Why the table has a but: where this fails, Gymnasium has learned it."""
+    import torch
+
+    own = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}
+    envs = gymnasium.make_vec("CartPole-v1", 2, "sync", max_episode_steps=1, vector_kwargs=own)
+    envs = gymnasium.wrappers.vector.NumpyToTorch(envs)
+    envs.reset(seed=0)
+    with pytest.raises(BufferError):
+        envs.step(torch.zeros(2, dtype=torch.int64))

@@ -32,6 +32,16 @@ def test_what_the_guide_shows_collects_episodes_that_end_where_they_are_told_to(
             assert_judged_at_the_end(successes)
 
 
+def test_torchrl_itself_takes_no_words_of_gymnasiums_own_vectors():
+    """Why the table has a but: where this fails, TorchRL has learned it."""
+    import gymnasium
+    from torchrl.envs import GymWrapper
+
+    envs = gymnasium.make_vec("spidar_gym/Hover-v0", 2, "sync", vector_kwargs={"autoreset_mode": "SameStep"})
+    with pytest.raises(RuntimeError, match="expand_specs"):
+        GymWrapper(envs)
+
+
 @pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_specs_are_those_of_what_comes(env_id, mode):

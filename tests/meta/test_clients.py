@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def test_the_committed_table_is_of_all_clients_and_each_of_them_works():
     assert [(name, done) for name, _, _, done in lines] == [(n, c.done) for n, c in matrix.CLIENTS.items()]
     for name, tried, outcome, _ in lines:
         client = matrix.CLIENTS[name]
-        assert outcome == (f"glue: {client.glue}" if client.glue else "unchanged")
+        assert outcome == client.works
         assert [each.split(" ")[0] for each in tried.split(", ")] == list(client.packages)
         if name.startswith("Gymnasium 1."):
             assert tried.startswith(f"gymnasium {name.split(' ')[1]}.")
@@ -57,10 +58,12 @@ FAILED = '<failure message="AssertionError: assert 1 == 2&#10; more">text</failu
 
 
 def test_an_outcome_is_what_the_tests_say():
-    assert matrix.verdict(report("", SKIPPED)) == "unchanged"
-    assert matrix.verdict(report(""), "a wrapper") == "glue: a wrapper"
-    assert matrix.verdict(report(SKIPPED), "a wrapper") == "not tried: every test was skipped"
-    assert matrix.verdict(report("", FAILED), "a wrapper") == "fails: AssertionError: assert 1 == 2"
+    client = matrix.Client("x", (), (), "")
+    glued = replace(client, glue="a wrapper", but="this")
+    assert (client.works, glued.works) == ("unchanged", "glue: a wrapper; but not this")
+    assert matrix.verdict(report("", SKIPPED), client.works) == "unchanged"
+    assert matrix.verdict(report(SKIPPED), glued.works) == "not tried: every test was skipped"
+    assert matrix.verdict(report("", FAILED), glued.works) == "fails: AssertionError: assert 1 == 2"
 
 
 def test_what_cannot_be_installed_is_said_and_is_a_failure(tmp_path, monkeypatch, capsys):
