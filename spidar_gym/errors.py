@@ -40,6 +40,23 @@ class UnknownNameError(SpidarError, ValueError):
         super().__init__(f"unknown {kind} {shown(name)}; valid: {', '.join(valid)}{meant}")
 
 
+class UnknownArgumentError(UnknownNameError, TypeError):
+    """A keyword argument that does not exist, in Python's own words, by which clients find out what there is."""
+
+    def __init__(self, name: str, valid: Iterable[str] | None = None, why: str = "") -> None:
+        """Say which `name` is no argument, list the `valid` ones, point at the one that is most like it, and say `why`.
+
+        Gymnasium makes such an error anew from its message, after which it tells of every argument: that is left out,
+        because it may be long and of many lines.
+        """
+        if valid is None:
+            SpidarError.__init__(self, name.partition(" was raised from the environment creator for ")[0])
+            return
+        super().__init__("keyword argument", name, valid)
+        words = f"got an unexpected {str(self).removeprefix('unknown ')}"
+        self.args = (f"{words}; {why}" if why else words,)
+
+
 class InvalidValueError(SpidarError, ValueError):
     """A value outside its range, or an array of the wrong shape."""
 
@@ -89,6 +106,14 @@ def require_name(kind: str, name: object, valid: Iterable[str]) -> None:
     """Raise `UnknownNameError` unless `name` is one of the valid ones."""
     if not (isinstance(name, str) and name in valid):
         raise UnknownNameError(kind, name, valid)
+
+
+def require_arguments(given: Iterable[str], valid: Iterable[str]) -> None:
+    """Raise `UnknownArgumentError` for the first of the given keyword arguments that is not one of the valid ones."""
+    valid = list(valid)
+    for name in given:
+        if name not in valid:
+            raise UnknownArgumentError(name, valid)
 
 
 def require_keys(argument: str, kind: str, value: object, valid: Iterable[str]) -> Mapping[str, Any]:

@@ -10,7 +10,9 @@ from spidar_gym.errors import (
     SHOWN,
     InvalidValueError,
     SpidarError,
+    UnknownArgumentError,
     UnknownNameError,
+    require_arguments,
     require_flag,
     require_instance,
     require_keys,
@@ -49,6 +51,22 @@ STRANGE = [
 def test_an_unknown_name_lists_all_valid_ones_and_points_at_the_one_that_is_most_like_it(wrong, meant):
     error = str(UnknownNameError("option", wrong, VALID))
     assert error == f"unknown option '{wrong}'; valid: {', '.join(VALID)}; did you mean {meant}?"
+
+
+def test_an_unknown_argument_lists_all_valid_ones_in_pythons_words_and_says_why():
+    error = UnknownArgumentError("sensor", VALID, "it is not there")
+    assert str(error) == (
+        f"got an unexpected keyword argument 'sensor'; valid: {', '.join(VALID)}; did you mean sensors?; "
+        "it is not there"
+    )
+    assert isinstance(error, UnknownNameError)
+    assert isinstance(error, TypeError)
+    # As Gymnasium makes it anew from its message.
+    again = f"{error} was raised from the environment creator for an/Id-v0 with kwargs ({{'sensor': 1}})"
+    assert str(type(error)(again)) == str(error)
+    require_arguments(["sensors"], VALID)
+    with pytest.raises(UnknownArgumentError, match="unexpected keyword argument 'x'"):
+        require_arguments(["sensors", "x"], VALID)
 
 
 def test_a_name_that_is_like_nothing_gets_no_guess():

@@ -3,7 +3,8 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Generic, TypeVar
+from types import MappingProxyType
+from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -40,6 +41,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         "render_modes": [*RENDER_MODES],
         "render_fps": int(CONTROL_RATE),
     }
+    task_type: ClassVar[type]
+    """Class of its task."""
     task: TaskT
     """What is to be done."""
     controller: ControllerT
@@ -48,6 +51,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """Weight and formula of each term of the reward; the weights add up to 1."""
     failures: tuple[str, ...]
     """Why an episode may be over, in the engine's order."""
+    words: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
     hold: int = 1
     """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)

@@ -1,11 +1,17 @@
 """Arguments of the environments: which ones there are, and what those that both take are made into."""
 
 import inspect
+from collections.abc import Collection
 from typing import Any, Protocol, runtime_checkable
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
-from spidar_gym.errors import require_instance, require_least, require_name
+from spidar_gym.errors import UnknownArgumentError, require_arguments, require_instance, require_least
 from spidar_gym.sim.config import PlantConfig
+
+OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps", "task")
+"""Arguments that only a vector has."""
+OF_ONE = ("control", "allocator", "law")
+"""Arguments that only a single robot's environment has: the core flies a vector."""
 
 
 @runtime_checkable
@@ -18,18 +24,33 @@ class Task(Protocol):
         ...
 
 
+def option_names(shared: type, env: type, task: type) -> list[str]:
+    """Names of all arguments: those of the task, of `env`, and of what all share."""
+    named = [
+        name
+        for kind in (env, shared)
+        for name, p in inspect.signature(kind).parameters.items()
+        if p.default is not p.empty
+    ]
+    return [*inspect.signature(task).parameters, *named]
+
+
 def split_options(
     shared: type, env: type, task: type, options: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arguments of the task, and those of `env` and of what all share (`UnknownNameError` lists all that there are)."""
-    own = list(inspect.signature(task).parameters)
-    named, common = (
-        [name for name, p in inspect.signature(kind).parameters.items() if p.default is not p.empty]
-        for kind in (env, shared)
-    )
-    for name in options:
-        require_name("option", name, own + named + common)
+    """Arguments of the task, and the others (`UnknownArgumentError` lists all that there are)."""
+    require_arguments(options, option_names(shared, env, task))
+    own = inspect.signature(task).parameters
     return {k: v for k, v in options.items() if k in own}, {k: v for k, v in options.items() if k not in own}
+
+
+def require_vector_options(shared: type, env: type, task: type, options: Collection[str]) -> None:
+    """Raise `UnknownArgumentError` for what is no argument of a vector of this environment."""
+    valid = [*OF_VECTORS, *(name for name in option_names(shared, env, task) if name not in OF_ONE)]
+    for name in OF_ONE:
+        if name in options:
+            raise UnknownArgumentError(name, valid, "the core flies")
+    require_arguments(options, valid)
 
 
 def own_robot(plant: PlantConfig | None) -> PlantConfig:

@@ -16,10 +16,12 @@ from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.course.task import CourseTask, parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.judge import Judge
+from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
@@ -69,17 +71,17 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
+            UnknownArgumentError: For an argument that does not exist, likewise.
             InvalidValueError: For a value out of range.
         """
         environment(name)
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = _autoreset(autoreset_mode)
-        for refused in ("control", "allocator", "law"):
-            if refused in options:
-                raise InvalidValueError(refused, options[refused], "no such argument: the core flies")
+        kind = KINDS[name]
+        require_vector_options(SpidarEnv, kind, kind.task_type, options)
         if options.get("render_mode") == "human":
             raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
-        single = KINDS[name](control="core", **options)
+        single = kind(control="core", **options)
         self._single = single
         self.render_mode = single.render_mode
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
@@ -91,6 +93,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             )
         self._steps = single.horizon if ends else None
         self._spec: EnvSpec | None = None
+        self.autoreset_mode = mode
+        """What happens at the end of an episode; named as in Gymnasium's own vectors."""
         self.metadata = {**single.metadata, "autoreset_mode": mode}
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
@@ -271,7 +275,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
         fleet, judge = self.fleet, self._judge
-        info = told((fleet.final_infos if final else fleet.infos).copy())
+        # Each a block of its own: JAX takes no view into records.
+        info = {name: each.copy() for name, each in told(fleet.final_infos if final else fleet.infos).items()}
         if judge is not None:
             info["term"] = (judge.final_terms if final else judge.terms).copy()
         return info | {f"_{name}": mask for name in info}

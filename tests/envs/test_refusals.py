@@ -1,8 +1,10 @@
 """Pins what is refused: arguments, ids, actions, options, disturbances, model files; each with what would be valid."""
 
 import math
+import pickle
 import re
 import shutil
+from functools import partial
 
 import gymnasium
 import jaxtyping
@@ -13,7 +15,7 @@ from support.episodes import EVERY, HOVER, assert_same, flight, make, same
 from spidar_gym.envs.docs import page
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownArgumentError, UnknownNameError
 from spidar_gym.native import engine
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import description
@@ -67,6 +69,27 @@ def test_an_unknown_argument_gets_the_list_of_all_that_there_are_and_the_one_tha
     table = page(name).partition("## Arguments")[2].partition("###")[0]
     assert sorted(valid.split(", ")) == sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
     assert guess == f"did you mean {meant}?"
+
+
+@pytest.mark.parametrize("way", ["one", "native vector", "sync"])
+def test_an_unknown_argument_is_a_type_error_in_pythons_words_and_a_value_error_in_one_line(way):
+    options = {"plant": PlantConfig(), "frameskip": 2}
+    made = {
+        "one": gymnasium.make, "native vector": partial(gymnasium.make_vec, num_envs=2),
+        "sync": partial(gymnasium.make_vec, num_envs=2, vectorization_mode="sync"),
+    }  # fmt: skip
+    with pytest.raises(UnknownArgumentError) as refusal:
+        made[way](HOVER, **options)
+    assert isinstance(refusal.value, TypeError)
+    assert isinstance(refusal.value, ValueError)
+    assert isinstance(refusal.value, UnknownNameError)
+    message = str(refusal.value)
+    # Clients look for these words to learn what an environment takes: TorchRL for `frameskip`, Gymnasium for others.
+    assert message.startswith("got an unexpected keyword argument 'frameskip'; valid: ")
+    assert "joint_speed" in message
+    assert "\n" not in message
+    assert len(message) < 800
+    assert str(pickle.loads(pickle.dumps(refusal.value))) == message
 
 
 @pytest.mark.parametrize("name", ["spidar_gym/Hover-v9", "spidar_gym/Hoover-v0"])

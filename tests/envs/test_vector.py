@@ -13,7 +13,7 @@ from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FAILURES, REWARD_TERMS
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
-from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownArgumentError, UnknownNameError
 from spidar_gym.native.draws import to_numpy
 
 CRAWLS = {
@@ -213,7 +213,7 @@ def test_what_cannot_be_built_is_refused():
     for bad in ({"num_envs": 0}, {"num_envs": 2, "num_threads": 0}, {"num_envs": 2, "max_episode_steps": 0}):
         with pytest.raises(InvalidValueError, match="at least 1"):
             NativeVectorEnv(HOVER, **bad)
-    with pytest.raises(InvalidValueError, match="the core flies"):
+    with pytest.raises(UnknownArgumentError, match=r"'control'; valid: num_threads, .*; the core flies$"):
         NativeVectorEnv(HOVER, 2, control="python")
     env = NativeVectorEnv(HOVER, 2)
     with pytest.raises(SpidarError, match="call reset"):

@@ -39,7 +39,8 @@ def test_gymnasium_makes_the_native_vector(name, mode):
     assert env.spec.id == name
     assert env.spec.max_episode_steps == ENVIRONMENTS[name].horizon
     assert env.num_envs == 3
-    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    # Where Gymnasium's own vectors say it, and in their attribute, which TorchRL reads.
+    assert env.metadata["autoreset_mode"] is env.autoreset_mode is AutoresetMode.SAME_STEP
     single = gymnasium.make(name)
     assert env.single_observation_space == single.observation_space
     assert env.single_action_space == single.action_space
@@ -132,6 +133,21 @@ def test_info_lies_as_in_gymnasiums_own_vector(mode):
             expected, known = own.reset(options={"reset_mask": over})
     native.close()
     own.close()
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_info_is_arrays_that_other_libraries_can_take_without_a_copy(name):
+    env = make(name, 3, max_episode_steps=2, autoreset_mode="SameStep")
+    infos = [env.reset(seed=0)[1]]
+    infos += [env.step(np.zeros(env.action_space.shape))[4] for _ in range(2)]
+    infos.append(infos[-1]["final_info"])
+    for info in infos:
+        for key, value in info.items():
+            if key == "final_info":
+                continue
+            assert value.flags.c_contiguous, key  # JAX refuses views into records
+            assert np.array_equal(np.from_dlpack(value), value), key
+    env.close()
 
 
 def test_gymnasiums_wrappers_take_it():

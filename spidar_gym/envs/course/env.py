@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,8 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     reward_terms = COURSE_REWARD_TERMS
     reset_options = ("course", "disturbances")
     failures = COURSE_FAILURES
+    task_type = CourseTask
+    words = MappingProxyType({"phase": PHASES})
 
     def __init__(
         self,
@@ -67,7 +70,8 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             **options: Arguments of the task and of `SpidarEnv`.
 
         Raises:
-            UnknownNameError: For a mode, preset, camera or option that does not exist.
+            UnknownNameError: For a mode, preset or camera that does not exist; it lists the valid ones.
+            UnknownArgumentError: For an argument that does not exist, likewise.
             InvalidValueError: For a value out of range, a course that nobody can go, a goal that nobody can reach.
         """
         own, shared = split_options(SpidarEnv, CourseEnv, CourseTask, options)

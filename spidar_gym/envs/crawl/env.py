@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
 
     reward_terms = CRAWL_REWARD_TERMS
     failures = CRAWL_FAILURES
+    task_type = CrawlTask
+    words = MappingProxyType({"phase": PHASES, "shortfalls": SHORTFALLS})
 
     def __init__(
         self,
@@ -64,7 +67,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             **options: Arguments of the task and of `SpidarEnv`.
 
         Raises:
-            UnknownNameError: For a mode, preset, schedule, camera or option that does not exist.
+            UnknownNameError: For a mode, preset, schedule or camera that does not exist; it lists the valid ones.
+            UnknownArgumentError: For an argument that does not exist, likewise.
             InvalidValueError: For a value out of range.
         """
         own, shared = split_options(SpidarEnv, CrawlEnv, CrawlTask, options)

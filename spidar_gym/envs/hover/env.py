@@ -44,7 +44,6 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
     task_type: ClassVar[type[HoverTask]] = HoverTask
-    """Its task."""
 
     def __init__(
         self,
@@ -73,7 +72,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             **options: Arguments of the task and of `SpidarEnv`.
 
         Raises:
-            UnknownNameError: For a mode, preset, camera or option that does not exist; it lists the valid ones.
+            UnknownNameError: For a mode, preset or camera that does not exist; it lists the valid ones.
+            UnknownArgumentError: For an argument that does not exist, likewise.
             InvalidValueError: For a value out of range.
         """
         own, shared = split_options(SpidarEnv, HoverEnv, self.task_type, options)
