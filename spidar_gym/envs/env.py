@@ -1,9 +1,11 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -25,7 +27,7 @@ from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import check_strength, randomize
+from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.state import Command, RobotState
 
 TaskT = TypeVar("TaskT", bound=Task)
@@ -51,7 +53,25 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     hold: int = 1
     """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)
-    """Names of the options of `reset`."""
+    """Names of the options of `reset` beside the arguments that it takes anew."""
+    most_steps: int | None = None
+    """Steps that whoever made it allows an episode; None where the task alone says."""
+    _arguments: dict[str, Any]
+    _kept: ClassVar[tuple[str, ...]] = ()
+    """Attributes that options of `reset` set, and that no argument gives."""
+
+    def __init_subclass__(cls) -> None:
+        """Show the arguments of `__init__` to whoever asks for them, and not those of `__new__`."""
+        super().__init_subclass__()
+        _, *rest = inspect.signature(cls.__init__).parameters.values()
+        cls.__signature__ = inspect.Signature(rest)
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 - arguments of the class, an object of it
+        """Keep what it is made of, so that `reset` can have another argument."""
+        del args
+        env = super().__new__(cls)
+        env._arguments = kwargs
+        return env
 
     def __init__(
         self,
@@ -65,7 +85,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         wake: bool = True,
         battery: bool = False,
         sensors: bool = False,
-        randomization: float = 0.0,
+        randomization: float | str | Path | Mapping[str, Any] | Randomization = 0.0,
         disturbances: Mapping[str, Any] | Disturbances | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -84,7 +104,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             wake: Whether there is air: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.
             sensors: Whether the controller sees what the real sensors and the estimator say, or the true state.
-            randomization: Strength of the domain randomisation, 0 … 1.
+            randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse` takes
+                them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
@@ -100,9 +121,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, ROBOT.max_thrust, "N", idle_thrust=idle_thrust)
-        check_strength(randomization)
         self._mode, self.layout = mode, layout
-        self._strength = float(randomization)
+        self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
         robot = own_robot(plant)
         self._nominal = replace(
@@ -113,7 +133,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             aero=replace(robot.aero, wake=bool(robot.aero.wake and wake)),
             actuators=replace(robot.actuators, battery=bool(robot.actuators.battery or battery)),
         )
-        self._described = plant is None and randomization == 0.0
+        self._described = plant is None and not self._randomization.draws
         self._control = control
         self.estimator = Estimator()
         self.sampled_parameters: dict[str, np.ndarray] = {}
@@ -124,13 +144,24 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._now: dict[str, Any] = {}
-        self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
-        """Steps after which the episode ends, unless it fails before."""
         self.ticks = 0
         """Steps since the reset."""
         self._began = False
         self._command: Command | None = None
         self._furnish(native=self._is_native())
+
+    @property
+    def horizon(self) -> int:
+        """Steps after which the episode ends, unless it fails before."""
+        own = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
+        if self.most_steps is None:
+            return own
+        return min(self.most_steps, own) if "horizon_s" in self._arguments else self.most_steps
+
+    @property
+    def reset_arguments(self) -> tuple[str, ...]:
+        """Arguments that `reset` takes as options: those of the task, and how robots are drawn."""
+        return (*(name for name in inspect.signature(type(self.task)).parameters), "randomization")
 
     # ---- two ways to run: all of it in the engine, or controller and task in Python over the engine's robot ----
 
@@ -194,8 +225,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
         Args:
             seed: Seed of the environment's generator, which draws everything.
-            options: `{"disturbances": {...}}` sets what happens to the robot, in this episode and those after it; other
-                names are options of the task.
+            options: What is to be from this episode on: `disturbances`, `randomization`, every argument of the task, and
+                what else is in `reset_options`.
 
         Returns:
             Observation and info.
@@ -204,10 +235,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             UnknownNameError: For an option that does not exist, and nothing has changed.
             InvalidValueError: For a value that is not valid, and nothing has changed.
         """
-        chosen: dict[str, object] = {}
-        given = {} if options is None else options
-        for name, value in require_keys("options", "reset option", given, self.reset_options).items():
-            chosen |= self._chosen(name, value)
+        chosen = self._choose({} if options is None else options)
         super().reset(seed=seed)
         for name, value in chosen.items():
             setattr(self, name, value)
@@ -300,8 +328,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
         """Write what every environment has into its rules."""
         rules.common(
-            record["rules"], self._nominal, self._mode, self._bound, strength=self._strength, horizon=self.horizon,
-            truncates=truncates, autoreset=autoreset,
+            record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
+            horizon=self.horizon, truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
 
     @abstractmethod
@@ -330,7 +358,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         single.begin(fleet, self.np_random)
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = single.drawn(fleet) if self._strength > 0.0 else {}
+        self.sampled_parameters = single.drawn(fleet) if self._randomization.draws else {}
 
     def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.plant.keep()
@@ -345,7 +373,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
-        draws = single.drawn(fleet, robot) if self._strength > 0.0 else {}
+        draws = single.drawn(fleet, robot) if self._randomization.draws else {}
         return single.info(fleet, self.reward_terms, self.failures, robot) | {"randomization": draws}
 
     # ---- controller and task in Python ----
@@ -362,8 +390,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def _draw_robot(self, rng: np.random.Generator) -> None:
         """Become the robot of this episode, where robots are drawn."""
-        if self._strength > 0.0:
-            config, self.sampled_parameters = randomize(self._nominal, rng, self._strength)
+        if self._randomization.draws:
+            config, self.sampled_parameters = randomize(self._nominal, rng, self._randomization)
             self.plant.configure(config)
 
     def _place(self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0) -> None:
@@ -379,6 +407,30 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
             self.estimator.reset(replace(self.state, **indicated))
             self._now["seen"] = self.estimator.update(first, self.state.thrust)
+
+    def _choose(self, options: object) -> dict[str, object]:
+        """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""
+        names = (*self.reset_options, *self.reset_arguments)
+        given = require_keys("options", "reset option", options, dict.fromkeys(names))
+        own = {name: value for name, value in given.items() if name in self.reset_options}
+        others = {name: value for name, value in given.items() if name not in own}
+        made = {name: value for name, value in own.items() if name in (*self.reset_arguments, "disturbances")}
+        if not others:
+            chosen = [self._chosen(name, value) for name, value in own.items()]
+            self._arguments = self._arguments | made
+            return {name: value for each in chosen for name, value in each.items()}
+        arguments = self._arguments | made | others
+        trial = type(self)(**arguments)  # what is not valid is refused here, and nothing has changed
+        chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
+        trial.close()
+        kept = {name: getattr(self, name) for name in self._kept}
+        self.controller.close()
+        if self.fleet is not None:
+            self.fleet.close()
+        view = self.view
+        self.__init__(**arguments)
+        self._arguments, self.view = arguments, view
+        return kept | {name: value for each in chosen for name, value in each.items()}
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""

@@ -24,7 +24,7 @@ def split_options(
     """Arguments of the task, and those of `env` and of what all share (`UnknownNameError` lists all that there are)."""
     own = list(inspect.signature(task).parameters)
     named, common = (
-        [name for name, p in inspect.signature(kind).parameters.items() if p.default is not p.empty]
+        [name for name, p in inspect.signature(kind.__init__).parameters.items() if p.default is not p.empty]
         for kind in (env, shared)
     )
     for name in options:

@@ -86,9 +86,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         ends = max_episode_steps != -1
         if ends and max_episode_steps is not None and not isinstance(max_episode_steps, RegisteredSteps):
             require_least(1, max_episode_steps=max_episode_steps)
-            single.horizon = min(
-                int(max_episode_steps), single.horizon if "horizon_s" in options else max_episode_steps
-            )
+            single.most_steps = int(max_episode_steps)
         self._steps = single.horizon if ends else None
         self._spec: EnvSpec | None = None
         self.metadata = {**single.metadata, "autoreset_mode": mode}

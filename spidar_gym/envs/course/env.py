@@ -41,6 +41,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     reward_terms = COURSE_REWARD_TERMS
     reset_options = ("course", "disturbances")
     failures = COURSE_FAILURES
+    _kept = ("_given",)
 
     def __init__(
         self,

@@ -43,6 +43,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
+    _kept = ("_start",)
     task_type: ClassVar[type[HoverTask]] = HoverTask
     """Its task."""
 
@@ -150,7 +151,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
-        goals, alike = most_goals(self.task.horizon_s), self._strength == 0.0 and rules is None
+        goals, alike = most_goals(self.task.horizon_s), not self._randomization.draws and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         knots = self.task.most_knots
         fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals, knots=knots)
