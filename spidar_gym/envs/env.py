@@ -57,6 +57,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     most_steps: int | None = None
     """Steps that whoever made it allows an episode; None where the task alone says."""
     _arguments: dict[str, Any]
+    _is_bare = False
+    """Whether it has neither robot nor controller: it says what others in a vector are to do."""
     _kept: ClassVar[tuple[str, ...]] = ()
     """Attributes that options of `reset` set, and that no argument gives."""
 
@@ -148,7 +150,10 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """Steps since the reset."""
         self._began = False
         self._command: Command | None = None
-        self._furnish(native=self._is_native())
+        self.fleet: Fleet | None = None
+        """Its robot in the engine, where that does all of it."""
+        if not self._is_bare:
+            self._furnish(native=self._is_native())
 
     @property
     def horizon(self) -> int:
@@ -172,7 +177,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _furnish(self, *, native: bool) -> None:
         """Make robot and controller."""
         self.fleet = self.make_fleet(1) if native else None
-        """Its robot in the engine, where that does all of it."""
         self._ruled = self.task
         self.plant = Plant(self._nominal, engine=None if self.fleet is None else self.fleet.engine)
         self.controller = self._make_controller()
@@ -303,6 +307,22 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         if self.fleet is not None:
             self.fleet.close()
 
+    def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
+        """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
+
+        Args:
+            arguments: Those that differ.
+
+        Raises:
+            UnknownNameError, InvalidValueError: For what is not valid.
+        """
+        kind, own = type(self), self._arguments | dict(arguments)
+        env = kind.__new__(kind, **own)
+        env._is_bare, env.most_steps = True, self.most_steps
+        env.__init__(**own)
+        env.view = self.view
+        return env
+
     # ---- all of it in the engine ----
 
     @abstractmethod
@@ -420,9 +440,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             self._arguments = self._arguments | made
             return {name: value for each in chosen for name, value in each.items()}
         arguments = self._arguments | made | others
-        trial = type(self)(**arguments)  # what is not valid is refused here, and nothing has changed
+        trial = self.variant(made | others)  # what is not valid is refused here, and nothing has changed
         chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
-        trial.close()
         kept = {name: getattr(self, name) for name in self._kept}
         self.controller.close()
         if self.fleet is not None:

@@ -117,6 +117,23 @@ class Fleet:
             raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
         self.rules["rules"]["is_advised"] = 1
 
+    def take_over(self, old: "Fleet") -> None:
+        """Go on in the arrays of other robots, where clients look: with their generators, and what was said of their
+        next episodes. They are closed, and all of these have to begin anew."""
+        for name in (
+            "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
+            "final_infos",
+        ):  # fmt: skip
+            setattr(self, name, getattr(old, name))
+            self.engine.share(name, getattr(self, name))
+        self.make_room(old.goals.shape[1], old.knots.shape[1])
+        self.goals[:, : old.goals.shape[1]], self.knots[:, : old.knots.shape[1]] = old.goals, old.knots
+        plants = self.robots["plant"].copy()
+        self.robots[:] = old.robots
+        self.robots["plant"] = plants
+        self.rules["rules"]["is_advised"] = np.any(old.rules["rules"]["is_advised"])
+        old.close()
+
     def make_room(self, goals: int, knots: int = 0) -> None:
         """Let an episode have at least so many forms, and its path so many knots."""
         for name, wanted in (("goals", goals), ("knots", knots)):
