@@ -106,8 +106,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             wake: Whether there is air: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.
             sensors: Whether the controller sees what the real sensors and the estimator say, or the true state.
-            randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse` takes
-                them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
+            randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse`
+                takes them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
@@ -229,8 +229,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
         Args:
             seed: Seed of the environment's generator, which draws everything.
-            options: What is to be from this episode on: `disturbances`, `randomization`, every argument of the task, and
-                what else is in `reset_options`.
+            options: What is to be from this episode on: `disturbances`, `randomization`, every argument of the task,
+                and what else is in `reset_options`.
 
         Returns:
             Observation and info.

@@ -118,8 +118,10 @@ class Fleet:
         self.rules["rules"]["is_advised"] = 1
 
     def take_over(self, old: "Fleet") -> None:
-        """Go on in the arrays of other robots, where clients look: with their generators, and what was said of their
-        next episodes. They are closed, and all of these have to begin anew."""
+        """Go on in the arrays of other robots, where clients look; those are closed, and these have to begin anew.
+
+        Their generators, and what was said of their next episodes, go on too.
+        """
         for name in (
             "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
             "final_infos",

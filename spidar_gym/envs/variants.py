@@ -8,7 +8,7 @@ import numpy as np
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import HoverTask
-from spidar_gym.envs.rules import most_goals, sequence
+from spidar_gym.envs.rules import most_goals
 
 Env = SpidarEnv[Any, Any, Any]
 
@@ -51,7 +51,7 @@ def make_fleet(
     rules = None if alike else np.array([env.rules(**how) for env in envs])
     fleet = envs[0].make_fleet(len(envs), threads, **how, rules=rules)
     fleet.take_over(old)
-    write(fleet, envs, range(len(envs)))
+    make_room(fleet, envs)
     return fleet
 
 
@@ -60,13 +60,11 @@ def rewrite(fleet: Fleet, envs: Sequence[Env], ids: Sequence[int], *, autoreset:
     for k in ids:
         fleet.rules[k] = envs[k].rules(autoreset=autoreset, truncates=truncates)
     fleet.engine.configure(np.ascontiguousarray(fleet.rules["rules"]["plant"]), np.array(ids, np.int32))
-    write(fleet, envs, ids)
+    make_room(fleet, envs)
 
 
-def write(fleet: Fleet, envs: Sequence[Env], ids: Sequence[int]) -> None:
-    """Write what robots have of their tasks beside the rules."""
-    for k in ids:
-        task = envs[k].task
+def make_room(fleet: Fleet, envs: Sequence[Env]) -> None:
+    """Let the longest episode have its forms, and its path its knots."""
+    for task in {id(env): env.task for env in envs}.values():
         if isinstance(task, HoverTask):
-            fleet.robots["forms"][k] = sequence(task)
             fleet.make_room(most_goals(task.horizon_s), task.most_knots)

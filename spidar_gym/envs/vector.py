@@ -164,9 +164,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
         generators = {k: np_random(one)[0] for k, one in self._seeds(seed, mask).items()}
         asked = {name: self._listed(name, given[name]) for name in others if name in given and name not in own}
-        if asked and "forms" in given:
-            asked["forms"] = self._listed("forms", given["forms"])
-        chosen = {name: self._each(name, given[name]) for name in own if name in given and name not in asked}
+        chosen = {name: self._each(name, given[name]) for name in own if name in given}
         ids = np.flatnonzero(mask)
         if asked:
             self._ask(asked, ids)
