@@ -246,8 +246,8 @@ def page(name: str) -> str:
             "name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))
         ),
         f"`reset(options={own.options})` changes this episode and those after it.",
-        f"So does each of {_names(own)} as an option of `reset`: with it the environment\nis made anew, which takes some "
-        "10 ms. In a vector a list gives each robot its own.",
+        f"So does each of {_names(own)} as an option of `reset`: with it the environment\nis made anew, which takes "
+        "some 10 ms. In a vector a list gives each robot its own.",
         "### Disturbances",
         markdown_rows(
             "name | default | meaning",

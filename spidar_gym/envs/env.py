@@ -414,11 +414,13 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             config, self.sampled_parameters = randomize(self._nominal, rng, self._randomization)
             self.plant.configure(config)
 
-    def _place(self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0) -> None:
-        """Put the robot where an episode starts; pose and energy are those of `Plant.reset`."""
+    def _place(
+        self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0, motion: np.ndarray | None = None
+    ) -> None:
+        """Put the robot where an episode starts; pose, energy and motion are those of `Plant.reset`."""
         # A generator of its own, so that what the weather draws does not change what the next episode is.
         own = {"disturbances": self._disturbances, "rng": rng.spawn(1)[0], "spent_wh": spent_wh}
-        self._now["state"] = self.plant.reset(*pose, **own)
+        self._now["state"] = self.plant.reset(*pose, **own, motion=motion)
 
     def _sense(self) -> None:
         """What is seen of the first state."""

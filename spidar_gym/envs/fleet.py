@@ -85,6 +85,7 @@ class Fleet:
         if start is None:
             return
         record["offset"], record["rotation"] = start.position, start.rotation
+        record["velocity"], record["omega"] = start.velocity, start.omega
         record["has_trim"], record["trim"] = start.trim is not None, 0.0 if start.trim is None else start.trim
         record["goals"] = count = len(start.goals)
         record["knots"] = knots = 0 if start.path is None else len(start.path.times)
