@@ -1,11 +1,10 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
-import inspect
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -21,8 +20,9 @@ from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import Task, own_robot
+from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.view import RENDER_MODES, View
-from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_keys, require_within
+from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
@@ -35,7 +35,7 @@ ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl, Orders)
 ProgressT = TypeVar("ProgressT")
 
 
-class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT, ProgressT]):
+class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
@@ -52,29 +52,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """Why an episode may be over, in the engine's order."""
     hold: int = 1
     """Control periods of a step."""
-    reset_options: tuple[str, ...] = ("disturbances",)
-    """Names of the options of `reset` beside the arguments that it takes anew."""
-    most_steps: int | None = None
-    """Steps that whoever made it allows an episode; None where the task alone says."""
-    _arguments: dict[str, Any]
-    _is_bare = False
-    """Whether it has neither robot nor controller: it says what others in a vector are to do."""
-    _kept: ClassVar[tuple[str, ...]] = ()
-    """Attributes that options of `reset` set, and that no argument gives."""
-
-    def __init_subclass__(cls) -> None:
-        """Show the arguments of `__init__` to whoever asks for them, and not those of `__new__`."""
-        super().__init_subclass__()
-        _, *rest = inspect.signature(cls.__init__).parameters.values()
-        cls.__signature__ = inspect.Signature(rest)
-
-    def __new__(cls, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 - arguments of the class, an object of it
-        """Keep what it is made of, so that `reset` can have another argument."""
-        del args
-        env = super().__new__(cls)
-        env._arguments = kwargs
-        return env
-
     def __init__(
         self,
         mode: ActionMode,
@@ -154,19 +131,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """Its robot in the engine, where that does all of it."""
         if not self._is_bare:
             self._furnish(native=self._is_native())
-
-    @property
-    def horizon(self) -> int:
-        """Steps after which the episode ends, unless it fails before."""
-        own = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
-        if self.most_steps is None:
-            return own
-        return min(self.most_steps, own) if "horizon_s" in self._arguments else self.most_steps
-
-    @property
-    def reset_arguments(self) -> tuple[str, ...]:
-        """Arguments that `reset` takes as options: those of the task, and how robots are drawn."""
-        return (*(name for name in inspect.signature(type(self.task)).parameters), "randomization")
 
     # ---- two ways to run: all of it in the engine, or controller and task in Python over the engine's robot ----
 
@@ -303,25 +267,12 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def close(self) -> None:
         """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
         self.view.close()
+        self._empty()
+
+    def _empty(self) -> None:
         self.controller.close()
         if self.fleet is not None:
             self.fleet.close()
-
-    def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
-        """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
-
-        Args:
-            arguments: Those that differ.
-
-        Raises:
-            UnknownNameError, InvalidValueError: For what is not valid.
-        """
-        kind, own = type(self), self._arguments | dict(arguments)
-        env = kind.__new__(kind, **own)
-        env._is_bare, env.most_steps = True, self.most_steps
-        env.__init__(**own)
-        env.view = self.view
-        return env
 
     # ---- all of it in the engine ----
 
@@ -429,29 +380,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
             self.estimator.reset(replace(self.state, **indicated))
             self._now["seen"] = self.estimator.update(first, self.state.thrust)
-
-    def _choose(self, options: object) -> dict[str, object]:
-        """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""
-        names = (*self.reset_options, *self.reset_arguments)
-        given = require_keys("options", "reset option", options, dict.fromkeys(names))
-        own = {name: value for name, value in given.items() if name in self.reset_options}
-        others = {name: value for name, value in given.items() if name not in own}
-        made = {name: value for name, value in own.items() if name in (*self.reset_arguments, "disturbances")}
-        if not others:
-            chosen = [self._chosen(name, value) for name, value in own.items()]
-            self._arguments = self._arguments | made
-            return {name: value for each in chosen for name, value in each.items()}
-        arguments = self._arguments | made | others
-        trial = self.variant(made | others)  # what is not valid is refused here, and nothing has changed
-        chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
-        kept = {name: getattr(self, name) for name in self._kept}
-        self.controller.close()
-        if self.fleet is not None:
-            self.fleet.close()
-        view = self.view
-        self.__init__(**arguments)
-        self._arguments, self.view = arguments, view
-        return kept | {name: value for each in chosen for name, value in each.items()}
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""

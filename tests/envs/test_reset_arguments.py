@@ -192,3 +192,16 @@ def test_a_vector_refuses_in_a_line_what_it_cannot_ask_and_goes_on():
     plain = vector(joint_speed=1.0)
     assert np.array_equal(judged.reset(seed=5)[0], plain.reset(seed=5)[0])
     assert all(same(judged.step(zero)[0], plain.step(zero)[0]) for _ in range(10))
+
+
+def test_a_robot_of_its_own_arguments_goes_on_where_they_are_the_same_and_nowhere_else():
+    env, zero = vector(n=3), np.zeros((3, 6))
+    env.reset(seed=0, options={"joint_speed": [0.5, 1.0, 0.5], "forms": "independent"})
+    env.step(zero)
+    saved = env.save([0])
+    with pytest.raises(SpidarError, match="saved robots are of another set of options"):
+        env.restore(saved, [1])
+    env.restore(saved, [2])
+    for _ in range(20):
+        observations, *_ = env.step(zero)
+        assert np.array_equal(observations[0], observations[2])
