@@ -103,7 +103,7 @@ def run(
     seconds: float | None = None,
     wake: bool = True,
     sensors: Flag = False,
-    randomization: float = 0.0,
+    randomization: float | Path = 0.0,
     disturbances: Annotated[Disturbances, tyro.conf.arg(name="")] = UNDISTURBED,
     camera: CameraArg = FIXED,
     out: Path | None = None,
@@ -121,7 +121,7 @@ def run(
         seconds: Length of an episode [s]; the environment's own if not given.
         wake: Air between the rotors.
         sensors: The controller sees real sensors through the estimator.
-        randomization: Strength of the domain randomisation, 0 … 1.
+        randomization: Strength of the domain randomisation, 0 … 1; or a TOML file of ranges by field.
         out: Video file to write (.mp4).
         show: Open a window.
     """

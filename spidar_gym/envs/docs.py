@@ -246,6 +246,8 @@ def page(name: str) -> str:
             "name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))
         ),
         f"`reset(options={own.options})` changes this episode and those after it.",
+        f"So does each of {_names(own)} as an option of `reset`: with it the environment\nis made anew, which takes "
+        "some 10 ms. In a vector a list gives each robot its own.",
         "### Disturbances",
         markdown_rows(
             "name | default | meaning",
@@ -286,15 +288,21 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "wake": "air: jets between the rotors, drag, ground effect",
         "battery": "the largest thrust falls with the voltage of a battery that is full at reset",
         "sensors": "the controller sees motion capture, inertial unit and encoders through an estimator",
-        "randomization": "strength of the domain randomisation, 0 … 1",
+        "randomization": "strength of the domain randomisation, 0 … 1; or ranges by field of the table below, "
+        '`{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others (0 if not said); or a TOML file of these',
         "disturbances": "dictionary with any of " + ", ".join(f"`{n}`" for n in field_docs(Disturbances)),
         "render_mode": "one of " + ", ".join(f"`{n}`" for n in SpidarEnv.metadata["render_modes"]),
         "camera": "one of " + ", ".join(f"`{n}`" for n in CAMERAS),
         "width": "of pictures [px]",
         "height": "of pictures [px]",
     }
-    parameters = {**inspect.signature(SpidarEnv).parameters, **inspect.signature(own.env).parameters}
+    parameters = {**inspect.signature(SpidarEnv.__init__).parameters, **inspect.signature(own.env).parameters}
     return rows + [(n, parameters[n].default, doc) for n, doc in meanings.items() if n in parameters]
+
+
+def _names(own: Chapter) -> str:
+    """Arguments that are options of `reset` too, in words."""
+    return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization"))
 
 
 def pages() -> dict[str, str]:

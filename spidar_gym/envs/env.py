@@ -1,10 +1,11 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -20,13 +21,14 @@ from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import Task, own_robot
+from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.view import RENDER_MODES, View
-from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_keys, require_within
+from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import check_strength, randomize
+from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.state import Command, RobotState
 
 TaskT = TypeVar("TaskT", bound=Task)
@@ -34,15 +36,13 @@ ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl, Orders)
 ProgressT = TypeVar("ProgressT")
 
 
-class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT, ProgressT]):
+class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
         "render_modes": [*RENDER_MODES],
         "render_fps": int(CONTROL_RATE),
     }
-    task_type: ClassVar[type]
-    """Class of its task."""
     task: TaskT
     """What is to be done."""
     controller: ControllerT
@@ -55,8 +55,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
     hold: int = 1
     """Control periods of a step."""
-    reset_options: tuple[str, ...] = ("disturbances",)
-    """Names of the options of `reset`."""
 
     def __init__(
         self,
@@ -70,7 +68,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         wake: bool = True,
         battery: bool = False,
         sensors: bool = False,
-        randomization: float = 0.0,
+        randomization: float | str | Path | Mapping[str, Any] | Randomization = 0.0,
         disturbances: Mapping[str, Any] | Disturbances | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -89,7 +87,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             wake: Whether there is air: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.
             sensors: Whether the controller sees what the real sensors and the estimator say, or the true state.
-            randomization: Strength of the domain randomisation, 0 … 1.
+            randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse`
+                takes them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
@@ -105,9 +104,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, ROBOT.max_thrust, "N", idle_thrust=idle_thrust)
-        check_strength(randomization)
         self._mode, self.layout = mode, layout
-        self._strength = float(randomization)
+        self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
         robot = own_robot(plant)
         self._nominal = replace(
@@ -118,7 +116,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             aero=replace(robot.aero, wake=bool(robot.aero.wake and wake)),
             actuators=replace(robot.actuators, battery=bool(robot.actuators.battery or battery)),
         )
-        self._described = plant is None and randomization == 0.0
+        self._described = plant is None and not self._randomization.draws
         self._control = control
         self.estimator = Estimator()
         self.sampled_parameters: dict[str, np.ndarray] = {}
@@ -129,13 +127,14 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         high = self._bound.astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._now: dict[str, Any] = {}
-        self.horizon = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
-        """Steps after which the episode ends, unless it fails before."""
         self.ticks = 0
         """Steps since the reset."""
         self._began = False
         self._command: Command | None = None
-        self._furnish(native=self._is_native())
+        self.fleet: Fleet | None = None
+        """Its robot in the engine, where that does all of it."""
+        if not self._is_bare:
+            self._furnish(native=self._is_native())
 
     # ---- two ways to run: all of it in the engine, or controller and task in Python over the engine's robot ----
 
@@ -146,7 +145,6 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _furnish(self, *, native: bool) -> None:
         """Make robot and controller."""
         self.fleet = self.make_fleet(1) if native else None
-        """Its robot in the engine, where that does all of it."""
         self._ruled = self.task
         self.plant = Plant(self._nominal, engine=None if self.fleet is None else self.fleet.engine)
         self.controller = self._make_controller()
@@ -199,8 +197,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
         Args:
             seed: Seed of the environment's generator, which draws everything.
-            options: `{"disturbances": {...}}` sets what happens to the robot, in this episode and those after it; other
-                names are options of the task.
+            options: What is to be from this episode on: `disturbances`, `randomization`, every argument of the task,
+                and what else is in `reset_options`.
 
         Returns:
             Observation and info.
@@ -209,10 +207,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
             UnknownNameError: For an option that does not exist, and nothing has changed.
             InvalidValueError: For a value that is not valid, and nothing has changed.
         """
-        chosen: dict[str, object] = {}
-        given = {} if options is None else options
-        for name, value in require_keys("options", "reset option", given, self.reset_options).items():
-            chosen |= self._chosen(name, value)
+        chosen = self._choose({} if options is None else options)
         super().reset(seed=seed)
         for name, value in chosen.items():
             setattr(self, name, value)
@@ -276,6 +271,9 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def close(self) -> None:
         """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
         self.view.close()
+        self._empty()
+
+    def _empty(self) -> None:
         self.controller.close()
         if self.fleet is not None:
             self.fleet.close()
@@ -305,8 +303,8 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
     def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
         """Write what every environment has into its rules."""
         rules.common(
-            record["rules"], self._nominal, self._mode, self._bound, strength=self._strength, horizon=self.horizon,
-            truncates=truncates, autoreset=autoreset,
+            record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
+            horizon=self.horizon, truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
 
     @abstractmethod
@@ -335,7 +333,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         single.begin(fleet, self.np_random)
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = single.drawn(fleet) if self._strength > 0.0 else {}
+        self.sampled_parameters = single.drawn(fleet) if self._randomization.draws else {}
 
     def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.plant.keep()
@@ -350,7 +348,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
-        draws = single.drawn(fleet, robot) if self._strength > 0.0 else {}
+        draws = single.drawn(fleet, robot) if self._randomization.draws else {}
         return single.info(fleet, self.reward_terms, self.failures, robot) | {"randomization": draws}
 
     # ---- controller and task in Python ----
@@ -367,15 +365,17 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
 
     def _draw_robot(self, rng: np.random.Generator) -> None:
         """Become the robot of this episode, where robots are drawn."""
-        if self._strength > 0.0:
-            config, self.sampled_parameters = randomize(self._nominal, rng, self._strength)
+        if self._randomization.draws:
+            config, self.sampled_parameters = randomize(self._nominal, rng, self._randomization)
             self.plant.configure(config)
 
-    def _place(self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0) -> None:
-        """Put the robot where an episode starts; pose and energy are those of `Plant.reset`."""
+    def _place(
+        self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0, motion: np.ndarray | None = None
+    ) -> None:
+        """Put the robot where an episode starts; pose, energy and motion are those of `Plant.reset`."""
         # A generator of its own, so that what the weather draws does not change what the next episode is.
         own = {"disturbances": self._disturbances, "rng": rng.spawn(1)[0], "spent_wh": spent_wh}
-        self._now["state"] = self.plant.reset(*pose, **own)
+        self._now["state"] = self.plant.reset(*pose, **own, motion=motion)
 
     def _sense(self) -> None:
         """What is seen of the first state."""

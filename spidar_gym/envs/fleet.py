@@ -85,6 +85,7 @@ class Fleet:
         if start is None:
             return
         record["offset"], record["rotation"] = start.position, start.rotation
+        record["velocity"], record["omega"] = start.velocity, start.omega
         record["has_trim"], record["trim"] = start.trim is not None, 0.0 if start.trim is None else start.trim
         record["goals"] = count = len(start.goals)
         record["knots"] = knots = 0 if start.path is None else len(start.path.times)
@@ -116,6 +117,25 @@ class Fleet:
         if self.kind != "hover" or not np.all(self.rules["rules"]["mode"]["is_direct"]):
             raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
         self.rules["rules"]["is_advised"] = 1
+
+    def take_over(self, old: "Fleet") -> None:
+        """Go on in the arrays of other robots, where clients look; those are closed, and these have to begin anew.
+
+        Their generators, and what was said of their next episodes, go on too.
+        """
+        for name in (
+            "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
+            "final_infos",
+        ):  # fmt: skip
+            setattr(self, name, getattr(old, name))
+            self.engine.share(name, getattr(self, name))
+        self.make_room(old.goals.shape[1], old.knots.shape[1])
+        self.goals[:, : old.goals.shape[1]], self.knots[:, : old.knots.shape[1]] = old.goals, old.knots
+        plants = self.robots["plant"].copy()
+        self.robots[:] = old.robots
+        self.robots["plant"] = plants
+        self.rules["rules"]["is_advised"] = np.any(old.rules["rules"]["is_advised"])
+        old.close()
 
     def make_room(self, goals: int, knots: int = 0) -> None:
         """Let an episode have at least so many forms, and its path so many knots."""

@@ -25,22 +25,18 @@ class Horizon(gymnasium.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
         assert isinstance(inner, SpidarEnv)
         assert env.spec is not None
         steps = env.spec.max_episode_steps
-        if steps is not None:
-            lengths = [] if isinstance(steps, RegisteredSteps) else [steps]
-            if not lengths or "horizon_s" in env.spec.kwargs:
-                lengths.append(inner.horizon)
-            inner.horizon = steps = min(lengths)
-        self._inner, self._steps = inner, steps
+        inner.most_steps = None if isinstance(steps, RegisteredSteps) else steps
+        self._inner, self._ends = inner, steps is not None
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
         """One step; truncated where the episode is over, never with `max_episode_steps=-1`."""
         observation, reward, terminated, _, info = self.env.step(action)
-        return observation, reward, terminated, self._steps is not None and self._inner.ticks >= self._steps, info
+        return observation, reward, terminated, self._ends and self._inner.ticks >= self._inner.horizon, info
 
     @property
     def spec(self) -> EnvSpec | None:
         """The specification with the steps after which the episode really ends."""
         spec = super().spec
         if spec is not None:
-            spec.max_episode_steps = self._steps
+            spec.max_episode_steps = self._inner.horizon if self._ends else None
         return spec

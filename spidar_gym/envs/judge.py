@@ -40,7 +40,8 @@ class Judge:
             raise InvalidValueError("failures", list(task.failures), "diverged among them: the engine says that")
         rules = fleet.rules["rules"]
         rules["is_judged"] = True
-        self._task, self._fleet = task, fleet
+        self.task, self._fleet = task, fleet
+        """What the robots are to do."""
         self._weights, self._words = [weight for weight, _ in task.reward_terms.values()], list(task.failures)
         self._same_step = AUTORESETS[int(rules["autoreset"])] == "same_step"
         robots = len(fleet.robots)
@@ -53,12 +54,12 @@ class Judge:
         self._draws = type(task).draw is not VectorTask.draw
 
     def _robots(self) -> Any:  # noqa: ANN401 - what its task is told
-        make: Any = self._task.robots
+        make: Any = self.task.robots
         return make(self._fleet, self._memory, self._own)
 
     def begin(self, ids: np.ndarray) -> None:
         """Go on where the engine has reset robots."""
-        fleet, task = self._fleet, self._task
+        fleet, task = self._fleet, self.task
         self._memory[ids] = 0
         if self._draws:
             for k in ids.tolist():
@@ -74,7 +75,7 @@ class Judge:
 
     def step(self) -> None:
         """One control period of all robots."""
-        fleet, task, robots = self._fleet, self._task, self._robots()
+        fleet, task, robots = self._fleet, self.task, self._robots()
         rules, records = fleet.rules["rules"], fleet.robots
         episode = records["episode"]
         fleet.begun[:] = False
@@ -112,7 +113,7 @@ class Judge:
             self.begin(ids)
 
     def _terms(self, robots: Robots) -> np.ndarray:
-        found = _rows(self._task.terms(robots), self._task.reward_terms, "terms", len(robots))
+        found = _rows(self.task.terms(robots), self.task.reward_terms, "terms", len(robots))
         return np.stack(list(found.values()), axis=1)
 
 

@@ -29,7 +29,7 @@ def option_names(shared: type, env: type, task: type) -> list[str]:
     named = [
         name
         for kind in (env, shared)
-        for name, p in inspect.signature(kind).parameters.items()
+        for name, p in inspect.signature(kind.__init__).parameters.items()
         if p.default is not p.empty
     ]
     return [*inspect.signature(task).parameters, *named]

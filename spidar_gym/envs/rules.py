@@ -32,7 +32,7 @@ from spidar_gym.native.structs import fill
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.ground import TERRAINS
-from spidar_gym.sim.randomize import TABLE
+from spidar_gym.sim.randomize import Randomization
 
 OPERATIONS = ("set", "scale", "add")
 """What a drawn number does to the nominal one, in the engine's order."""
@@ -51,7 +51,7 @@ def action_mode(mode: ActionMode) -> np.ndarray:
 
 def common(
     record: np.ndarray, plant: PlantConfig, mode: ActionMode, bound: np.ndarray, *,
-    strength: float, horizon: int, truncates: bool, autoreset: str,
+    randomization: Randomization, horizon: int, truncates: bool, autoreset: str,
 ) -> None:  # fmt: skip
     """Fill `sp_rules`.
 
@@ -60,7 +60,7 @@ def common(
         plant: The robot that others are drawn around.
         mode: What the action means.
         bound: Of the observation.
-        strength: Of the randomisation, 0 … 1.
+        randomization: How robots are drawn.
         horizon: Ticks of an episode.
         truncates: Whether it ends there.
         autoreset: One of `AUTORESETS`.
@@ -69,10 +69,11 @@ def common(
     fill(record["estimator"], EstimatorConfig())
     record["mode"] = action_mode(mode)
     record["size"], record["bound"][: len(bound)] = len(bound), bound
+    strength, table = randomization.table(plant)
     record["strength"], record["horizon"], record["truncates"] = strength, horizon, truncates
-    record["autoreset"], record["draws"] = AUTORESETS.index(autoreset), len(TABLE)
+    record["autoreset"], record["draws"] = AUTORESETS.index(autoreset), len(table)
     layout = engine_layouts()["plant_config"]
-    for row, draw in zip(record["draw"], TABLE, strict=False):
+    for row, draw in zip(record["draw"], table, strict=False):
         part, name = draw.field.split(".")
         row["at"] = _offset(layout, part) + _offset(layout[part], name)
         row["count"], row["operation"] = np.prod(draw.shape, dtype=int), OPERATIONS.index(draw.operation)

@@ -27,7 +27,7 @@ def save(fleet: Fleet, ids: Sequence[int]) -> bytes:
         ids: Which ones.
     """
     rooms = {name: getattr(fleet, name).shape[1] for name in ROOMS}
-    head = json.dumps(_description(fleet) | {"robots": len(ids), **rooms}).encode() + b"\n"
+    head = json.dumps(_description(fleet, ids) | {"robots": len(ids), **rooms}).encode() + b"\n"
     body = b"".join(part[k].tobytes() for part in _parts(fleet) for k in ids)
     content = MAGIC + head + body
     return content + hashlib.sha256(content).digest()
@@ -54,7 +54,7 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
         raise SpidarError("the saved robots are damaged; valid: the bytes that save() gave, all of them")
     head, body = content[len(MAGIC) :].split(b"\n", 1)
     told = json.loads(head)
-    for name, here in _description(fleet).items():
+    for name, here in _description(fleet, ids).items():
         if told.get(name) != here:
             raise SpidarError(f"the saved robots are of another {name}: {told.get(name)}; valid here: {here}")
     if told["robots"] != len(ids):
@@ -82,9 +82,9 @@ def _parts(fleet: Fleet) -> list[np.ndarray]:
     return parts + [fleet.engine.copies] * fleet.has_own_copies
 
 
-def _description(fleet: Fleet) -> dict[str, Any]:
+def _description(fleet: Fleet, ids: Sequence[int]) -> dict[str, Any]:
     """What has to be the same where robots are to go on."""
-    rules = fleet.rules.copy()
+    rules = fleet.rules.copy() if fleet.rules.ndim == 0 else fleet.rules[list(ids)]
     rules["rules"]["autoreset"] = 0
     return {
         "environment": fleet.kind,

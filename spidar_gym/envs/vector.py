@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 import gymnasium
@@ -25,6 +26,7 @@ from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
+from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
 from spidar_gym.native.engine_structs import N_DOFS, SEQUENCES
 from spidar_gym.native.structs import read
@@ -82,15 +84,13 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         if options.get("render_mode") == "human":
             raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
         single = kind(control="core", **options)
-        self._single = single
+        self._single, self._envs = single, [single] * num_envs
         self.render_mode = single.render_mode
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
         ends = max_episode_steps != -1
         if ends and max_episode_steps is not None and not isinstance(max_episode_steps, RegisteredSteps):
             require_least(1, max_episode_steps=max_episode_steps)
-            single.horizon = min(
-                int(max_episode_steps), single.horizon if "horizon_s" in options else max_episode_steps
-            )
+            single.most_steps = int(max_episode_steps)
         self._steps = single.horizon if ends else None
         self._spec: EnvSpec | None = None
         self.autoreset_mode = mode
@@ -99,14 +99,12 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
-        self.fleet = single.make_fleet(num_envs, num_threads, autoreset=mode.name.lower(), truncates=ends)
+        self._threads, self._how = num_threads, {"autoreset": mode.name.lower(), "truncates": ends}
+        self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
-        self._judge: Judge | None = None
-        if isinstance(single.task, CourseTask):
-            if task is not None:
-                raise InvalidValueError("task", task, "None: a course is judged by its own")
-        elif task is not None:
-            self._judge = Judge(task, self.fleet, single.task)
+        if task is not None and isinstance(single.task, CourseTask):
+            raise InvalidValueError("task", task, "None: a course is judged by its own")
+        self._judge = None if task is None else Judge(task, self.fleet, single.task)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
 
@@ -145,9 +143,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
         Args:
             seed: Robot i gets `seed + i`, as in Gymnasium's own vectors, or its own entry of a list.
-            options: `{"reset_mask": …}` says which robots (all if not given); `disturbances`, in flight `forms` and
-                `start`, are those of the environment's own `reset`, one for all of these robots, or a list with an
-                entry for every robot of the vector, of which those of these robots count.
+            options: `{"reset_mask": …}` says which robots (all if not given); the others are those of the environment's
+                own `reset`, one for all of these robots, or a list with an entry for every robot of the vector, of
+                which those of these robots count. (An argument whose value is a sequence is a tuple where it is one for
+                all.) Arguments are first given to all robots at once; from then on each may get its own.
 
         Returns:
             Observations of all robots, and info, whose masks tell who has begun.
@@ -158,7 +157,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
                 has changed.
         """
         fleet, n = self.fleet, self.num_envs
-        names = ("reset_mask", *self._single.reset_options)
+        own, others = self._single.reset_options, self._single.reset_arguments
+        names = dict.fromkeys(("reset_mask", *own, *others))
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
         if "reset_mask" in given:
@@ -168,8 +168,12 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
         generators = {k: np_random(one)[0] for k, one in self._seeds(seed, mask).items()}
-        chosen = {name: self._each(name, given[name]) for name in names[1:] if name in given}
+        asked = {name: self._listed(name, given[name]) for name in others if name in given and name not in own}
+        chosen = {name: self._each(name, given[name]) for name in own if name in given}
         ids = np.flatnonzero(mask)
+        if asked:
+            self._ask(asked, ids)
+            fleet = self.fleet
         for k in ids.tolist():
             self._choose(k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
@@ -179,6 +183,24 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         if self._judge is not None:
             self._judge.begin(ids)
         return fleet.observations.copy(), self._info(mask.copy())
+
+    def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
+        """Let robots have arguments of their own from now on."""
+        envs = varied(self._envs, options, ids.tolist())
+        alike = all(env is envs[0] for env in envs)
+        if self.fleet.rules.ndim and not alike:
+            rewrite(self.fleet, envs, ids.tolist(), **self._how)
+        elif len(ids) < self.num_envs:
+            raise InvalidValueError(
+                "reset_mask", self._everybody.tolist(), f"all robots, as {', '.join(options)} were never given before"
+            )
+        elif self._judge is not None and not alike:
+            raise InvalidValueError("options", dict(options), "one value for all robots with a task of your own")
+        else:
+            self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
+            self._judge = None if self._judge is None else Judge(self._judge.task, self.fleet, envs[0].task)
+        self._envs, self.task = envs, envs[0].task
+        self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
     def _choose(self, robot: int, options: dict[str, Any]) -> None:
         """Say what options of `reset` are for a robot from its next episode on."""
@@ -196,11 +218,15 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """What an option of `reset` is for each robot."""
         ways = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": _start, "course": parse_course}
         parse = ways[name]
-        if not isinstance(value, list | tuple):
-            return [parse(value)] * self.num_envs
+        return [parse(one) for one in self._listed(name, list(value) if isinstance(value, tuple) else value)]
+
+    def _listed(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
+        """A value for each robot, where a list has them and all else is one for all."""
+        if not isinstance(value, list):
+            return [value] * self.num_envs
         if len(value) != self.num_envs:
             raise InvalidValueError(name, value, f"one for all robots, or a list of {self.num_envs}")
-        return [parse(one) for one in value]
+        return value
 
     def _sequence(self, forms: Any) -> int:  # noqa: ANN401 - whatever a user gives
         """`sp_sequence` of forms."""
@@ -357,24 +383,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self._single.close()
 
 
-def hover_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
-    """What `gymnasium.make_vec("spidar_gym/Hover-v0", …)` makes."""
-    return NativeVectorEnv(HOVER, num_envs, **options)
-
-
-def path_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
-    """What `gymnasium.make_vec("spidar_gym/Path-v0", …)` makes."""
-    return NativeVectorEnv(PATH, num_envs, **options)
-
-
-def course_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
-    """What `gymnasium.make_vec("spidar_gym/Course-v0", …)` makes."""
-    return NativeVectorEnv(COURSE, num_envs, **options)
-
-
-def crawl_vector(num_envs: int, **options: Any) -> NativeVectorEnv:  # noqa: ANN401 - those of `NativeVectorEnv`
-    """What `gymnasium.make_vec("spidar_gym/Crawl-v0", …)` makes."""
-    return NativeVectorEnv(CRAWL, num_envs, **options)
+hover_vector, path_vector, crawl_vector, course_vector = (
+    partial(NativeVectorEnv, name) for name in (HOVER, PATH, CRAWL, COURSE)
+)
+"""What `gymnasium.make_vec` makes of each environment."""
 
 
 def _autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - whatever a user gives

@@ -288,7 +288,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("joint_velocity", "f8", (N_JOINTS,), "of the joint commands [rad/s]"),
         ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
         ("forms is_given has_trim", "i4", (), "which sequence; whether the start is given; whether with its trim"),
-        ("offset rotation", "f8", (3,), "of the start [m], [rad]"),
+        ("offset rotation velocity omega", "f8", (3,), "of the start [m], [rad], of the CoG [m/s], [rad/s]"),
         ("trim", "f8", (6,), "what a hover takes beyond the description [N, Nm]"),
         ("goals current flown", "i4", (), "how many; which is the target; ticks"),
         ("knots", "i4", (), "of the path; 0 where there is none"),

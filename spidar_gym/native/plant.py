@@ -26,7 +26,7 @@ from spidar_gym.state import Command, Measurement, RobotState
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _POSE = np.dtype(
     [("position_w", "f8", 3), ("quat_wb", "f8", 4), ("joint_position", "f8", N_JOINTS),
-     ("vectoring", "f8", 2 * N_ROTORS), ("thrust", "f8", N_ROTORS)]
+     ("vectoring", "f8", 2 * N_ROTORS), ("thrust", "f8", N_ROTORS), ("motion", "f8", 6)]
 )  # fmt: skip
 """`sp_pose`."""
 
@@ -123,8 +123,9 @@ class Plant:
         disturbances: Disturbances | None = None,
         rng: np.random.Generator | None = None,
         spent_wh: float = 0.0,
+        motion: np.ndarray | None = None,
     ) -> RobotState:
-        """Put the robot somewhere at rest, servos at their setpoints.
+        """Put the robot somewhere, servos at their setpoints and at rest.
 
         Args:
             position_w: Origin of the torso [m].
@@ -135,6 +136,8 @@ class Plant:
             disturbances: What happens to it; nothing by default.
             rng: Source of noise, wind and pushes; a copy of it draws.
             spent_wh: Energy that its battery lacks [Wh].
+            motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s], shape
+                (6,); at rest by default.
 
         Raises:
             InvalidValueError: When something random is to happen and there is no generator.
@@ -152,6 +155,7 @@ class Plant:
         pose["joint_position"] = 0.0 if joint_position is None else joint_position
         pose["vectoring"] = 0.0 if vectoring is None else vectoring.reshape(-1)
         pose["thrust"] = 0.0 if thrust is None else thrust
+        pose["motion"] = 0.0 if motion is None else motion
         self._engine.run("sp_reset_plants", None, self._pose)
         return self.state()
 

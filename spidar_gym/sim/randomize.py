@@ -4,12 +4,16 @@ The controller keeps the nominal numbers: the mismatch is the experiment.
 """
 
 import math
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spidar_gym.errors import InvalidValueError, is_finite
+from spidar_gym.border import BorderError, read_file
+from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_name
 from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS
 from spidar_gym.sim.config import PlantConfig
 
@@ -39,6 +43,8 @@ class Row:
         return f"U({self.low:.4g}, {self.high:.4g})" + (f" × {math.prod(self.shape)}" if self.shape else "")
 
 
+MOST_BYTES = 2**16
+"""No file of ranges is larger."""
 CRAWL = "estimate, crawl study"
 PHYSICS = "estimate, flight study"
 TABLE: tuple[Row, ...] = (
@@ -84,15 +90,127 @@ TABLE: tuple[Row, ...] = (
 """Everything that varies, for flight and ground; nominal is the default of the field."""
 
 
+@dataclass(frozen=True)
+class Randomization:
+    """How robots are drawn."""
+
+    strength: float = 0.0
+    """0 … 1; a draw x of the table becomes x₀ + strength (x − x₀), x₀ the value that changes nothing."""
+    ranges: tuple[tuple[str, float, float], ...] = ()
+    """Fields with a range of their own in place of the table's, which is drawn from whatever the strength."""
+
+    @classmethod
+    def parse(cls, given: "float | str | Path | Mapping[str, Any] | Randomization") -> "Randomization":
+        """How robots are drawn, from what a user says.
+
+        Args:
+            given: A strength; or ranges by field, `{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others,
+                which is 0 if not said; or a TOML file of these, in which a field may stand in the table of its part.
+
+        Raises:
+            UnknownNameError: For a field that is not in the table; it lists those that are.
+            InvalidValueError: For a strength or a range that is none, or of what is no robot.
+            SpidarError: For a file that cannot be read, or is no TOML.
+        """
+        if isinstance(given, Randomization):
+            return given
+        if isinstance(given, str | Path):
+            given = _read(Path(given))
+        if not isinstance(given, Mapping):
+            check_strength(given)
+            return cls(float(given))
+        rest = {name: value for name, value in _flat(given).items() if name != "strength"}
+        strength = given.get("strength", 0.0)
+        check_strength(strength)
+        return cls(float(strength), tuple(_range(name, value) for name, value in rest.items()))
+
+    @property
+    def draws(self) -> bool:
+        """Whether anything is drawn."""
+        return self.strength > 0.0 or bool(self.ranges)
+
+    def table(self, nominal: PlantConfig) -> tuple[float, tuple[Row, ...]]:
+        """What is drawn how strongly.
+
+        Args:
+            nominal: The robot in the middle.
+        """
+        if not self.ranges:
+            return self.strength, TABLE
+        own = {name: (low, high) for name, low, high in self.ranges}
+        return 1.0, tuple(replace(row, **_bounds(row, own.get(row.field), self.strength, nominal)) for row in TABLE)
+
+
+def _bounds(row: Row, own: tuple[float, float] | None, strength: float, nominal: PlantConfig) -> dict[str, float]:
+    """A row's range: the one that was given, or its own about what changes nothing, as narrow as the strength says."""
+    if own is None:
+        middle = _neutral(row, nominal)
+        own = (middle + strength * (row.low - middle), middle + strength * (row.high - middle))
+    return {"low": own[0], "high": own[1]}
+
+
+def _neutral(row: Row, nominal: PlantConfig) -> Any:  # noqa: ANN401 - a number, of the nominal robot or of the operation
+    """The draw that changes nothing."""
+    part, name = row.field.split(".")
+    return {"set": getattr(getattr(nominal, part), name), "scale": 1.0, "add": 0.0}[row.operation]
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(read_file(path, MOST_BYTES).decode())
+    except (BorderError, ValueError) as error:
+        raise SpidarError(
+            f"randomization: {path} cannot be read: {error}; valid: a TOML file with strength and ranges by field, as "
+            '"body.total_mass" = [15.5, 17.0]'
+        ) from error
+
+
+def _flat(given: Mapping[Any, Any]) -> dict[str, Any]:
+    """Ranges by field, where TOML has tables by part."""
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        found |= {f"{name}.{own}": one for own, one in value.items()} if isinstance(value, Mapping) else {name: value}
+    return found
+
+
+def _range(name: str, value: Any) -> tuple[str, float, float]:  # noqa: ANN401 - whatever a user gives
+    """A field's range."""
+    rows = {row.field: row for row in TABLE}
+    require_name("randomization", name, ["strength", *rows])
+    try:
+        low, high = value
+    except (TypeError, ValueError):
+        low = high = None
+    if not (is_finite(low) and is_finite(high) and low <= high):
+        raise InvalidValueError(f"randomization: {name}", value, f"a range (low, high) [{rows[name].unit}]")
+    for end in (low, high):
+        try:
+            _with(PlantConfig(), {name: (rows[name], float(end))})
+        except InvalidValueError as error:
+            raise InvalidValueError(f"randomization: {name}", value, f"numbers of a robot: {error}") from error
+    return name, float(low), float(high)
+
+
+def _with(nominal: PlantConfig, draws: Mapping[str, tuple[Row, Any]]) -> PlantConfig:
+    """A robot with draws, by field."""
+    parts: dict[str, dict[str, Any]] = {}
+    for field, (row, draw) in draws.items():
+        part, name = field.split(".")
+        base = getattr(getattr(nominal, part), name)
+        value = draw if row.operation == "set" else base * draw if row.operation == "scale" else base + draw
+        parts.setdefault(part, {})[name] = value if row.shape else float(value)
+    return replace(nominal, **{part: replace(getattr(nominal, part), **values) for part, values in parts.items()})
+
+
 def randomize(
-    nominal: PlantConfig, rng: np.random.Generator, strength: float
+    nominal: PlantConfig, rng: np.random.Generator, how: float | Randomization
 ) -> tuple[PlantConfig, dict[str, np.ndarray]]:
     """Draw a robot.
 
     Args:
         nominal: The robot in the middle.
-        rng: Source of the draws; as many numbers are taken at every strength, so that strengths are comparable.
-        strength: 0 … 1; a draw x becomes x₀ + strength (x − x₀), x₀ the value that changes nothing.
+        rng: Source of the draws; as many numbers are taken however it is drawn, so that strengths are comparable.
+        how: A strength, 0 … 1, or ranges too.
 
     Returns:
         The drawn robot, and the draws by field.
@@ -100,22 +218,17 @@ def randomize(
     Raises:
         InvalidValueError: For a strength outside 0 … 1.
     """
-    check_strength(strength)
-    parts: dict[str, dict[str, Any]] = {}
-    draws: dict[str, np.ndarray] = {}
-    for row in TABLE:
-        part, name = row.field.split(".")
-        base = getattr(getattr(nominal, part), name)
-        neutral = {"set": base, "scale": 1.0, "add": 0.0}[row.operation]
-        draw = neutral + strength * (rng.uniform(row.low, row.high, row.shape) - neutral)
-        draws[row.field] = np.array(draw)
-        value = draw if row.operation == "set" else base * draw if row.operation == "scale" else base + draw
-        parts.setdefault(part, {})[name] = value if row.shape else float(value)
-    drawn = {part: replace(getattr(nominal, part), **values) for part, values in parts.items()}
-    return replace(nominal, **drawn), draws
+    strength, table = Randomization.parse(how).table(nominal)
+    draws = {}
+    for row in table:
+        neutral = _neutral(row, nominal)
+        draws[row.field] = row, neutral + strength * (rng.uniform(row.low, row.high, row.shape) - neutral)
+    return _with(nominal, draws), {field: np.array(draw) for field, (_, draw) in draws.items()}
 
 
-def check_strength(strength: float) -> None:
+def check_strength(strength: object) -> None:
     """Refuse a strength outside 0 … 1."""
     if not (is_finite(strength) and 0.0 <= strength <= 1.0):
-        raise InvalidValueError("randomization", strength, "a strength within 0 … 1")
+        raise InvalidValueError(
+            "randomization", strength, "a strength within 0 … 1, ranges by field, or a TOML file of these"
+        )

@@ -126,7 +126,7 @@ REFUSED = [
     {"forms": "form3", "disturbances": {"wind": -9.0}},
     {"forms": "form3", "start": {"goals": []}},
     {"start": {"goals": [[0.0, 0.0, [0.0] * 16]], "position": [0.0] * 3, "rotation": [1e200, 1e200, 0.0]}},
-    {"start": {"goals": [[0.0, 0.0, [0.0] * 16]], "position": [0.0] * 3, "rotation": [0.0] * 3, "velocity": [1.0] * 3}},
+    {"start": {"goals": [[0.0, 0.0, [0.0] * 16]], "position": [0.0] * 3, "rotation": [0.0] * 3, "speed": [1.0] * 3}},
     "abc", 5, [("forms", "form3")],
 ]  # fmt: skip
 
@@ -149,8 +149,8 @@ def test_a_refused_reset_leaves_the_episode_and_all_that_follow_as_they_were(opt
 
 
 def test_a_start_has_no_keys_but_its_own():
-    start = {"goals": [[0.0, 0.0, [0.0] * 16]], "position": [0.0] * 3, "rotation": [0.0] * 3, "velocity": [1.0] * 3}
-    with pytest.raises(UnknownNameError, match="key of start 'velocity'; valid: goals, position, rotation, trim"):
+    start = {"goals": [[0.0, 0.0, [0.0] * 16]], "position": [0.0] * 3, "rotation": [0.0] * 3, "speed": [1.0] * 3}
+    with pytest.raises(UnknownNameError, match="key of start 'speed'; valid: goals, position, rotation, trim"):
         make().reset(options={"start": start})
 
 

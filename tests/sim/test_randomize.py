@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import spidar_gym  # noqa: F401 - registers the environments
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.randomize import TABLE, Row, check_strength, randomize
+from spidar_gym.sim.randomize import TABLE, Randomization, Row, check_strength, randomize
 
 NOMINAL = PlantConfig()
 N_DRAWS = 2000
@@ -339,3 +339,57 @@ def test_a_second_of_flight_of_a_drawn_robot_with_sensors_is_made_of_numbers(sen
         if terminated:
             assert info["failure"] != "diverged"
             break
+
+
+def test_a_range_of_ones_own_is_covered_and_all_else_stays_as_it_is():
+    how, rng = (
+        Randomization.parse({"body.total_mass": (16.5, 17.0), "actuators.module_gain": (0.5, 0.6)}),
+        np.random.default_rng(0),
+    )
+    masses, gains = [], []
+    for _ in range(400):
+        config, draws = randomize(NOMINAL, rng, how)
+        masses.append(config.body.total_mass)
+        gains.append(config.actuators.module_gain / NOMINAL.actuators.module_gain)
+        for row in TABLE:
+            if row.field not in ("body.total_mass", "actuators.module_gain"):
+                assert same(value(config, row), value(NOMINAL, row)), row.field
+                assert np.all(draws[row.field] == neutral(row))
+    assert 16.5 <= min(masses) < 16.51 < 16.99 < max(masses) <= 17.0
+    assert 0.5 <= np.min(gains) < 0.505 < 0.595 < np.max(gains) <= 0.6
+
+
+def test_with_a_strength_the_others_are_drawn_as_ever_and_from_the_same_numbers():
+    own = {"body.total_mass": (16.5, 17.0)}
+    ways = Randomization.parse(0.5), Randomization.parse({**own, "strength": 0.5})
+    alone, both = (randomize(NOMINAL, np.random.default_rng(3), how)[1] for how in ways)
+    for row in TABLE:
+        if row.field != "body.total_mass":
+            np.testing.assert_allclose(both[row.field], alone[row.field], rtol=1e-12, atol=1e-15)
+    assert 16.5 <= both["body.total_mass"] <= 17.0
+    assert Randomization.parse(0.5) == Randomization(0.5)
+    assert [Randomization.parse(how).draws for how in (0.0, 0.1, {}, own)] == [False, True, False, True]
+
+
+TOML = """
+strength = 0.25
+"body.total_mass" = [16.5, 17.0]
+[actuators]
+delay = [0.0, 0.01]
+"""
+
+
+def test_ranges_come_from_a_file_too_and_a_bad_one_is_refused_in_a_line(tmp_path):
+    path = tmp_path / "ranges.toml"
+    path.write_text(TOML, encoding="utf-8")
+    own = {"strength": 0.25, "body.total_mass": (16.5, 17.0), "actuators.delay": (0.0, 0.01)}
+    assert Randomization.parse(path) == Randomization.parse(str(path)) == Randomization.parse(own)
+    env = gymnasium.make("spidar_gym/Hover-v0", randomization=str(path)).unwrapped
+    env.reset(seed=0)
+    assert 16.5 <= env.sampled_parameters["body.total_mass"] <= 17.0
+    for text in ("strength =", "a" * 2**17, "[body]\nmass = [1.0, 2.0]", "strength = 3.0"):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(SpidarError) as refusal:
+            Randomization.parse(path)
+        assert "\n" not in str(refusal.value)
+        assert "valid" in str(refusal.value)

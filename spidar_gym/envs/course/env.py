@@ -44,6 +44,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     failures = COURSE_FAILURES
     task_type = CourseTask
     words = MappingProxyType({"phase": PHASES})
+    _kept = ("_given",)
 
     def __init__(
         self,

@@ -136,7 +136,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
         task = self.task
-        alike = not (self._strength > 0.0 or task.steps or task.obstacles) and rules is None
+        alike = not (self._randomization.draws or task.steps or task.obstacles) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         fleet = Fleet("crawling", record, self._nominal, robots, threads, alike=alike)
         for robot in range(robots):

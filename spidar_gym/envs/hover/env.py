@@ -43,6 +43,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
+    _kept = ("_start",)
     task_type: ClassVar[type[HoverTask]] = HoverTask
 
     def __init__(
@@ -150,7 +151,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
-        goals, alike = most_goals(self.task.horizon_s), self._strength == 0.0 and rules is None
+        goals, alike = most_goals(self.task.horizon_s), not self._randomization.draws and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         knots = self.task.most_knots
         fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals, knots=knots)
@@ -179,7 +180,10 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         vectoring = self.controller.rest_vectoring(q)
         com_b = self.controller.model.snapshot(q, R_wb, vectoring).com_b
         position_w = place + start.position - R_wb @ com_b
-        self._place(rng, position_w, matrix_to_quat(R_wb), q, vectoring, np.full(N_ROTORS, ROBOT.hover_thrust))
+        # The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less.
+        motion = np.concatenate((start.velocity - R_wb @ np.cross(start.omega, com_b), start.omega))
+        thrust = np.full(N_ROTORS, ROBOT.hover_thrust)
+        self._place(rng, position_w, matrix_to_quat(R_wb), q, vectoring, thrust, motion=motion)
         self._sense()
         # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
         self.trim = start.trim

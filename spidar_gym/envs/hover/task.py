@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, Vector3, Wrench
+from spidar_gym.arrays import JointVector, Vector3, Wrench, constant
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.path import Path
 from spidar_gym.envs.rewards import norm, tolerance
@@ -38,8 +38,11 @@ RANGES = {
     "perturbation": (0.0, 1e3, "1"),
 }
 """Least and largest number of each argument, and its unit."""
-START = {"goals": math.pi, "position": 10.0, "rotation": 2.0 * math.pi, "trim": 1e3, "path": 1e4}
-"""Keys of a given start: no angle, offset, preload or number of a path in it is larger [rad, m, rad, N or Nm]."""
+START = {
+    "goals": math.pi, "position": 10.0, "rotation": 2.0 * math.pi, "trim": 1e3, "path": 1e4, "velocity": 20.0,
+    "omega": 50.0,
+}  # fmt: skip
+"""Keys of a given start: no number in it is larger [rad, m, rad, N or Nm, whatever, m/s, rad/s]."""
 
 
 @cache
@@ -77,12 +80,16 @@ class FlightStart:
     """What a hover takes beyond the description, with which the integrals begin [N, Nm]; computed if None."""
     path: Path | None = None
     """Where the CoG goes; it stays if None."""
+    velocity: Vector3 = field(default_factory=lambda: constant(0.0, 3))
+    """Velocity of the CoG, world [m/s]."""
+    omega: Vector3 = field(default_factory=lambda: constant(0.0, 3))
+    """Angular velocity of the torso, its axes [rad/s]; legs and rotors are at rest."""
 
     def __post_init__(self) -> None:
         """Refuse what is no episode."""
         if not self.goals or not self.goals[0].deadline <= 0.0:
             raise InvalidValueError("goals", len(self.goals), "at least one goal, the first with deadline 0")
-        numbers = [("position", self.position), ("rotation", self.rotation), ("trim", self.trim)]
+        numbers = [(name, getattr(self, name)) for name in ("position", "rotation", "trim", "velocity", "omega")]
         if self.path is not None:
             numbers += [("path", np.ravel(values)) for values in vars(self.path).values()]
         for name, values in numbers + [("goals", goal.joint_target) for goal in self.goals]:
@@ -113,12 +120,14 @@ class FlightStart:
             _numbers("rotation", values.get("rotation"), 3),
             None if trim is None else _numbers("trim", trim, 6),
             _path(values.get("path")),
+            *(_numbers(name, values.get(name, [0.0] * 3), 3) for name in ("velocity", "omega")),
         )
 
 
 _START = (
     "{'goals': [[start s, deadline s, 16 angles], …], 'position': 3 m, 'rotation': 3 rad, 'trim': 6 or None, "
-    "'path': [[s, x, y, z, yaw, their 4 rates, the rates' 4 rates], …] or None}"
+    "'path': [[s, x, y, z, yaw, their 4 rates, the rates' 4 rates], …] or None, 'velocity': 3 m/s or none, "
+    "'omega': 3 rad/s or none}"
 )
 
 

@@ -162,7 +162,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     /* A generator of its own, so that what the weather draws does not change what the next episode is. */
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
-    sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, &c->plant);
+    sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, NULL, &c->plant);
     if (has_tiles(&c->plant)) {
         sp_command still;
         sp_make_command(idle, level, rules->lies, rules->controller.joint_torque_limit, &still);

@@ -92,7 +92,7 @@ static void reset_one(sp_engine *e, sp_thread *thread, int robot)
     sp_plant *p = sp_plant_of(e, robot);
     sp_carry(e, thread, robot);
     sp_plant_reset(e->world, &thread->sim, pose->position_w, pose->quat_wb, pose->joint_position, pose->vectoring,
-                   pose->thrust, p);
+                   pose->thrust, pose->motion, p);
     sp_leave(&thread->sim, p);
 }
 

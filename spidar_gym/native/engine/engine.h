@@ -87,7 +87,8 @@ void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_confi
 void sp_enter(const sp_sim *sim, sp_plant *plant);
 void sp_leave(const sp_sim *sim, sp_plant *plant);
 void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
-                    const double *joints, const double *vectoring, const double *thrust, sp_plant *plant);
+                    const double *joints, const double *vectoring, const double *thrust, const double *motion,
+                    sp_plant *plant);
 void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *plant);
 void sp_measure(sp_plant *plant, sp_measurement *measurement);
 
@@ -138,9 +139,9 @@ void sp_carry(const sp_engine *engine, sp_thread *thread, int robot);
 
 void sp_become(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
 
-/* Where a robot is put at rest. */
+/* Where a robot is put, and how its torso moves: its origin, world, and its angular velocity, torso axes. */
 typedef struct {
-    double position_w[3], quat_wb[4], joint_position[SP_JOINTS], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS];
+    double position_w[3], quat_wb[4], joint_position[SP_JOINTS], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], motion[6];
 } sp_pose;
 
 int sp_configure_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);

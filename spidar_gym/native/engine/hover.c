@@ -197,7 +197,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_episode *episode = &h->episode;
     sp_goal *goals = goals_of(e, robot);
     sp_knot *knots = knots_of(e, robot);
-    double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS];
+    double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], turning[3], motion[6];
     sp_plant_config config;
     sp_snapshot snapshot;
     e->begun[robot] = 1;
@@ -208,6 +208,8 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
             if (i < 3) h->offset[i] = 0.03 * unit;
             else h->rotation[i - 3] = 0.05 * unit;
         }
+        sp_zero(h->velocity, 3);
+        sp_zero(h->omega, 3);
         h->knots = 0;
         if (rules->path != SP_PATHS_NONE) h->knots = draw_path(rules, &episode->generator, knots, e->knot_room);
     }
@@ -235,11 +237,15 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_apply(R, snapshot.com_b, position_w);
     const double *place = h->knots ? knots[0].pose_w : rules->position_w;
     for (int i = 0; i < 3; i++) position_w[i] = place[i] + h->offset[i] - position_w[i];
+    /* The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less. */
+    sp_cross(h->omega, snapshot.com_b, turning);
+    sp_apply(R, turning, motion);
+    for (int i = 0; i < 3; i++) motion[i] = h->velocity[i] - motion[i], motion[3 + i] = h->omega[i];
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
     /* A generator of its own, so that what the weather draws does not change what the next episode is. */
     sp_spawn(&episode->generator, &h->plant.generator);
     h->plant.disturbances = episode->disturbances;
-    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, &h->plant);
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, &h->plant);
     sp_leave(&thread->sim, &h->plant);
     episode->ticks = 0;
     episode->failure = -1;

@@ -236,10 +236,11 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     p->energy_wh += p->power * period / 3600.0;
 }
 
-/* Put a configured robot somewhere at rest, servos at their setpoints, and leave it loaded. Disturbances and generator
- * are the plant's own: they are set before. */
+/* Put a configured robot somewhere, servos at their setpoints and at rest, and leave it loaded. Disturbances and
+ * generator are the plant's own: they are set before. `motion` is the velocity of the torso's origin, world, and its
+ * angular velocity, torso axes; NULL at rest. */
 void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
-                    const double *joints, const double *vectoring, const double *thrust, sp_plant *p)
+                    const double *joints, const double *vectoring, const double *thrust, const double *motion, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
     int weather = p->disturbances.wind > 0.0 || p->disturbances.push > 0.0;
@@ -269,6 +270,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sp_copy(sim->qpos, position_w, 3);
     sp_copy(sim->qpos + 3, quat_wb, 4);
     for (int j = 0; j < SP_ANGLES; j++) sim->qpos[world->joint_qpos[j]] = target[SP_ROTORS + j];
+    if (motion != NULL) sp_copy(sim->qvel, motion, 6);
     sp_copy(sim->act, target, SP_ACTUATORS);
     sp_copy(sim->ctrl, target, SP_ACTUATORS);
     for (int j = 0; j < SP_JOINTS; j++) limit[j] = world->max_joint_torque;

@@ -418,7 +418,7 @@ typedef struct {
     double joint_velocity[16]; /* of the joint commands [rad/s] */
     double position_error[3], attitude_error[3]; /* true ones [m], [rad] */
     int32_t forms, is_given, has_trim; /* which sequence; whether the start is given; whether with its trim */
-    double offset[3], rotation[3]; /* of the start [m], [rad] */
+    double offset[3], rotation[3], velocity[3], omega[3]; /* of the start [m], [rad], of the CoG [m/s], [rad/s] */
     double trim[6]; /* what a hover takes beyond the description [N, Nm] */
     int32_t goals, current, flown; /* how many; which is the target; ticks */
     int32_t knots; /* of the path; 0 where there is none */

@@ -263,3 +263,31 @@ def test_a_law_that_changes_nothing_flies_as_the_papers_does_and_is_told_what_co
     assert now.joint_target.tolist() == START["goals"][0][2]
     assert later.joint_target.tolist() == START["goals"][1][2]
     assert later.position_w.tolist() == now.position_w.tolist()
+
+
+@pytest.mark.parametrize("control", ["core", "python"])
+def test_a_robot_begins_as_fast_as_it_is_said_to(control):
+    start = {**PLAIN, "rotation": [0.1, -0.2, 0.3], "velocity": [0.4, -0.3, 0.2], "omega": [0.5, 0.2, -0.7]}
+    env = begun(made(control=control), start)
+    error = env.truth.error
+    assert -error.velocity_w == pytest.approx(start["velocity"], abs=1e-6)
+    assert -error.omega_b == pytest.approx(start["omega"], abs=1e-9)
+    # Half a tick later it is there where these lead, but for what the rotors have done meanwhile.
+    before = env.truth.error.position_w.copy()
+    env.step(np.zeros(6))
+    moved = before - env.truth.error.position_w
+    assert moved == pytest.approx(np.array(start["velocity"]) / 40.0, abs=1.5e-3)
+    env.reset(seed=0, options={"start": PLAIN})
+    assert np.abs(env.truth.error.velocity_w).max() < 1e-12
+
+
+def test_what_moves_from_the_start_on_is_the_same_in_a_vector():
+    start = {**PLAIN, "velocity": [0.4, -0.3, 0.2], "omega": [0.5, 0.2, -0.7]}
+    vector = gymnasium.make_vec(HOVER, num_envs=2).unwrapped
+    observations, _ = vector.reset(seed=0, options={"start": [None, start]})
+    env = begun(made(), start)
+    assert np.array_equal(observations[1], begun_observation(env, start))
+
+
+def begun_observation(env, start):
+    return env.reset(seed=0, options={"start": start})[0]

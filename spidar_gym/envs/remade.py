@@ -1,0 +1,100 @@
+"""Environments that are made anew at reset: with another argument of the task, or robots drawn in another way."""
+
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.errors import require_keys
+
+
+class Remade(ABC):
+    """What an environment is made of, and how `reset` changes that."""
+
+    task_type: ClassVar[type]
+    """Class of its task."""
+    task: Any
+    """What is to be done, a frozen dataclass of arguments."""
+    hold: int
+    """Control periods of a step."""
+    reset_options: tuple[str, ...] = ("disturbances",)
+    """Names of the options of `reset` beside the arguments that it takes anew."""
+    most_steps: int | None = None
+    """Steps that whoever made it allows an episode; None where the task alone says."""
+    _arguments: dict[str, Any]
+    _is_bare = False
+    """Whether it has neither robot nor controller: it says what others in a vector are to do."""
+    _kept: ClassVar[tuple[str, ...]] = ()
+    """Attributes that options of `reset` set, and that no argument gives."""
+
+    def __init_subclass__(cls) -> None:
+        """Show the arguments of `__init__` to whoever asks for them, and not those of `__new__`."""
+        super().__init_subclass__()
+        _, *rest = inspect.signature(cls.__init__).parameters.values()
+        cls.__signature__ = inspect.Signature(rest)
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 - arguments of the class, an object of it
+        """Keep what it is made of, so that `reset` can have another argument."""
+        del args
+        env = super().__new__(cls)
+        env._arguments = kwargs
+        return env
+
+    @property
+    def horizon(self) -> int:
+        """Steps after which the episode ends, unless it fails before."""
+        own = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
+        if self.most_steps is None:
+            return own
+        return min(self.most_steps, own) if "horizon_s" in self._arguments else self.most_steps
+
+    @property
+    def reset_arguments(self) -> tuple[str, ...]:
+        """Arguments that `reset` takes as options: those of the task, and how robots are drawn."""
+        return (*(name for name in inspect.signature(type(self.task)).parameters), "randomization")
+
+    @abstractmethod
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+        """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
+
+    @abstractmethod
+    def _empty(self) -> None:
+        """Let go of robot and controller."""
+
+    def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
+        """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
+
+        Args:
+            arguments: Those that differ.
+
+        Raises:
+            UnknownNameError, InvalidValueError: For what is not valid.
+        """
+        kind, own = type(self), self._arguments | dict(arguments)
+        env = kind.__new__(kind, **own)
+        env._is_bare, env.most_steps = True, self.most_steps
+        env.__init__(**own)
+        env.view = self.view
+        return env
+
+    def _choose(self, options: object) -> dict[str, object]:
+        """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""
+        names = (*self.reset_options, *self.reset_arguments)
+        given = require_keys("options", "reset option", options, dict.fromkeys(names))
+        own = {name: value for name, value in given.items() if name in self.reset_options}
+        others = {name: value for name, value in given.items() if name not in own}
+        made = {name: value for name, value in own.items() if name in (*self.reset_arguments, "disturbances")}
+        if not others:
+            chosen = [self._chosen(name, value) for name, value in own.items()]
+            self._arguments = self._arguments | made
+            return {name: value for each in chosen for name, value in each.items()}
+        arguments = self._arguments | made | others
+        trial = self.variant(made | others)  # what is not valid is refused here, and nothing has changed
+        chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
+        kept = {name: getattr(self, name) for name in self._kept}
+        self._empty()
+        view = self.view
+        self.__init__(**arguments)
+        self._arguments, self.view = arguments, view
+        return kept | {name: value for each in chosen for name, value in each.items()}
