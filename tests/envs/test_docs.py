@@ -170,7 +170,7 @@ def test_the_committed_pages_are_what_the_code_generates_and_their_pictures_exis
         (picture,) = re.findall(r"^!\[.*\]\((.*)\)$", text, re.MULTILINE)
         assert ((DOCS / path).parent / picture).is_file()
     found = {p.relative_to(DOCS).as_posix() for p in (DOCS / "environments").iterdir()}
-    assert found == {"environments/index.md", *pages()}
+    assert found == {"environments/index.md", "environments/clients.md", *pages()}
 
 
 def test_an_unknown_environment_has_no_page():
