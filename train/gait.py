@@ -50,7 +50,7 @@ BY_CYCLE = ("raise", "stride", "lift")
 """What has one for each kind of cycles."""
 COLUMNS = {"rate": 0, "raise": 1, "stride": 2, "lift": 3, "force": GAIT.size}
 """Name → column of a table of phases: the entries of the gait, then the force."""
-GROUND = tuple(name for name, track in TRACKS.items() if track.env_id == CRAWL)
+GROUND = tuple(name for name, track in TRACKS.items() if track.group == "ground")
 """All crawls: a gait is one for every track."""
 
 
