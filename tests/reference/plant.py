@@ -105,6 +105,7 @@ class Plant:
         disturbances: Disturbances | None = None,
         rng: np.random.Generator | None = None,
         spent_wh: float = 0.0,
+        motion: np.ndarray | None = None,
     ) -> RobotState:
         """Put the robot somewhere at rest, servos at their setpoints.
 
@@ -117,6 +118,7 @@ class Plant:
             disturbances: What happens to it; nothing by default.
             rng: Source of noise, wind and pushes.
             spent_wh: Nothing: its battery is full.
+            motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s].
 
         Raises:
             InvalidValueError: When something random is to happen and there is no generator.
@@ -136,6 +138,7 @@ class Plant:
         targets += offsets(self.config.actuators)
         self.data.qpos[:3] = position_w
         self.data.qpos[3:7] = quat_wb
+        self.data.qvel[:6] = 0.0 if motion is None else motion
         self.data.qpos[self._qpos] = targets[N_ROTORS:]
         self.data.act[self._act] = targets
         self.data.ctrl[self._ctrl] = targets
