@@ -1,6 +1,6 @@
 """What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
@@ -18,6 +18,7 @@ from spidar_gym.envs import rules, single
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_keys, require_within
@@ -33,7 +34,7 @@ ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl, Orders)
 ProgressT = TypeVar("ProgressT")
 
 
-class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, ControllerT, ProgressT]):
+class SpidarEnv(Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
@@ -130,6 +131,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """Steps since the reset."""
         self._began = False
         self._command: Command | None = None
+        self._made = self.task, self._nominal
         self._furnish(native=self._is_native())
 
     # ---- two ways to run: all of it in the engine, or controller and task in Python over the engine's robot ----
@@ -214,20 +216,20 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         if self._is_native() != (self.fleet is not None):
             self._furnish(native=self.fleet is None)
         self.ticks, self._began, self._now = 0, True, {}
-        self._action, self._command = np.zeros(self._mode.size), None
+        self._action, self._command, self._failure = np.zeros(self._mode.size), None, ""
         if self.fleet is None:
             self._begin(self.np_random)
         else:
             self._begin_native(self.fleet)
         if self.render_mode == "human":
             self.render()
-        info = self._info("") if self.fleet is None else self.tell(self.fleet)
+        observation, info = self._shown()
         terms = {name.removeprefix("reward_") for name in info if name.startswith("reward_")}
         if terms != self.reward_terms.keys():
             raise InvalidValueError(
                 "reward_terms", sorted(self.reward_terms), f"the terms of the task: {sorted(terms)}"
             )
-        return self._observation() if self.fleet is None else self.fleet.observations[0].copy(), info
+        return observation, info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """`hold` control periods of 25 ms: one, unless the environment says otherwise.
@@ -256,6 +258,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         failure = self._control_period()
         for _ in range(self.hold - 1):
             failure = failure or self._control_period()
+        self._failure = failure
         info = self._info(failure)
         if failure == "diverged":
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
@@ -263,6 +266,13 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         if self.render_mode == "human":
             self.render()
         return self._observation(), reward, failure != "", False, info
+
+    def _shown(self) -> tuple[np.ndarray, dict[str, Any]]:
+        if self.fleet is not None:
+            return self.fleet.observations[0].copy(), self.tell(self.fleet)
+        info = self._info(self._failure)
+        has_diverged = self._failure == "diverged"
+        return np.zeros(len(self._bound), np.float32) if has_diverged else self._observation(), info
 
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
         """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
@@ -321,10 +331,7 @@ class SpidarEnv(gymnasium.Env[np.ndarray, np.ndarray], ABC, Generic[TaskT, Contr
         """Write down what the next episode begins with, where that is given."""
 
     def _begin_native(self, fleet: Fleet) -> None:
-        if self.task is not self._ruled:
-            self._rule(fleet)
-            self._ruled = self.task
-        fleet.rules["rules"]["horizon"] = self.horizon
+        self._obey(fleet)
         fleet.disturb(0, self._disturbances)
         self._prepare(fleet)
         single.begin(fleet, self.np_random)
