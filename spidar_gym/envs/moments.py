@@ -8,7 +8,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import Task
 from spidar_gym.envs.values import pack_values, unpack_values
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import SpidarError, shown
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.library import Core, version
 from spidar_gym.native.plant import Plant, Saved
@@ -82,6 +82,10 @@ class Restorable(ABC):
         if self.fleet is not None:
             self.controller = self._make_controller()
 
+    def __copy__(self) -> NoReturn:
+        """Two environments that share one robot would both be wrong about it."""
+        raise SpidarError("copy.copy would share one robot; valid: copy.deepcopy(env)")
+
     def _obey(self, fleet: Fleet) -> None:
         """Let the engine's rules be those of the task, which may have become another."""
         if self.task is not self._ruled:
@@ -121,13 +125,14 @@ class Restorable(ABC):
         told, arrays = _opened(saved)
         for name, here in self._description().items():
             if told.get(name) != here:
-                raise SpidarError(f"the saved state is of another {name}: {told.get(name)}; valid here: {here}")
+                raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
         known = unpack_values(arrays["words"], arrays["numbers"], self._modules())
         parts = dict(self._parts())
         _require_parts(known, parts)
         fleet = self.fleet
         if fleet is not None:
-            self._restore_robot(fleet, known[_ROOT]["task"], arrays["robot"].tobytes())
+            robot = arrays["robot"].tobytes() if "robot" in arrays else b""
+            self._restore_robot(fleet, known[_ROOT]["task"], robot)
         for path, part in parts.items():
             _recall(part, known[path])
         if fleet is not None:
@@ -154,7 +159,7 @@ class Restorable(ABC):
         """The environment itself, and what of it remembers something by itself, by the way that leads there."""
         yield _ROOT, self
         if self.fleet is None:
-            yield from _parts_of(self, "")
+            yield from _parts_of(self, "", set())
 
     def _modules(self) -> set[str]:
         """Modules that what is remembered may have its classes from: those of the environment and its controller."""
@@ -170,7 +175,8 @@ class Restorable(ABC):
         mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
         options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
         options |= {name: getattr(self, name, None) for name in ("_config", "_strength", "hold", "_is_waypoint")}
-        content = pack_values({**options, "floor": floor, "mode": mode}, {type(task).__module__}, shared=False)
+        modules = {type(value).__module__ for value in (task, robot, getattr(self, "_config", None))}
+        content = pack_values({**options, "floor": floor, "mode": mode}, modules, shared=False)
         return {
             "environment": _name(type(self)),
             "version": version(),
@@ -200,13 +206,14 @@ class Restorable(ABC):
         """Observation and info of now."""
 
 
-def _parts_of(owner: Any, path: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - an environment or a part of one
-    """Parts of an owner and their parts, by the way that leads there."""
+def _parts_of(owner: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - an environment or a part of one
+    """Parts of an owner and their parts, each once, by the way that leads there."""
     for name, value in vars(owner).items():
-        if isinstance(value, PARTS) and name not in _settled(owner):
+        if isinstance(value, PARTS) and name not in _settled(owner) and id(value) not in seen:
+            seen.add(id(value))
             yield path + name, value
             if not isinstance(value, IN_BYTES):
-                yield from _parts_of(value, f"{path}{name}.")
+                yield from _parts_of(value, f"{path}{name}.", seen)
 
 
 def _settled(owner: Any) -> tuple[str, ...]:  # noqa: ANN401 - as above

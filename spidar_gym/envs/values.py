@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from spidar_gym.border import MOST_INTEGER, parse_json
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import SpidarError, shown
 from spidar_gym.native.draws import from_numpy
 
 PACKAGE = __name__.partition(".")[0]
@@ -61,7 +61,7 @@ def unpack_values(words: np.ndarray, numbers: np.ndarray, modules: Collection[st
     except SpidarError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise SpidarError(f"these are no saved values ({error!s:.99}); valid: what save_state() gave") from error
+        raise SpidarError(f"these are no saved values ({shown(error)}); valid: what save_state() gave") from error
 
 
 def find_class(name: str, modules: Collection[str]) -> Any:  # noqa: ANN401 - a class
@@ -202,6 +202,8 @@ class _Reader:
         return self._numbers[at : at + size]
 
     def _array(self, dtype: str, shape: list[int], order: Any, writeable: bool, at: int) -> np.ndarray:  # noqa: ANN401
+        if any(size < 0 for size in shape):
+            raise ValueError(f"an array of shape {shape}")
         array = np.frombuffer(self._numbers, _dtype(dtype), math.prod(shape), at).reshape(shape, order=order)
         array = array.copy(order)
         array.flags.writeable = bool(writeable)

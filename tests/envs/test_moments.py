@@ -281,13 +281,15 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkey
     vector = NativeVectorEnv(HOVER, 1)
     vector.reset(seed=0)
     foreign = {
-        "another environment: CrawlEnv; valid here: HoverEnv": begun(gymnasium.make(CRAWL), 0),
-        "another controller: core; valid here: python, FlightController, Allocator": begun(HoverEnv(), 0),
-        "another controller: python, support.moments.Braced": begun(HoverEnv(law=Braced, forms="form1"), 0),
+        "another environment: 'CrawlEnv'; valid here: HoverEnv": begun(gymnasium.make(CRAWL), 0),
+        "another controller: 'core'; valid here: python, FlightController, Allocator": begun(HoverEnv(), 0),
+        "another controller: 'python, support.moments.Braced, Allocator'": begun(
+            HoverEnv(law=Braced, forms="form1"), 0
+        ),
         "another set of options": begun(HoverEnv(joint_speed=0.5, **options), 0),
         "another set of options: ": begun(HoverEnv(sensors=True, **options), 0),
         "another set of options: .* valid": begun(HoverEnv(preset="tuned", **options), 0),
-        "another set of options: [0-9a-f]{16}": begun(
+        "another set of options: '[0-9a-f]{16}'": begun(
             HoverEnv(plant=PlantConfig(body=BodyConfig(total_mass=17.0)), **options), 0
         ),
         "another length of an episode: 60; valid here: 800": begun(
@@ -325,6 +327,11 @@ def test_a_closed_environment_of_the_engine_is_not_copied(name):
     for way in WAYS:
         with pytest.raises(SpidarError, match="is closed; valid: a copy made before"):
             way(env)
+
+
+def test_a_copy_that_would_share_the_robot_is_refused():
+    with pytest.raises(SpidarError, match=r"share one robot; valid: copy\.deepcopy"):
+        copy.copy(HoverEnv())
 
 
 def test_a_pickle_of_another_version_is_refused(monkeypatch):
