@@ -94,6 +94,10 @@ class Model:
             float,
         )
 
+    def __reduce__(self) -> tuple[type["Model"], tuple[()]]:
+        """A copy is another one: there is nothing to take along, and a copied view would show nobody's memory."""
+        return type(self), ()
+
     def snapshot(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> Snapshot:
         """All model quantities of one control tick.
 

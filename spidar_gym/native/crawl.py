@@ -98,6 +98,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         super().__init__(model, room)
         self.config = config or CrawlerConfig()
         self._crawl, settings = Struct("crawl", record), Struct("crawler_config")
+        self.whole = self._crawl
         fill(settings.record, self.config)
         if record is None:
             self.library.sp_crawl_init(self.room.robot, self._crawl.pointer, settings.pointer)
