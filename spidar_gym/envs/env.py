@@ -59,6 +59,7 @@ class SpidarEnv(
     """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
     hold: int = 1
     """Control periods of a step."""
+    untouchable: tuple[str, ...] = ("duct", "part")
 
     def __init__(
         self,
@@ -222,6 +223,7 @@ class SpidarEnv(
         self._action, self._command, self._failure = np.zeros(self._mode.size), None, ""
         if self.fleet is None:
             self._begin(self.np_random)
+            self.plant.forgive()
         else:
             self._begin_native(self.fleet)
         if self.render_mode == "human":
@@ -258,6 +260,7 @@ class SpidarEnv(
             return self._step_native(self.fleet, action)
         self._action = np.minimum(np.maximum(action, -1.0), 1.0)
         self.ticks += 1
+        self.plant.forgive()
         failure = self._control_period()
         for _ in range(self.hold - 1):
             failure = failure or self._control_period()

@@ -22,6 +22,8 @@ class Readable(ABC):
     estimator: Estimator
     controller: Any
     sampled_parameters: dict[str, np.ndarray]
+    untouchable: tuple[str, ...]
+    """Parts that had better touch nothing, of `VIOLATIONS`."""
     _nominal: PlantConfig
     _randomization: Randomization
     _disturbances: Disturbances
@@ -89,7 +91,7 @@ class Readable(ABC):
     def _info(self, failure: str) -> dict[str, Any]:
         """The same keys and shapes at every step and at reset; nothing in it is written or handed out again."""
         return {
-            **single.readable_info(self.state, self._command, self.controller, self.plant),
+            **single.readable_info(self.state, self._command, self.controller, self.plant, self.untouchable),
             "randomization": {name: draw.copy() for name, draw in self.sampled_parameters.items()},
             **self._task_info(failure),
             "failure": failure,

@@ -15,6 +15,7 @@ from spidar_gym.native.plant import Plant, read_command, read_state
 from spidar_gym.robot import N_JOINTS
 from spidar_gym.sim.energy import endurance_min
 from spidar_gym.sim.randomize import TABLE
+from spidar_gym.sim.violations import costs
 from spidar_gym.state import Command, RobotState
 
 PAGE = ("reward_terms", "reference", "_begin", "_act", "_advance", "_observation", "_task_info", "_info")
@@ -69,8 +70,9 @@ def info(fleet: Fleet, terms: Iterable[str], failures: Sequence[str], robot: int
 
 
 def readable_info(
-    state: RobotState, command: Command | None, controller: FlightControl | CrawlControl | Orders, plant: Plant
-) -> dict[str, Any]:
+    state: RobotState, command: Command | None, controller: FlightControl | CrawlControl | Orders, plant: Plant,
+    untouchable: Sequence[str],
+) -> dict[str, Any]:  # fmt: skip
     """What `info` gives in every environment, where controller and task are in Python.
 
     Args:
@@ -78,6 +80,7 @@ def readable_info(
         command: The last, if there is one.
         controller: What allocated.
         plant: What was simulated.
+        untouchable: Parts of the robot that had better touch nothing.
     """
     last = controller.last_step
     allocation = None if last is None else last.allocation
@@ -98,4 +101,5 @@ def readable_info(
         "power_w": plant.power,
         "energy_wh": plant.energy_wh,
         "endurance_min": endurance_min(plant.mean_power),
+        **costs(plant.violated, untouchable),
     }

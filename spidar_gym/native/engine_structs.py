@@ -11,7 +11,7 @@ from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeratio
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes, struct_of
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
-from spidar_gym.sim import actuators, air, course, disturbances, energy, ground, scene, sensors
+from spidar_gym.sim import actuators, air, course, disturbances, energy, ground, scene, sensors, violations
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import N_DUCTS, AeroConfig
 from spidar_gym.sim.body import BodyConfig
@@ -19,6 +19,7 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES, GroundConfig
 from spidar_gym.sim.sensors import SensorConfig
+from spidar_gym.sim.violations import VIOLATIONS
 from spidar_gym.state import IMU_SAMPLES
 
 AIR_STEPS = 10
@@ -66,6 +67,7 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("COURSE_", gates, ("ROW",)),
     ("", gates, ("TILE_ROWS", "TILE_COLUMNS")),
     ("", ground, ("TILE", "TILE_DEPTH", "NOWHERE")),
+    ("", violations, ("AT_LIMIT", "BLOWN_FACTOR")),
     ("", sensors, ("POSE_PERIOD", "IMU_PERIOD", "ENCODER_PERIOD", "DRIFT_SECONDS", "DROPOUT_SECONDS")),
 )  # fmt: skip
 """Prefix in C, where the numbers are, and their names there."""
@@ -102,6 +104,8 @@ ENGINE_ENUMERATIONS = (
     Enumeration("course_failure", "Why a course is over.", COURSE_FAILURES, "OFF_COURSE_"),
     Enumeration("shortfall", "What keeps a crawl from being a success.", SHORTFALLS, "SHORT_OF_",
                 tuple(1 << k for k in range(len(SHORTFALLS)))),
+    Enumeration("constraint", "Constraints that a robot has violated.", VIOLATIONS, "VIOLATED_",
+                tuple(1 << k for k in range(len(VIOLATIONS)))),
     Enumeration("autoreset", "What happens at the end of an episode.", AUTORESETS, "RESET_"),
 )  # fmt: skip
 """Words that are numbers in C."""
@@ -198,6 +202,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("pending", "pending", (MAX_PENDING,), ""),
         ("torque_limit", "f8", (N_JOINTS,), "that the joint servos may use [Nm]"),
         ("in_contact diverged has_air senses", "i4", (), "touching; no longer finite; something blows; measuring"),
+        ("violated", "i4", (), "bits of sp_constraint, since somebody made it 0"),
         ("clearance", "f8", (), "least height of everything over the highest tile at the end of the last tick [m]"),
         ("hit", "f8", (), "largest force in the last tick on anything but feet and pegs, where there are boxes [N]"),
         ("spent_wh", "f8", (), "that the battery lacks at the reset [Wh]"),
@@ -305,6 +310,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("thrust_factor", "f8", (N_ROTORS,), "thrust of each module over that in still air"),
         ("air_force", "f8", (3,), "world [N]"),
         ("power_w energy_wh endurance_min", "f8", (), ""),
+        ("cost cost_contact cost_torque cost_duct cost_blown", "f8", (), "of violated constraints: the sum, 0 or 1 each"),
         ("qp_status_code qp_iterations failure_code", "i4", (), "sp_status or −1; of the task or −1"),
     )),
     CStruct("hover_info", "What is told of a flight.", (

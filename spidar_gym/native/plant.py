@@ -222,6 +222,15 @@ class Plant:
         """Largest force since the last command on anything but feet and pegs, where there are boxes [N]."""
         return float(self.record["hit"])
 
+    @property
+    def violated(self) -> int:
+        """Constraints that have been violated since `forgive` or the reset: bit k is the k-th of `VIOLATIONS`."""
+        return int(self.record["violated"])
+
+    def forgive(self) -> None:
+        """From here on violations are counted anew."""
+        self.record["violated"] = 0
+
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
         found = np.zeros((), engine_layouts()["touch"])

@@ -43,6 +43,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
+    untouchable = ("foot", "duct", "part")
     _kept = ("_start",)
     task_type: ClassVar[type[HoverTask]] = HoverTask
 

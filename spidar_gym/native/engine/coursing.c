@@ -241,7 +241,7 @@ static void tell(const sp_course_rules *rules, const sp_world *world, sp_coursin
     const sp_allocation *allocation = crawls ? &m->crawl.allocation : &m->flight.allocation;
     double *term = info->term;
     sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
-            (crawls ? m->crawl.ticked : m->flight.ticked) ? allocation : NULL, &info->info);
+            (crawls ? m->crawl.ticked : m->flight.ticked) ? allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
     info->distance_m = c->distance;
     info->time_s = c->arrived > 0.0 ? c->arrived : c->controls / SP_CONTROL_RATE;
@@ -325,6 +325,7 @@ static void step_coursing(sp_engine *e, sp_thread *thread, int robot)
     e->begun[robot] = 0;
     episode->ticks++;
     c->hit = 0.0;
+    c->plant.violated = 0;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
     sp_carry(e, thread, robot);
     for (int k = 0; k < rules->hold && episode->failure < 0; k++) {

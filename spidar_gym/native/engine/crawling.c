@@ -167,6 +167,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
         sp_command still;
         sp_make_command(idle, level, rules->lies, rules->controller.joint_torque_limit, &still);
         for (int k = 0; k < rules->settle_ticks; k++) sp_plant_step(e->world, sim, &still, &c->plant);
+        c->plant.violated = 0;
     }
     episode->ticks = 0;
     episode->failure = -1;
@@ -290,7 +291,7 @@ static void tell(const sp_crawl_rules *rules, const sp_world *world, sp_crawling
     double counted = sp_max(1.0, c->finished > 0.0 ? rint(c->finished * SP_CONTROL_RATE) : c->crawled);
     double way = sp_max(c->initial_distance - c->distance, 1e-3), *term = info->term;
     sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
-            c->crawl.ticked ? &c->crawl.allocation : NULL, &info->info);
+            c->crawl.ticked ? &c->crawl.allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
     info->phase_code = c->crawl.gait.phase;
     info->finished = c->finished > 0.0;
@@ -389,6 +390,7 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
     else act(rules, thread->room, c);
     sp_carry(e, thread, robot);
     sp_enter(&thread->sim, &c->plant);
+    c->plant.violated = 0;
     sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
     sp_leave(&thread->sim, &c->plant);
     conclude(e, thread, robot);

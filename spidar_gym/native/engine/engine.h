@@ -76,6 +76,7 @@ double sp_floor_height(const sp_ground_config *config, double x, double y);
 double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant);
 void sp_look_for_contacts(const sp_sim *sim, int wanted);
 double sp_hit(const sp_world *world, const sp_sim *sim);
+int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact);
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch);
 
 /* body.c: what a configuration means for MuJoCo's model. */

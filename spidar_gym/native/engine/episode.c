@@ -85,9 +85,20 @@ double sp_restraint(const sp_rules *rules, const sp_episode *episode)
     return 1.0 - sp_row(episode->action, episode->action, n) / n;
 }
 
-/* What is told of the robot and its controller, whatever the task. `allocation` is NULL where there is no answer yet. */
+/* What violated constraints cost; `touching` are the contacts that do. */
+static void charge(int32_t violated, int32_t touching, sp_info *info)
+{
+    info->cost_contact = (violated & touching) != 0;
+    info->cost_torque = (violated & SP_VIOLATED_TORQUE) != 0;
+    info->cost_duct = (violated & SP_VIOLATED_DUCT) != 0;
+    info->cost_blown = (violated & SP_VIOLATED_BLOWN) != 0;
+    info->cost = info->cost_contact + info->cost_torque + info->cost_duct + info->cost_blown;
+}
+
+/* What is told of the robot and its controller, whatever the task. `allocation` is NULL where there is no answer yet,
+ * `touching` are the parts (of sp_constraint) that had better touch nothing. */
 void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
-             sp_info *info)
+             int32_t touching, sp_info *info)
 {
     const sp_robot_state *state = &plant->state;
     double mean = plant->energy_wh > 0.0 ? 3600.0 * plant->energy_wh / state->time : plant->power;
@@ -114,6 +125,7 @@ void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vec
     info->energy_wh = plant->energy_wh;
     info->endurance_min = 60.0 * SP_USABLE * SP_CAPACITY_WH / mean;
     info->failure_code = episode->failure;
+    charge(plant->violated, touching, info);
 }
 
 /* Write down how a tick ended. */

@@ -10,7 +10,9 @@ void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode);
 void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode);
 void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action);
 void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
-             sp_info *info);
+             int32_t touching, sp_info *info);
+#define SP_IN_THE_AIR (SP_VIOLATED_FOOT | SP_VIOLATED_DUCT | SP_VIOLATED_PART) /* what had better touch nothing there */
+#define SP_ON_THE_FLOOR (SP_VIOLATED_DUCT | SP_VIOLATED_PART)
 void sp_end_tick(sp_engine *engine, const sp_rules *rules, sp_episode *episode, int robot);
 void sp_keep_final(sp_engine *engine, const sp_rules *rules, int robot, size_t info_bytes);
 double sp_tolerance(double error, double margin);

@@ -92,6 +92,19 @@ double sp_hit(const sp_world *world, const sp_sim *sim)
     return hardest;
 }
 
+/* Which parts of the robot have a contact, in a loaded simulation: bits of sp_constraint. */
+int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact)
+{
+    int32_t bits = 0, pair[2];
+    memcpy(pair, *sim->contact + contact * sim->contact_stride + sim->contact_geoms, sizeof pair);
+    for (int i = 0; i < 2; i++) {
+        if (pair[i] < 0 || !world->geom_touches[pair[i]]) continue;
+        int32_t kind = world->geom_kind[pair[i]];
+        bits |= kind == SP_BALLS ? SP_VIOLATED_DUCT : kind >= 0 ? SP_VIOLATED_FOOT : SP_VIOLATED_PART;
+    }
+    return bits;
+}
+
 /* What touches the floor now, in a loaded simulation. */
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch)
 {

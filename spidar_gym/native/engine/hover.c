@@ -370,7 +370,8 @@ static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h,
 {
     const sp_flight *flight = &h->flight;
     double q[SP_JOINTS], joints;
-    sp_tell(&h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL, &info->info);
+    sp_tell(&h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL,
+            SP_IN_THE_AIR, &info->info);
     sp_copy(info->position_error, h->position_error, 3);
     sp_copy(info->attitude_error, h->attitude_error, 3);
     sp_zero(info->wrench_desired, 6);
@@ -477,6 +478,7 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     else act(rules, thread->room, h);
     sp_carry(e, thread, robot);
     sp_enter(&thread->sim, &h->plant);
+    h->plant.violated = 0;
     sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
     sp_leave(&thread->sim, &h->plant);
     conclude(e, thread, robot);

@@ -201,6 +201,20 @@ static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command 
         limit_torque(sim, p, command->joint_torque_limit);
 }
 
+/* Which constraints are violated now, in a loaded simulation whose state has been read. */
+static int32_t violations(const sp_world *world, const sp_sim *sim, const sp_plant *p)
+{
+    int32_t bits = 0;
+    for (int k = 0; k < *sim->contacts; k++) bits |= sp_violates(world, sim, k);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double limit = sp_min(p->torque_limit[j], p->config.actuators.max_joint_torque);
+        if (fabs(p->state.joint_torque[j]) >= limit - SP_AT_LIMIT) bits |= SP_VIOLATED_TORQUE;
+    }
+    for (int i = 0; i < SP_ROTORS; i++)
+        if (0.5 * (p->air_factor[2 * i] + p->air_factor[2 * i + 1]) < SP_BLOWN_FACTOR) bits |= SP_VIOLATED_BLOWN;
+    return bits;
+}
+
 /* Advance a loaded robot by one control period; where it has diverged, what is read of it stays as before. */
 void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
 {
@@ -234,6 +248,7 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     read_state(world, sim, p, &p->state);
     p->power = power(sim, &p->state);
     p->energy_wh += p->power * period / 3600.0;
+    p->violated |= violations(world, sim, p);
 }
 
 /* Put a configured robot somewhere, servos at their setpoints and at rest, and leave it loaded. Disturbances and
@@ -252,7 +267,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     memset(p->pending, 0, sizeof p->pending); /* nothing stays of the episode before: equal robots have equal bytes */
     memset(&p->sensors, 0, sizeof p->sensors);
     sp_zero(p->stuck, 2);
-    p->diverged = p->is_stuck = 0;
+    p->diverged = p->is_stuck = p->violated = 0;
     p->power = p->energy_wh = p->hit = 0.0;
     sp_zero(p->noise, SP_ROTORS);
     sp_zero(p->air_force_w, 3);

@@ -62,6 +62,8 @@ static const double SP_PUSH_EVERY[2] = {0x1.4000000000000p+2, 0x1.e000000000000p
 #define SP_TILE 0x1.0000000000000p-2 /* 0.25, spidar_gym.sim.ground.TILE */
 #define SP_TILE_DEPTH 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.ground.TILE_DEPTH */
 static const double SP_NOWHERE[6] = {0x0.0p+0, 0x0.0p+0, -0x1.9000000000000p+5, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7, 0x1.47ae147ae147bp-7};
+#define SP_AT_LIMIT 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.violations.AT_LIMIT */
+#define SP_BLOWN_FACTOR 0x1.ccccccccccccdp-1 /* 0.9, spidar_gym.sim.violations.BLOWN_FACTOR */
 #define SP_POSE_PERIOD 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.sensors.POSE_PERIOD */
 #define SP_IMU_PERIOD 0x1.47ae147ae147bp-8 /* 0.005, spidar_gym.sim.sensors.IMU_PERIOD */
 #define SP_ENCODER_PERIOD 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.sim.sensors.ENCODER_PERIOD */
@@ -115,6 +117,11 @@ typedef enum {
     SP_SHORT_OF_UNFINISHED = 1, SP_SHORT_OF_POSITION = 2, SP_SHORT_OF_YAW = 4, SP_SHORT_OF_AIRBORNE = 8,
     SP_SHORT_OF_TIMEOUT = 16, SP_SHORT_OF_SLIP = 32, SP_SHORT_OF_DUCT = 64, SP_SHORT_OF_TIME = 128
 } sp_shortfall;
+
+/* Constraints that a robot has violated. */
+typedef enum {
+    SP_VIOLATED_FOOT = 1, SP_VIOLATED_DUCT = 2, SP_VIOLATED_PART = 4, SP_VIOLATED_TORQUE = 8, SP_VIOLATED_BLOWN = 16
+} sp_constraint;
 
 /* What happens at the end of an episode. */
 typedef enum {
@@ -314,6 +321,7 @@ typedef struct {
     sp_pending pending[32];
     double torque_limit[16]; /* that the joint servos may use [Nm] */
     int32_t in_contact, diverged, has_air, senses; /* touching; no longer finite; something blows; measuring */
+    int32_t violated; /* bits of sp_constraint, since somebody made it 0 */
     double clearance; /* least height of everything over the highest tile at the end of the last tick [m] */
     double hit; /* largest force in the last tick on anything but feet and pegs, where there are boxes [N] */
     double spent_wh; /* that the battery lacks at the reset [Wh] */
@@ -437,6 +445,7 @@ typedef struct {
     double thrust_factor[8]; /* thrust of each module over that in still air */
     double air_force[3]; /* world [N] */
     double power_w, energy_wh, endurance_min;
+    double cost, cost_contact, cost_torque, cost_duct, cost_blown; /* of violated constraints: the sum, 0 or 1 each */
     int32_t qp_status_code, qp_iterations, failure_code; /* sp_status or −1; of the task or −1 */
 } sp_info;
 
