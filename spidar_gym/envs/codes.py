@@ -14,14 +14,14 @@ SETS = ("shortfalls",)
 """What names several words at once: their numbers are bits."""
 
 
-class Coded(gymnasium.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray], RecordConstructorArgs):
+class Coded(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstructorArgs):
     """Tells numbers in place of words, as the native vector does: `qp_status_code`, `failure_code`, in the crawl more.
 
     Gymnasium's `NumpyToTorch`, `JaxToTorch` and `ArrayConversion` have no tensor for a word: that of a single
     environment is lost in them, those of a vector are an error. Around this wrapper they find numbers and arrays alone.
     """
 
-    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray]) -> None:
+    def __init__(self, env: gymnasium.Env[Any, np.ndarray]) -> None:
         """Take an environment of this package, wrapped or not (`InvalidValueError` for another)."""
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
@@ -32,14 +32,12 @@ class Coded(gymnasium.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray], R
         self.words: dict[str, tuple[str, ...]] = {"qp_status": status, "failure": inner.failures, **inner.words}
         """What numbers mean, by the word's name in `info`: −1 is none, in `shortfalls` bit k is the k-th."""
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """As of the environment."""
         observation, info = self.env.reset(seed=seed, options=options)
         return observation, self._coded(info)
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """As of the environment."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         return observation, reward, terminated, truncated, self._coded(info)

@@ -45,8 +45,11 @@ INFO = {
     "energy_wh": ("float", "Wh", "energy drawn since the reset"),
     "endurance_min": ("float", "min", "how long the batteries last at the episode's mean power"),
     "cost": ("float", "", "sum of the costs below: constraints that the step has violated, as safety-gymnasium has it"),
-    "cost_contact": ("float", "", "1 where something touches that had better not: in flight anything, else anything "
-                     "but feet and pegs"),
+    "cost_contact": (
+        "float",
+        "",
+        "1 where something touches that had better not: in flight anything, else anything but feet and pegs",
+    ),
     "cost_torque": ("float", "", f"1 where a joint servo is within {AT_LIMIT:g} Nm of its largest torque"),
     "cost_duct": ("float", "", "1 where a duct touches the floor or a wall"),
     "cost_blown": ("float", "", f"1 where what blows on a rotor leaves it less than {BLOWN_FACTOR:.0%} of its thrust"),

@@ -21,6 +21,7 @@ from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.moments import Restorable
+from spidar_gym.envs.observed import Observed
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
 from spidar_gym.envs.remade import Remade
@@ -39,7 +40,7 @@ ProgressT = TypeVar("ProgressT")
 
 
 class SpidarEnv(
-    Readable, Remade, Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+    Readable, Remade, Restorable, Observed, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
@@ -75,6 +76,8 @@ class SpidarEnv(
         sensors: bool = False,
         randomization: float | str | Path | Mapping[str, Any] | Randomization = 0.0,
         disturbances: Mapping[str, Any] | Disturbances | None = None,
+        observation: str = "vector",
+        goal_reward: str = "sparse",
         render_mode: str | None = None,
         camera: str = "chase",
         width: int = 640,
@@ -95,14 +98,16 @@ class SpidarEnv(
             randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse`
                 takes them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
+            observation: `vector`, `goal` or `asymmetric`, see `OBSERVATIONS`.
+            goal_reward: `sparse` or `dense`, where it is `goal`, see `REWARDS`.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
             width: Width of the pictures [px].
             height: Height of the pictures [px].
 
         Raises:
-            UnknownNameError: For a mode or camera that does not exist; it lists the valid ones.
-            InvalidValueError: For a value out of range.
+            UnknownNameError: For a mode, observation or camera that does not exist; it lists the valid ones.
+            InvalidValueError: For a value out of range, and a goal where there is none.
             StaleAssetError: When the model file was edited by hand.
         """
         self.view = View(render_mode, camera, width, height)
@@ -130,7 +135,9 @@ class SpidarEnv(
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
         high = self._bound.astype(np.float32)
-        self.observation_space = spaces.Box(-high, high, dtype=np.float32)
+        flat = spaces.Box(-high, high, dtype=np.float32)
+        self.sight = self._choose_sight(observation, goal_reward, flat, layout)
+        self.observation_space = flat if self.sight is None else self.sight.space
         self._now: dict[str, Any] = {}
         self.ticks = 0
         """Steps since the reset."""
@@ -196,9 +203,7 @@ class SpidarEnv(
         """How far the episode has come (`SpidarError` before the first reset)."""
         return self._known("episode")
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode.
 
         Args:
@@ -236,14 +241,15 @@ class SpidarEnv(
             )
         return observation, info
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """`hold` control periods of 25 ms: one, unless the environment says otherwise.
 
         Args:
             action: In [−1, 1]; what lies outside is clipped.
 
         Returns:
-            Observation, reward in [0, 1], terminated, truncated (False, as the wrapper `Horizon` truncates), info.
+            Observation, reward (in [0, 1], or as `goal_reward` says), terminated, truncated (False, as the wrapper
+            `Horizon` truncates), info.
 
         Raises:
             InvalidValueError: For an action of the wrong shape or with a NaN; nothing has moved.
@@ -267,18 +273,22 @@ class SpidarEnv(
         self._failure = failure
         info = self._info(failure)
         if failure == "diverged":
-            return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
+            shown = self._show(np.zeros(len(self._bound), np.float32), info)
+            return shown, self._judged(shown, 0.0), True, False, info
         reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in self.reward_terms.items())
         if self.render_mode == "human":
             self.render()
-        return self._observation(), reward, failure != "", False, info
+        shown = self._show(self._observation(), info)
+        return shown, self._judged(shown, reward), failure != "", False, info
 
-    def _shown(self) -> tuple[np.ndarray, dict[str, Any]]:
+    def _shown(self) -> tuple[Any, dict[str, Any]]:
         if self.fleet is not None:
-            return self.fleet.observations[0].copy(), self.tell(self.fleet)
+            info = self.tell(self.fleet)
+            return self._show(self.fleet.observations[0].copy(), info), info
         info = self._info(self._failure)
         has_diverged = self._failure == "diverged"
-        return np.zeros(len(self._bound), np.float32) if has_diverged else self._observation(), info
+        flat = np.zeros(len(self._bound), np.float32) if has_diverged else self._observation()
+        return self._show(flat, info), info
 
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
         """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
@@ -353,7 +363,7 @@ class SpidarEnv(
         self._forget()
         self.sampled_parameters = single.drawn(fleet) if self._randomization.draws else {}
 
-    def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         self.plant.keep()
         fleet.actions[0] = action
         self._forget()
@@ -362,7 +372,8 @@ class SpidarEnv(
         info = self.tell(fleet)
         if self.render_mode == "human":
             self.render()
-        return fleet.observations[0].copy(), float(fleet.rewards[0]), bool(fleet.terminated[0]), False, info
+        shown = self._show(fleet.observations[0].copy(), info)
+        return shown, self._judged(shown, float(fleet.rewards[0])), bool(fleet.terminated[0]), False, info
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""

@@ -11,13 +11,13 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import RegisteredSteps
 
 
-class Horizon(gymnasium.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray], RecordConstructorArgs):
+class Horizon(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstructorArgs):
     """Truncates, and tells the environment when, so that success is judged there; `gymnasium.make` puts it outermost.
 
     The registered `TimeLimit` below it knows nothing of `horizon_s`, and the environment nothing of `TimeLimit`.
     """
 
-    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray]) -> None:
+    def __init__(self, env: gymnasium.Env[Any, np.ndarray]) -> None:
         """Take an environment as `gymnasium.make` wraps it."""
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
@@ -28,7 +28,7 @@ class Horizon(gymnasium.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
         inner.most_steps = None if isinstance(steps, RegisteredSteps) else steps
         self._inner, self._ends = inner, steps is not None
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """One step; truncated where the episode is over, never with `max_episode_steps=-1`."""
         observation, reward, terminated, _, info = self.env.step(action)
         return observation, reward, terminated, self._ends and self._inner.ticks >= self._inner.horizon, info

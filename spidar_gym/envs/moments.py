@@ -37,9 +37,9 @@ PARTS = (ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, P
 IN_BYTES = (Core, Plant)
 """Those of them that the library remembers for."""
 SETTLED = (
-    "view", "layout", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold", "most_steps",
-    "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled", "_config",
-    "_allocator", "_law", "_is_waypoint", "_made",
+    "view", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
+    "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
+    "_config", "_allocator", "_law", "_is_waypoint", "_made",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}
@@ -115,7 +115,7 @@ class Restorable(ABC):
             arrays["robot"] = np.frombuffer(saving.save(self.fleet, [0]), np.uint8)
         return pack(TITLE, self._description(), arrays, sealed=True)
 
-    def restore_state(self, saved: bytes) -> tuple[np.ndarray, dict[str, Any]]:
+    def restore_state(self, saved: bytes) -> tuple[Any, dict[str, Any]]:
         """Go on from a moment that was saved, bit for bit as that environment would have.
 
         Args:
@@ -207,7 +207,7 @@ class Restorable(ABC):
         """What was read of the last tick is past."""
 
     @abstractmethod
-    def _shown(self) -> tuple[np.ndarray, dict[str, Any]]:
+    def _shown(self) -> tuple[Any, dict[str, Any]]:
         """Observation and info of now."""
 
 

@@ -20,8 +20,11 @@ from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import told
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import FlightStart, HoverTask
+from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.envs.judge import Judge
+from spidar_gym.envs.lanes import autoreset, copied, listed, seeds, start
+from spidar_gym.envs.observations import GoalSight
+from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
@@ -40,7 +43,7 @@ KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
 """Class of a single robot's environment by id."""
 
 
-class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.ndarray]):
     """Robots of one environment; the controller is the core, the task the built-in one.
 
     `info` is arrays: its words are numbers (`qp_status_code`, `failure_code`, and in the crawl `phase_code` and
@@ -78,7 +81,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """
         environment(name)
         require_least(1, num_envs=num_envs, num_threads=num_threads)
-        mode = _autoreset(autoreset_mode)
+        mode = autoreset(autoreset_mode)
         kind = KINDS[name]
         require_vector_options(SpidarEnv, kind, kind.task_type, options)
         if options.get("render_mode") == "human":
@@ -99,11 +102,20 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
-        self._threads, self._how = num_threads, {"autoreset": mode.name.lower(), "truncates": ends}
+        self.sight, self._shown = single.sight, None
+        way = mode.name.lower()
+        if single.sight is not None:
+            self._shown = Shown(single.sight, num_envs, same_step=mode is AutoresetMode.SAME_STEP)
+            way = "disabled" if mode is AutoresetMode.SAME_STEP else way
+        self._threads, self._how = num_threads, {"autoreset": way, "truncates": ends}
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
         if task is not None and isinstance(single.task, CourseTask):
             raise InvalidValueError("task", task, "None: a course is judged by its own")
+        if task is not None and isinstance(single.sight, GoalSight):
+            raise InvalidValueError(
+                "observation", "goal", "vector or asymmetric with a task of your own, which rewards"
+            )
         self._judge = None if task is None else Judge(task, self.fleet, single.task)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
@@ -114,15 +126,19 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         return self.fleet.robots
 
     @property
-    def buffers(self) -> dict[str, np.ndarray]:
+    def buffers(self) -> dict[str, Any]:
         """What is written anew by `reset`, `step` and `advance`, an entry for every robot; not to be written.
 
         By name: ``observations``, ``rewards``, ``terminated``, ``truncated``; ``begun``, whether the step began an
-        episode; ``final_observations`` and ``final_infos``, where it did so in the same step; ``infos``, records.
+        episode; ``final_observations`` and ``final_infos``, where it did so in the same step; ``infos``, records. An
+        observation that is a dictionary is one here, too.
         """
         names = ("observations", "rewards", "terminated", "truncated", "begun", "final_observations", "final_infos",
                  "infos")  # fmt: skip
-        return {name: getattr(self.fleet, name) for name in names}
+        found: dict[str, Any] = {name: getattr(self.fleet, name) for name in names}
+        if self._shown is not None:
+            found["observations"], found["final_observations"] = self._shown.now, self._shown.final
+        return found
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -138,7 +154,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Start episodes.
 
         Args:
@@ -167,8 +183,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
                 raise InvalidValueError("reset_mask", given["reset_mask"], f"{n} flags, one of them at least True")
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
-        generators = {k: np_random(one)[0] for k, one in self._seeds(seed, mask).items()}
-        asked = {name: self._listed(name, given[name]) for name in others if name in given and name not in own}
+        generators = {k: np_random(one)[0] for k, one in seeds(seed, mask, began=self._began).items()}
+        asked = {name: listed(name, given[name], n) for name in others if name in given and name not in own}
         chosen = {name: self._each(name, given[name]) for name in own if name in given}
         ids = np.flatnonzero(mask)
         if asked:
@@ -182,7 +198,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         fleet.reset(ids)
         if self._judge is not None:
             self._judge.begin(ids)
-        return fleet.observations.copy(), self._info(mask.copy())
+        return self._seen(), self._info(mask.copy())
 
     def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
         """Let robots have arguments of their own from now on."""
@@ -216,17 +232,9 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
 
     def _each(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
         """What an option of `reset` is for each robot."""
-        ways = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": _start, "course": parse_course}
+        ways = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": start, "course": parse_course}
         parse = ways[name]
-        return [parse(one) for one in self._listed(name, list(value) if isinstance(value, tuple) else value)]
-
-    def _listed(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
-        """A value for each robot, where a list has them and all else is one for all."""
-        if not isinstance(value, list):
-            return [value] * self.num_envs
-        if len(value) != self.num_envs:
-            raise InvalidValueError(name, value, f"one for all robots, or a list of {self.num_envs}")
-        return value
+        return [parse(one) for one in listed(name, list(value) if isinstance(value, tuple) else value, self.num_envs)]
 
     def _sequence(self, forms: Any) -> int:  # noqa: ANN401 - whatever a user gives
         """`sp_sequence` of forms."""
@@ -234,20 +242,14 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         assert isinstance(task, HoverTask)
         return SEQUENCES.index(replace(task, forms=forms).forms)
 
-    def _seeds(self, seed: int | Sequence[int | None] | None, mask: np.ndarray) -> dict[int, int | None]:
-        """Seed of each robot that gets a new generator."""
-        n = self.num_envs
-        if seed is None:
-            return {} if self._began else dict.fromkeys(range(n))
-        given: Any = seed.tolist() if isinstance(seed, np.ndarray) else seed
-        seeds = [given + k for k in range(n)] if isinstance(given, int | np.integer) else given
-        if not (isinstance(seeds, list | tuple) and len(seeds) == n and all(s is None or _is_seed(s) for s in seeds)):
-            raise InvalidValueError("seed", seed, f"a whole number from 0 on, or {n} of them")
-        return {
-            k: s if s is None else int(s) for k, s in enumerate(seeds) if mask[k] and not (s is None and self._began)
-        }
+    def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
+        """What is seen of all robots now."""
+        if self._shown is None:
+            return self.fleet.observations.copy()
+        self._shown.look(self.fleet)
+        return copied(self._shown.now)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of 25 ms of every robot.
 
         Where an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are
@@ -268,10 +270,11 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         info = self._info(self._everybody.copy())
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
             begun = fleet.begun.copy()
-            info["final_obs"], info["_final_obs"] = fleet.final_observations.copy(), begun
+            info["final_obs"], info["_final_obs"] = copied(self.buffers["final_observations"]), begun
             info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
         return (
-            fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
+            copied(self.buffers["observations"]), fleet.rewards.copy(), fleet.terminated.copy(),
+            fleet.truncated.copy(), info,
         )  # fmt: skip
 
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
@@ -297,6 +300,14 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             self._judge.step()
         else:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
+        if self._shown is not None:
+            self._shown.conclude(fleet, ids, self._begin_judged)
+
+    def _begin_judged(self, ids: np.ndarray) -> None:
+        """What a task of one's own has to do where episodes have begun in the step in which the last ones ended."""
+        if self._judge is not None:
+            self._judge.final_terms[ids] = self._judge.terms[ids]
+            self._judge.begin(ids)
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
@@ -344,7 +355,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         """
         return save(self.fleet, self._choice(ids))
 
-    def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+    def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[Any, dict[str, Any]]:
         """Let robots be those that were saved: from here on each goes on as the saved one would have, bit for bit.
 
         Args:
@@ -364,7 +375,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self._began = True
         mask = np.zeros(self.num_envs, bool)
         mask[chosen] = True
-        return self.fleet.observations.copy(), self._info(mask)
+        return self._seen(), self._info(mask)
 
     def _choice(self, ids: Sequence[int] | None) -> list[int]:
         """Robots by number."""
@@ -387,22 +398,6 @@ hover_vector, path_vector, crawl_vector, course_vector = (
     partial(NativeVectorEnv, name) for name in (HOVER, PATH, CRAWL, COURSE)
 )
 """What `gymnasium.make_vec` makes of each environment."""
-
-
-def _autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - whatever a user gives
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        ways = ", ".join(way.value for way in AutoresetMode)
-        raise InvalidValueError("autoreset_mode", mode, f"one of {ways}") from None
-
-
-def _is_seed(value: object) -> bool:
-    return isinstance(value, int | np.integer) and int(value) >= 0
-
-
-def _start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
-    return None if value is None else FlightStart.parse(value)
 
 
 __all__ = [

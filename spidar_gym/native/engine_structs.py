@@ -310,7 +310,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("thrust_factor", "f8", (N_ROTORS,), "thrust of each module over that in still air"),
         ("air_force", "f8", (3,), "world [N]"),
         ("power_w energy_wh endurance_min", "f8", (), ""),
-        ("cost cost_contact cost_torque cost_duct cost_blown", "f8", (), "of violated constraints: the sum, 0 or 1 each"),
+        ("cost cost_contact cost_torque cost_duct cost_blown", "f8", (), "of violated constraints: the sum, each"),
         ("qp_status_code qp_iterations failure_code", "i4", (), "sp_status or −1; of the task or −1"),
     )),
     CStruct("hover_info", "What is told of a flight.", (

@@ -97,6 +97,11 @@ class Plant:
         self._engine.run("sp_refresh_plants")
 
     @property
+    def records(self) -> np.ndarray:
+        """`record` as an array of one."""
+        return self._records
+
+    @property
     def config(self) -> PlantConfig:
         """What was chosen about the robot, or drawn."""
         if self._config is None:

@@ -12,6 +12,7 @@ from spidar_gym.control.course.observation import CourseObservables, course_layo
 from spidar_gym.control.course.pilot import Pilot
 from spidar_gym.control.course.rule import course_rule
 from spidar_gym.control.course.target import Target, take_target
+from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.envs.actions import COURSE_MODES, act_directly, find_action_mode
@@ -44,6 +45,11 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     failures = COURSE_FAILURES
     task_type = CourseTask
     words = MappingProxyType({"phase": PHASES})
+    no_goal = "its goal is a part of the course, which the observation tells"
+    true_fields = (
+        Field("goal_error", 3, 5.0, "m, m, rad", "goal − torso: x, y in the world, yaw"),
+        Field("hit_n", 1, 100.0, "N", "largest force of the step on ducts and links"),
+    )
     _kept = ("_given",)
 
     def __init__(

@@ -15,6 +15,7 @@ from spidar_gym.control.crawl.observation import CrawlObservables, crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.actions import CRAWL_MODES, act_directly, find_action_mode
@@ -22,12 +23,13 @@ from spidar_gym.envs.controllers import choose_crawl_control, gait_type, make_cr
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.goals import CrawlGoal
 from spidar_gym.envs.options import own_robot, solver_settings, split_options
 from spidar_gym.envs.rules import crawl_rules
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
-from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
 
@@ -42,6 +44,11 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     failures = CRAWL_FAILURES
     task_type = CrawlTask
     words = MappingProxyType({"phase": PHASES, "shortfalls": SHORTFALLS})
+    goal_type = CrawlGoal
+    true_fields = (
+        Field("goal_error", 3, 1.0, "m, m, rad", "goal − torso: x, y in the world, yaw"),
+        Field("foot_contact", N_LEGS, 1.0, "", "1 for a foot that touches the floor"),
+    )
 
     def __init__(
         self,
@@ -207,6 +214,10 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         if controller.done and not progress.finished:
             progress.finished = progress.time
         return self.task.failed(progress, self._tilt, self._touch)
+
+    def _wanted(self) -> np.ndarray:
+        goal = self.progress.goal
+        return np.array([goal.x, goal.y, goal.yaw])
 
     def _observation(self) -> np.ndarray:
         thrust = self.seen.thrust if self._command is None else self._command.thrust

@@ -17,6 +17,7 @@ from spidar_gym.envs.actions import act_directly, find_action_mode
 from spidar_gym.envs.controllers import choose_control, make_flight_controller
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.goals import Goal, HoverGoal
 from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
 from spidar_gym.envs.options import solver_settings, split_options
 from spidar_gym.envs.path.task import PathTask
@@ -44,6 +45,11 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
     untouchable = ("foot", "duct", "part")
+    goal_type: ClassVar[type[Goal] | None] = HoverGoal
+    true_fields = (
+        Field("position_error", 3, 1.0, "m", "desired − actual CoG, world"),
+        Field("attitude_error", 3, 1.0, "rad", "log(RᵀR_d), torso axes"),
+    )
     _kept = ("_start",)
     task_type: ClassVar[type[HoverTask]] = HoverTask
 
@@ -261,6 +267,10 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._now["truth"] = (
             self._control_state if sees else self.controller.compute_state(self.state, self.reference())
         )
+
+    def _wanted(self) -> np.ndarray:
+        reference = self.reference()
+        return np.concatenate((reference.position_w, reference.quat_wb, self.progress.goal.joint_target))
 
     def _errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Position error, world [m], and attitude error log(RᵀR_d), torso axes [rad], of the true state.

@@ -9,6 +9,8 @@ class PathEnv(HoverEnv):
     """SPIDAR on its way through the air; `spidar list spidar_gym/Path-v0` prints its page."""
 
     task_type = PathTask
+    goal_type = None
+    no_goal = "its goal moves on at every tick, so nothing that was achieved can stand in its place"
 
     @staticmethod
     def layout_of(action_size: int) -> tuple[Field, ...]:

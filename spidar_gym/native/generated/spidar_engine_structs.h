@@ -445,7 +445,7 @@ typedef struct {
     double thrust_factor[8]; /* thrust of each module over that in still air */
     double air_force[3]; /* world [N] */
     double power_w, energy_wh, endurance_min;
-    double cost, cost_contact, cost_torque, cost_duct, cost_blown; /* of violated constraints: the sum, 0 or 1 each */
+    double cost, cost_contact, cost_torque, cost_duct, cost_blown; /* of violated constraints: the sum, each */
     int32_t qp_status_code, qp_iterations, failure_code; /* sp_status or −1; of the task or −1 */
 } sp_info;
 

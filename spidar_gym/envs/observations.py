@@ -1,0 +1,220 @@
+"""What is shown of robots: the flat numbers, a goal beside them, or what only a critic or a teacher may know."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from spidar_gym.control.flight.observation import Field
+from spidar_gym.envs.goals import Goal
+from spidar_gym.native.engine_structs import N_DUCTS, engine_layouts
+from spidar_gym.robot import N_JOINTS, N_ROTORS
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.energy import CAPACITY_WH, USABLE
+from spidar_gym.sim.randomize import TABLE, Row
+
+OBSERVATIONS = {
+    "vector": "one row of numbers, what the real robot measures or knows",
+    "goal": "that without the goal, and the goal beside it, for learners that say afterwards what the goal was (HER)",
+    "asymmetric": "that, and what only a critic or a teacher may know",
+}
+"""Ways of observing, and what each shows."""
+MOST = 5.0
+"""Privileged numbers are clipped to ± this: most are within ± 1."""
+_READ: tuple[tuple[str, Field], ...] = (
+    ("state.position_w", Field("position", 3, 10.0, "m", "of the torso, world")),
+    ("state.omega_b", Field("angular_velocity", 3, 10.0, "rad/s", "torso axes")),
+    ("state.joint_position", Field("joint_position", N_JOINTS, 2.0, "rad", "q")),
+    ("state.joint_velocity", Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇")),
+    ("state.joint_torque", Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos")),
+    ("state.thrust", Field("thrust", N_ROTORS, 42.0, "N", "λ₁ … λ₈ delivered")),
+    ("air_factor", Field("duct_thrust", N_DUCTS, 1.0, "", "of each duct over that in still air")),
+    ("air_force_w", Field("air_force", 3, 50.0, "N", "of the air besides the thrust in still air, world")),
+    ("weather.mean_w", Field("wind", 3, 10.0, "m/s", "mean, world")),
+    ("weather.gust_w", Field("gust", 3, 5.0, "m/s", "turbulence, world")),
+    ("weather.push_w", Field("push", 3, 50.0, "N", "that is on now, world")),
+    ("clearance", Field("clearance", 1, 2.0, "m", "least height of everything over the highest tile; 0 on a course")),
+)
+"""What is read of a simulated robot as it is there: member of `sp_plant`, what it is."""
+_COMPUTED = (
+    Field("up", 3, 1.0, "", "vertical, torso axes"),
+    Field("heading", 2, 1.0, "", "sine and cosine of the torso's yaw"),
+    Field("velocity", 3, 5.0, "m/s", "of the torso, torso axes"),
+    Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
+    Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
+    Field("charge", 1, 1.0, "", "of the battery's usable energy"),
+    Field("in_contact", 1, 1.0, "", "1 where a part of the robot touches something"),
+    Field("lost_thrust", N_ROTORS, 1.0, "", "1 for a module that has lost its thrust"),
+    Field("lost_vectoring", N_ROTORS, 1.0, "", "1 for a module whose vectoring servos are stuck"),
+)
+"""What is computed of it."""
+_MODULES = np.arange(1, N_ROTORS + 1)
+
+
+def privileged_layout(told: Sequence[Field]) -> tuple[Field, ...]:
+    """What `privileged` is, in order: each number is the value over its scale, which `bound` is here.
+
+    Args:
+        told: What is taken from `info`, under its name there.
+    """
+    return (*(f for _, f in _READ), *_COMPUTED, *told, *(_drawn_field(row) for row in TABLE))
+
+
+def _drawn_field(row: Row) -> Field:
+    """What is told of a number that may be drawn: how far it is from the middle of its range."""
+    what = {"set": "", "scale": " over nominal", "add": " less nominal"}[row.operation]
+    middle, half = 0.5 * (row.low + row.high), 0.5 * (row.high - row.low)
+    less = f" less {middle:.4g}" if middle else ""
+    return Field(row.field, math.prod(row.shape), half, row.unit, f"as simulated{what}{less}")
+
+
+@dataclass(frozen=True)
+class Robots:
+    """Robots of which something is shown."""
+
+    records: np.ndarray
+    """All that there is of them (N,): each begins with an `sp_plant`."""
+    told: Callable[[str], np.ndarray]
+    """What `info` tells of them, by name."""
+    wanted: np.ndarray | None = None
+    """What they are to reach, where there is a goal."""
+
+    @property
+    def plants(self) -> np.ndarray:
+        """Records of `sp_plant`."""
+        return self.records["plant"] if "plant" in (self.records.dtype.names or ()) else self.records
+
+
+class Sight(ABC):
+    """What is shown in place of the flat numbers."""
+
+    space: spaces.Dict
+    """Of one robot."""
+
+    @abstractmethod
+    def look(self, flat: np.ndarray, robots: Robots) -> dict[str, np.ndarray]:
+        """The parts of what is shown, a row for every robot each.
+
+        Args:
+            flat: The flat numbers (N, size).
+            robots: Them.
+        """
+
+
+class GoalSight(Sight):
+    """`gymnasium_robotics`' convention: `observation`, `achieved_goal`, `desired_goal`."""
+
+    def __init__(self, flat: spaces.Box, layout: Sequence[Field], goal: Goal) -> None:
+        """Take what the flat numbers are, and the goal."""
+        shown = np.concatenate([np.full(f.size, f.name not in goal.left_out) for f in layout])
+        self._shown = np.flatnonzero(shown)
+        high = np.concatenate([np.full(f.size, f.bound, np.float32) for f in goal.fields])
+        self._high = high
+        low, most = flat.low[self._shown], flat.high[self._shown]
+        self.space = spaces.Dict(
+            {
+                "observation": spaces.Box(low, most, dtype=np.float32),
+                "achieved_goal": spaces.Box(-high, high, dtype=np.float32),
+                "desired_goal": spaces.Box(-high, high, dtype=np.float32),
+            }
+        )
+        self.goal = goal
+        """What is to be reached."""
+
+    def look(self, flat: np.ndarray, robots: Robots) -> dict[str, np.ndarray]:
+        """The parts of what is shown, a row for every robot each."""
+        wanted = robots.wanted
+        assert wanted is not None
+        achieved = self.goal.achieved(robots.plants["state"], robots.told, wanted)
+        pair = {"achieved_goal": achieved, "desired_goal": wanted}
+        high = self._high
+        goals = {k: np.minimum(np.maximum(v, -high), high).astype(np.float32) for k, v in pair.items()}
+        return {"observation": flat[:, self._shown], **goals}
+
+
+class AsymmetricSight(Sight):
+    """What the actor sees, `observation`, and what only a critic or a teacher may: `privileged`."""
+
+    def __init__(self, flat: spaces.Box, told: Sequence[Field]) -> None:
+        """Take what the flat numbers are, and what of `info` belongs to what is privileged."""
+        size = sum(f.size for f in privileged_layout(told))
+        high = np.full(size, MOST, np.float32)
+        self.space = spaces.Dict({"observation": flat, "privileged": spaces.Box(-high, high, dtype=np.float32)})
+        self._told = tuple(told)
+
+    def look(self, flat: np.ndarray, robots: Robots) -> dict[str, np.ndarray]:
+        """The parts of what is shown, a row for every robot each."""
+        at, gain, offset = _places()
+        count = len(flat)
+        numbers = robots.records.view(np.float64).reshape(count, -1)[:, at] * gain + offset
+        read = sum(f.size for _, f in _READ)
+        told = [robots.told(f.name).reshape(count, -1) / f.bound for f in self._told]
+        values = np.concatenate((numbers[:, :read], *_compute(robots.plants), *told, numbers[:, read:]), axis=1)
+        # A robot that has diverged may have a clearance that is no number.
+        return {"observation": flat, "privileged": np.fmin(np.fmax(values, -MOST), MOST).astype(np.float32)}
+
+
+@cache
+def _places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where in a record the numbers are that are told as they are, in doubles; factors and terms that scale them."""
+    at, gain, offset = [], [], []
+    for path, field in _READ:
+        at.append(_place(path, field.size))
+        gain.append(np.full(field.size, 1.0 / field.bound))
+        offset.append(np.zeros(field.size))
+    nominal = PlantConfig()
+    for row in TABLE:
+        field, (part, name) = _drawn_field(row), row.field.split(".")
+        own = np.broadcast_to(np.asarray(getattr(getattr(nominal, part), name), float), row.shape).reshape(-1)
+        middle = 0.5 * (row.low + row.high)
+        at.append(_place(f"config.{row.field}", field.size))
+        gain.append(1.0 / (field.bound * own) if row.operation == "scale" else np.full(field.size, 1.0 / field.bound))
+        offset.append(-(middle + own * (row.operation == "add")) / field.bound + np.zeros(field.size))
+    return np.concatenate(at), np.concatenate(gain), np.concatenate(offset)
+
+
+def _place(path: str, size: int) -> np.ndarray:
+    """Where a member of `sp_plant` is, in doubles from its beginning."""
+    dtype: Any = engine_layouts()["plant"]
+    begin = 0
+    for name in path.split("."):
+        dtype, where = dtype.fields[name][:2]
+        begin += where
+    assert dtype.base == np.float64
+    assert dtype.itemsize == 8 * size
+    return begin // 8 + np.arange(size)
+
+
+def _compute(plants: np.ndarray) -> list[np.ndarray]:
+    """The fields of `_COMPUTED`, scaled."""
+    state, disturbances = plants["state"], plants["disturbances"]
+    w, x, y, z = np.moveaxis(state["quat_wb"], 1, 0)
+    R = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    yaw = np.arctan2(R[1][0], R[0][0])
+    velocity = np.moveaxis(state["velocity_w"], 1, 0)
+    own = [sum((R[i][k] * velocity[i] for i in range(3)), start=np.zeros(len(plants))) / 5.0 for k in range(3)]
+    angles = np.ascontiguousarray(state["vectoring"])
+    charge = 1.0 - (plants["spent_wh"] + plants["energy_wh"]) / (USABLE * CAPACITY_WH)
+    is_lost = (state["time"] >= disturbances["fault_time"] - 1e-9)[:, None] & (
+        disturbances["lost_rotor"][:, None] == _MODULES
+    )
+    kind = disturbances["fault"][:, None]
+    columns = (*R[2], np.sin(yaw), np.cos(yaw), *own)
+    return [
+        np.stack(columns, axis=1),
+        np.sin(angles),
+        np.cos(angles),
+        charge[:, None],
+        (plants["in_contact"] != 0)[:, None],
+        *(is_lost & (kind == FAULTS.index(name)) for name in ("thrust", "vectoring")),
+    ]

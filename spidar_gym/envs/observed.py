@@ -1,0 +1,162 @@
+"""What an environment shows of its robots, one or many, where that is a dictionary; and the reward of a goal."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+
+from spidar_gym.control.flight.observation import Field
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.goals import REWARDS, Goal, has_failed
+from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
+from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.native.plant import Plant
+
+
+class Rewarding:
+    """The public functions of an environment with a goal, as `gymnasium_robotics` has them."""
+
+    sight: Sight | None
+    """What is shown in place of the flat numbers, if anything."""
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as there
+        """Reward of having achieved one goal where another was wanted: that of `step`, bit for bit, for its own.
+
+        Args:
+            achieved_goal: Of one robot (size,), or a row for each of many.
+            desired_goal: Likewise.
+            info: Not looked at.
+
+        Returns:
+            A number, or one for each row.
+
+        Raises:
+            SpidarError: Where there is no goal, and for what is none.
+        """
+        del info
+        return self._goal().reward(achieved_goal, desired_goal)
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
+        """Whether the robot has failed, by what `step` told: to reach a goal ends no episode; arguments as above."""
+        self._goal()
+        del achieved_goal, desired_goal
+        return has_failed(info)
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
+        """False: time is up by the wrapper that counts it, as there; arguments as above."""
+        self._goal()
+        del desired_goal, info
+        shape = np.shape(achieved_goal)[:-1]
+        return np.zeros(shape, bool) if shape else False
+
+    def _goal(self) -> Goal:
+        if not isinstance(self.sight, GoalSight):
+            raise InvalidValueError("observation", "one without a goal", "goal, where there are rewards of goals")
+        return self.sight.goal
+
+
+class Observed(Rewarding):
+    """An environment of one robot."""
+
+    goal_type: ClassVar[type[Goal] | None] = None
+    """What there is to reach."""
+    no_goal: ClassVar[str] = ""
+    """Why there is nothing that hindsight could put in its place."""
+    true_fields: ClassVar[tuple[Field, ...]] = ()
+    """What of `info` only a critic may know, with its scale."""
+    fleet: Fleet | None
+    plant: Plant
+
+    def _choose_sight(
+        self, observation: str, goal_reward: str, flat: spaces.Box, layout: Sequence[Field]
+    ) -> Sight | None:
+        """What is shown in place of the flat numbers."""
+        require_name("observation", observation, OBSERVATIONS)
+        require_name("goal_reward", goal_reward, REWARDS)
+        if observation == "goal":
+            if self.goal_type is None:
+                raise InvalidValueError("observation", observation, f"vector or asymmetric: {self.no_goal}")
+            return GoalSight(flat, layout, self.goal_type(goal_reward))
+        if goal_reward != "sparse":
+            raise InvalidValueError("goal_reward", goal_reward, "none, or observation='goal', which has a goal")
+        return AsymmetricSight(flat, self.true_fields) if observation == "asymmetric" else None
+
+    def _show(self, flat: np.ndarray, info: dict[str, Any]) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
+        """What a client is shown, of the flat numbers (size,), which are handed out."""
+        if self.sight is None:
+            return flat
+        if self.fleet is not None:
+            robots = robots_of(self.sight, self.fleet)
+        else:
+            wanted = self._wanted()[None] if isinstance(self.sight, GoalSight) else None
+            robots = Robots(self.plant.records, lambda name: np.asarray(info[name], float)[None], wanted)
+        return {name: rows[0].copy() for name, rows in self.sight.look(flat[None], robots).items()}
+
+    def _judged(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
+        """The reward of what is shown: that of its goal, if it has one."""
+        if not isinstance(self.sight, GoalSight):
+            return reward
+        return float(self.sight.goal.reward(shown["achieved_goal"], shown["desired_goal"]))
+
+    def _wanted(self) -> np.ndarray:
+        """What is to be reached, where controller and task are in Python: nothing, unless a subclass has a goal."""
+        return np.zeros(0)
+
+
+def robots_of(sight: Sight, fleet: Fleet) -> Robots:
+    """Robots in the engine."""
+    wanted = sight.goal.wanted(fleet) if isinstance(sight, GoalSight) else None
+    return Robots(fleet.robots, lambda name: fleet.infos[name], wanted)
+
+
+class Shown:
+    """What a vector shows of its robots; its arrays are written anew at every tick."""
+
+    def __init__(self, sight: Sight, robots: int, *, same_step: bool) -> None:
+        """Make room.
+
+        Args:
+            sight: What is shown.
+            robots: Of how many.
+            same_step: Whether an episode begins in the step in which the last one ends. The engine leaves that to this
+                class: what its end looked like is read of robots that are still there.
+        """
+        self._sight, self._same_step = sight, same_step
+        self.now, self.final = (
+            {name: np.zeros((robots, *(space.shape or ())), np.float32) for name, space in sight.space.items()}
+            for _ in range(2)
+        )
+
+    def look(self, fleet: Fleet) -> None:
+        """Write what is now."""
+        for name, rows in self._sight.look(fleet.observations, robots_of(self._sight, fleet)).items():
+            self.now[name][...] = rows
+
+    def conclude(self, fleet: Fleet, ids: np.ndarray | None, begin: Callable[[np.ndarray], None]) -> None:
+        """Go on where robots have moved: rewards of their goals, and the next episode of those at an end.
+
+        Args:
+            fleet: The robots.
+            ids: Which ones have moved, all if not given.
+            begin: What else has to be done where episodes have begun.
+        """
+        self.look(fleet)
+        if isinstance(self._sight, GoalSight):
+            rewards = self._sight.goal.reward(self.now["achieved_goal"], self.now["desired_goal"])
+            fleet.rewards[:] = np.where(fleet.begun, 0.0, rewards)
+        over = fleet.terminated | fleet.truncated
+        if ids is not None:
+            over[np.setdiff1d(np.arange(len(over)), ids)] = False
+        if not (self._same_step and over.any()):
+            return
+        ended = np.flatnonzero(over)
+        for name, rows in self.now.items():
+            self.final[name][ended] = rows[ended]
+        fleet.final_observations[ended], fleet.final_infos[ended] = fleet.observations[ended], fleet.infos[ended]
+        kept = {name: getattr(fleet, name)[ended] for name in ("rewards", "terminated", "truncated")}
+        fleet.reset(ended)
+        for name, values in kept.items():
+            getattr(fleet, name)[ended] = values
+        begin(ended)
+        self.look(fleet)
