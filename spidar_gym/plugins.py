@@ -13,6 +13,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from spidar_gym.envs.lanes import copied
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, shown
 from spidar_gym.policies.policy import NAME
@@ -30,6 +31,8 @@ except ImportError as error:
 
 STATISTICS = "vecnormalize.pkl"
 """File beside a zip with the statistics of the `VecNormalize` that its model learned through."""
+REWARDING = ("compute_reward", "compute_terminated", "compute_truncated")
+"""Methods that all robots have in common."""
 PARTS = ("policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space")
 """What a policy is made from, of all that a zip holds of its algorithm."""
 
@@ -57,7 +60,7 @@ class StableVecEnv(VecEnv):
         self._actions = np.zeros(0)
         super().__init__(vector.num_envs, vector.single_observation_space, vector.single_action_space)
 
-    def reset(self) -> np.ndarray:
+    def reset(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
         """Begin an episode of every robot, with the seeds of `seed` and the options of `set_options`, used once."""
         robots = range(self.num_envs)
         names = {name for each in self._options for name in each}
@@ -76,19 +79,21 @@ class StableVecEnv(VecEnv):
         """Say what all robots are to do."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """One control period: observations, rewards in single precision, who is done, infos."""
         self.vector.advance(self._actions)
         now = self.vector.buffers
         done = now["terminated"] | now["truncated"]
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        last = now["final_observations"]
         for k in np.flatnonzero(done).tolist():
+            ended = {name: rows[k] for name, rows in last.items()} if isinstance(last, dict) else last[k]
             infos[k] = {
-                "terminal_observation": now["final_observations"][k].copy(),
+                "terminal_observation": copied(ended),
                 "TimeLimit.truncated": bool(now["truncated"][k] and not now["terminated"][k]),
                 "is_success": bool(now["final_infos"]["is_success"][k]),
             }
-        return now["observations"].copy(), now["rewards"].astype(np.float32), done, infos
+        return copied(now["observations"]), now["rewards"].astype(np.float32), done, infos
 
     def close(self) -> None:
         """Stop the threads; a second call does nothing."""
@@ -108,10 +113,13 @@ class StableVecEnv(VecEnv):
         raise InvalidValueError(attr_name, value, "an option of make_vec or of reset: robots of a vector are alike")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401 - SB3's signature
-        """Refused, but for `render`: there is no environment of each robot to be called."""
-        if method_name != "render":
-            raise InvalidValueError("env_method", method_name, "render; what else there is, the vector has")
+        """Of all robots alike, rewards of goals; else refused, but for `render`: no robot has an environment."""
         chosen = list(self._get_indices(indices))
+        if method_name in REWARDING:
+            return [getattr(self.vector, method_name)(*args, **kwargs) for _ in chosen]
+        if method_name != "render":
+            valid = f"render, {', '.join(REWARDING)}; what else there is, the vector has"
+            raise InvalidValueError("env_method", method_name, valid)
         return list(self.vector.render(chosen, *args, **kwargs) or [None] * len(chosen))
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401 - SB3's signature
@@ -150,7 +158,7 @@ class StablePolicy:
         """Forget what a recurrent policy has seen; there is nothing to draw."""
         self._state = None
 
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def act(self, observation: Any) -> np.ndarray:  # noqa: ANN401 - an array, or a dictionary of them
         """The action without noise, in [−1, 1]."""
         seen = observation if self._normalise is None else self._normalise.normalize_obs(observation)
         action, self._state = self._policy.predict(seen, self._state, deterministic=True)
@@ -201,9 +209,9 @@ class TorchVector:
         """Take a vector, of any mode."""
         self.vector = vector
         buffers = vector.buffers
-        tensors = {name: torch.from_numpy(array) for name, array in buffers.items() if array.dtype.names is None}
-        self.observations: torch.Tensor = tensors["observations"]
-        """What the robots see, (robots, size) float32."""
+        tensors = {name: _tensors(held) for name, held in buffers.items() if name not in ("infos", "final_infos")}
+        self.observations: Any = tensors["observations"]
+        """What the robots see, (robots, size) float32; a dictionary of such tensors where the vector's is one."""
         self.rewards: torch.Tensor = tensors["rewards"]
         """Rewards, (robots,) float64."""
         self.terminated: torch.Tensor = tensors["terminated"]
@@ -212,8 +220,8 @@ class TorchVector:
         """Whether an episode's time is up, (robots,)."""
         self.begun: torch.Tensor = tensors["begun"]
         """Whether the step began an episode, (robots,)."""
-        self.final_observations: torch.Tensor = tensors["final_observations"]
-        """What was seen at the end of an episode, where the next began in the same step; (robots, size) float32."""
+        self.final_observations: Any = tensors["final_observations"]
+        """What was seen at the end of an episode, where the next began in the same step; as `observations`."""
 
     def __reduce__(self) -> tuple[type["TorchVector"], tuple[NativeVectorEnv]]:
         """A copy shows the memory of a copied vector."""
@@ -237,3 +245,10 @@ class TorchVector:
     def close(self) -> None:
         """Stop the threads; a second call does nothing."""
         self.vector.close()
+
+
+def _tensors(held: Any) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
+    """The same memory as tensors."""
+    if isinstance(held, dict):
+        return {name: torch.from_numpy(array) for name, array in held.items()}
+    return torch.from_numpy(held)

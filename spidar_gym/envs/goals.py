@@ -102,14 +102,15 @@ class CrawlGoal(Goal):
     def achieved(state: np.ndarray, told: Callable[[str], np.ndarray], wanted: np.ndarray) -> np.ndarray:
         """Where the torsos are (N, 3)."""
         del told, wanted
-        w, x, y, z = np.moveaxis(state["quat_wb"], 1, 0)
+        w, x, y, z = state["quat_wb"].T
         yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
         return np.concatenate((state["position_w"][:, :2], yaw[:, None]), axis=1)
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of poses (…, 3)."""
-        x, y, turn = np.moveaxis(wanted - achieved, -1, 0)
+        away = wanted - achieved
+        x, y, turn = away[..., 0], away[..., 1], away[..., 2]
         way, turn = np.sqrt(x * x + y * y), np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
         return way + TURN_LENGTH * turn, (way <= SUCCESS_POSITION) & (turn <= SUCCESS_YAW)
 
@@ -156,7 +157,7 @@ class HoverGoal(Goal):
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of goals (…, 23)."""
         away = wanted[..., :3] - achieved[..., :3]
-        x, y, z = np.moveaxis(away, -1, 0)
+        x, y, z = away[..., 0], away[..., 1], away[..., 2]
         place = np.sqrt(x * x + y * y + z * z)
         turn = np.minimum(_chord(achieved, wanted, -1.0), _chord(achieved, wanted, 1.0))
         angle = 4.0 * np.arcsin(np.minimum(0.5 * turn, 1.0))
@@ -167,7 +168,8 @@ class HoverGoal(Goal):
 
 def _chord(achieved: np.ndarray, wanted: np.ndarray, sign: float) -> np.ndarray:
     """How far the quaternions of goals are apart (…): q and −q are one attitude."""
-    w, x, y, z = np.moveaxis(wanted[..., 3:7] + sign * achieved[..., 3:7], -1, 0)
+    apart = wanted[..., 3:7] + sign * achieved[..., 3:7]
+    w, x, y, z = apart[..., 0], apart[..., 1], apart[..., 2], apart[..., 3]
     return np.sqrt(w * w + x * x + y * y + z * z)
 
 

@@ -194,15 +194,15 @@ def _place(path: str, size: int) -> np.ndarray:
 def _compute(plants: np.ndarray) -> list[np.ndarray]:
     """The fields of `_COMPUTED`, scaled."""
     state, disturbances = plants["state"], plants["disturbances"]
-    w, x, y, z = np.moveaxis(state["quat_wb"], 1, 0)
+    w, x, y, z = state["quat_wb"].T
     R = (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
         (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
         (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
     )
     yaw = np.arctan2(R[1][0], R[0][0])
-    velocity = np.moveaxis(state["velocity_w"], 1, 0)
-    own = [sum((R[i][k] * velocity[i] for i in range(3)), start=np.zeros(len(plants))) / 5.0 for k in range(3)]
+    vx, vy, vz = state["velocity_w"].T
+    own = [(R[0][k] * vx + R[1][k] * vy + R[2][k] * vz) / 5.0 for k in range(3)]
     angles = np.ascontiguousarray(state["vectoring"])
     charge = 1.0 - (plants["spent_wh"] + plants["energy_wh"]) / (USABLE * CAPACITY_WH)
     is_lost = (state["time"] >= disturbances["fault_time"] - 1e-9)[:, None] & (
