@@ -21,8 +21,9 @@ from spidar_gym.policies.source import PolicyError
 
 try:
     import torch
-    from stable_baselines3.common.policies import BasePolicy
+    from stable_baselines3.common.policies import BasePolicy, MultiInputActorCriticPolicy
     from stable_baselines3.common.save_util import load_from_zip_file
+    from stable_baselines3.common.torch_layers import CombinedExtractor
     from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 except ImportError as error:
     raise MissingDependencyError(
@@ -125,6 +126,23 @@ class StableVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401 - SB3's signature
         """No robot has a wrapper."""
         return [False for _ in self._get_indices(indices)]
+
+
+class ActorsShare(CombinedExtractor):
+    """What an actor makes of an asymmetric observation: zeros stand in the place of what is privileged."""
+
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Both parts in one row, the second of zeros."""
+        return super().forward({**observations, "privileged": torch.zeros_like(observations["privileged"])})
+
+
+class AsymmetricPolicy(MultiInputActorCriticPolicy):
+    """For PPO or A2C with `observation="asymmetric"`: the critic sees both parts, the actor the first alone."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401 - Stable-Baselines3's
+        """Arguments as of Stable-Baselines3's own policy for dictionaries."""
+        super().__init__(*args, share_features_extractor=False, **kwargs)
+        self.pi_features_extractor = self.features_extractor = ActorsShare(self.observation_space)  # pyright: ignore[reportArgumentType] - a dictionary
 
 
 class StablePolicy:
