@@ -19,7 +19,9 @@ from spidar_gym.envs.crawl import task as crawl_task
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover import task as hover_task
+from spidar_gym.envs.goals import REWARDS
 from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path import task as path_task
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
@@ -209,6 +211,40 @@ def _observation_rows(fields: tuple[Field, ...]) -> Iterator[Sequence[str]]:
         start += f.size
 
 
+def _other_observations(own: Chapter) -> Iterator[str]:
+    """What else there is to observe, beside the flat numbers."""
+    goal = own.env.goal_type
+    yield "The argument `observation` chooses. `vector`, the default, is the above; the others are dictionaries."
+    yield "### Goal"
+    if goal is None:
+        yield f"`goal` is refused: {own.env.no_goal}."
+    else:
+        left_out = ", ".join(f"`{name}`" for name in goal.left_out)
+        yield (
+            "`goal` has `observation`, `achieved_goal` and `desired_goal`, as `gymnasium_robotics` has them, for learners\n"
+            "that say afterwards what the goal was (hindsight, HER). In `observation` are the numbers above without\n"
+            f"{left_out}. Both goals are true, whatever the sensors say:"
+        )
+        yield markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(goal.fields))
+        rewards = {"sparse": f"0 where {goal.reach}, −1 elsewhere", "dense": f"− {goal.far}"}
+        yield (
+            "The reward is then `compute_reward(achieved_goal, desired_goal, info)`, of one robot or of rows of many; the\n"
+            "terms below stay in `info`. By `goal_reward`:"
+        )
+        yield "\n".join(f"- `{name}`: {text}." for name, text in rewards.items())
+        yield (
+            "`compute_terminated` says whether `info` tells of a failure, `compute_truncated` is False. In every action\n"
+            "mode but `direct` a controller goes to the desired goal: what hindsight puts in its place, it does not know."
+        )
+    yield "### Asymmetric"
+    yield (
+        "`asymmetric` has `observation`, the above, and `privileged`, which only a critic or a teacher may see: what is\n"
+        f"true and what was drawn. Each number is over its scale, and clipped to ± {MOST:g}:"
+    )
+    rows = _observation_rows(privileged_layout(own.env.true_fields))
+    yield markdown_rows("entries | name | scale | unit | meaning", rows)
+
+
 def page(name: str) -> str:
     """Markdown page of an environment: `spidar list ENV_ID` prints it, `spidar assets` writes it."""
     entry = environment(name)
@@ -232,6 +268,7 @@ def page(name: str) -> str:
         "## Observation Space",
         f"`Box(-bound, bound, ({size},), float32)` in the default action mode: what the real robot measures or knows.",
         markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
+        *_other_observations(own),
         "## Rewards",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",
         markdown_rows(
@@ -300,6 +337,8 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "sensors": "the controller sees motion capture, inertial unit and encoders through an estimator",
         "randomization": "strength of the domain randomisation, 0 … 1; or ranges by field of the table below, "
         '`{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others (0 if not said); or a TOML file of these',
+        "observation": "one of " + ", ".join(f"`{n}`" for n in OBSERVATIONS),
+        "goal_reward": "one of " + ", ".join(f"`{n}`" for n in REWARDS) + ", where the observation is `goal`",
         "disturbances": "dictionary with any of " + ", ".join(f"`{n}`" for n in field_docs(Disturbances)),
         "render_mode": "one of " + ", ".join(f"`{n}`" for n in SpidarEnv.metadata["render_modes"]),
         "camera": "one of " + ", ".join(f"`{n}`" for n in CAMERAS),
