@@ -21,7 +21,7 @@ from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.judge import Judge, require_task
+from spidar_gym.envs.judge import Judge, find_task, require_task
 from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
@@ -71,7 +71,7 @@ class SpidarEnv(
         *,
         joint_speed: float,
         control: str,
-        task: VectorTask[Any] | None = None,
+        task: VectorTask[Any] | type[VectorTask[Any]] | str | None = None,
         idle_thrust: float = 0.0,
         plant: PlantConfig | None = None,
         wake: bool = True,
@@ -91,7 +91,8 @@ class SpidarEnv(
             layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
             control: `python` or `core`.
-            task: A task of one's own in place of the built-in one: a `FlightTask` or a `WalkTask`.
+            task: A task of one's own in place of the built-in one, a `FlightTask` or a `WalkTask`: an object, a class, or
+                its name, `module:Class`.
             idle_thrust: Least commanded thrust of a module [N].
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
             wake: Whether there is air: jets, drag, ground effect.
@@ -114,13 +115,14 @@ class SpidarEnv(
         """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, ROBOT.max_thrust, "N", idle_thrust=idle_thrust)
-        self.own_task = task
+        self.own_task: VectorTask[Any] | None = find_task(task)
         """The task of one's own; None where the built-in one is done."""
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
-        if task is not None:
-            require_task(task, self.kind, self._arguments)
-            self.reward_terms, self.failures = task.reward_terms, tuple(task.failures)
-            layout = (*layout, *task.fields)
+        if self.own_task is not None:
+            own = self.own_task
+            require_task(own, self.kind, self._arguments)
+            self.reward_terms, self.failures = own.reward_terms, tuple(own.failures)
+            layout = (*layout, *own.fields)
         self._mode, self.layout = mode, layout
         self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)

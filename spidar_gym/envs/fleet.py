@@ -112,7 +112,7 @@ class Fleet:
         """
         configs = self.robots["plant"]["config"].copy()
         configs["body"]["payload_mass"][ids], configs["body"]["payload_position"][ids] = mass, position_b
-        self.engine.configure(configs, np.unique(ids))
+        self.engine.configure(configs, np.unique(ids), goes_on=True)
 
     def begin_with(self, robot: int, start: FlightStart | None) -> None:
         """Say what a flight begins with and goes through from its next episode on; None has it drawn."""

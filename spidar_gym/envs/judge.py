@@ -1,5 +1,6 @@
 """Lets a task in NumPy refer, preview and judge the robots of a fleet in place of the built-in one in C."""
 
+import importlib
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -44,6 +45,21 @@ def require_task(task: object, kind: str, names: Iterable[str] = ()) -> None:
     twice = sorted({*task_options(task)} & {*names})
     if twice:
         raise InvalidValueError("task", type(task).__name__, f"one whose options are not called {', '.join(twice)}")
+
+
+def find_task(task: object) -> Any:  # noqa: ANN401 - whatever a user gives
+    """A task of one's own, or the one of a class that is given, by its name `module:Class` too; None stays None.
+
+    Raises:
+        InvalidValueError: For a name that leads to no class.
+    """
+    if isinstance(task, str):
+        module, _, name = task.partition(":")
+        try:
+            task = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise InvalidValueError("task", task, f"module:Class of a task that Python finds ({error})") from None
+    return task() if isinstance(task, type) and issubclass(task, VectorTask) else task
 
 
 def task_options(task: object) -> tuple[str, ...]:

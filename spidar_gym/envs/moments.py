@@ -22,6 +22,7 @@ from spidar_gym.control.readable import ReadableController
 from spidar_gym.envs import saving
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.judge import task_options
 from spidar_gym.envs.options import Task
 from spidar_gym.envs.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
@@ -52,6 +53,7 @@ class Restorable(ABC):
     """An environment that is copied, pickled, saved and restored."""
 
     task: Any
+    own_task: Any
     fleet: Fleet | None
     plant: Plant
     controller: Any
@@ -180,10 +182,13 @@ class Restorable(ABC):
         mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
         options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
         options |= {name: getattr(self, name, None) for name in ("_config", "_randomization", "hold", "_is_waypoint")}
-        modules = {type(value).__module__ for value in (task, robot, getattr(self, "_config", None))}
+        options |= {f"own.{name}": getattr(self.own_task, name) for name in task_options(self.own_task)}
+        parts = task, robot, getattr(self, "_config", None), self.own_task
+        modules = {type(value).__module__ for value in parts}
         content = pack_values({**options, "floor": floor, "mode": mode}, modules, shared=False)
         return {
             "environment": _name(type(self)),
+            "task": _name(type(self.own_task or task)),
             "version": version(),
             "controller": ", ".join([self._control, *kinds]),
             "set of options": hashlib.sha256(b"".join(part.tobytes() for part in content)).hexdigest()[:16],

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.judge import task_options
+from spidar_gym.envs.judge import find_task, task_options
 from spidar_gym.errors import InvalidValueError, require_keys
 
 
@@ -98,8 +98,9 @@ class Remade(ABC):
     def _with(self, others: Mapping[str, Any]) -> dict[str, Any]:
         """All arguments, where some are others: options of a task of one's own are those of `task`."""
         arguments = self._arguments | self._choices | dict(others)
-        own = {name: arguments.pop(name) for name in task_options(arguments.get("task")) if name in arguments}
-        return arguments | {"task": replace(arguments["task"], **own)} if own else arguments
+        task = find_task(arguments.get("task"))
+        own = {name: arguments.pop(name) for name in task_options(task) if name in arguments}
+        return arguments | {"task": replace(task, **own)} if own else arguments
 
     def _choose(self, options: object) -> dict[str, object]:
         """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""

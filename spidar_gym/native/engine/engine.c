@@ -96,6 +96,13 @@ static void configure_one(sp_engine *e, sp_thread *thread, int robot)
     sp_become(e, thread, robot, (const sp_plant_config *)e->argument + robot);
 }
 
+/* The same in the middle of an episode, which goes on from where it is. */
+static void change_one(sp_engine *e, sp_thread *thread, int robot)
+{
+    configure_one(e, thread, robot);
+    sp_enter(&thread->sim, sp_plant_of(e, robot));
+}
+
 static void reset_one(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_pose *pose = (const sp_pose *)e->argument + robot;
@@ -139,6 +146,11 @@ void sp_touching_now(const sp_engine *e, sp_touch *touch)
 int sp_configure_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
 {
     return sp_run(e, ids, n, configure_one, (void *)configs);
+}
+
+int sp_change_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
+{
+    return sp_run(e, ids, n, change_one, (void *)configs);
 }
 
 int sp_reset_plants(sp_engine *e, const int32_t *ids, int n, const sp_pose *poses)

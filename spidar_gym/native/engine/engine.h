@@ -147,6 +147,7 @@ typedef struct {
 } sp_pose;
 
 int sp_configure_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
+int sp_change_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
 int sp_reset_plants(sp_engine *engine, const int32_t *ids, int n, const sp_pose *poses);
 int sp_step_plants(sp_engine *engine, const int32_t *ids, int n, const sp_command *commands);
 void sp_keep_now(const sp_engine *engine);
