@@ -91,8 +91,8 @@ class SpidarEnv(
             layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
             control: `python` or `core`.
-            task: A task of one's own in place of the built-in one, a `FlightTask` or a `WalkTask`: an object, a class, or
-                its name, `module:Class`.
+            task: A task of one's own in place of the built-in one: a `FlightTask` or a `WalkTask`, its class, or the
+                class's name, `module:Class`.
             idle_thrust: Least commanded thrust of a module [N].
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
             wake: Whether there is air: jets, drag, ground effect.

@@ -66,7 +66,8 @@ def info(
     found = {name: value[0] if value.ndim > 1 else value.item() for name, value in now.items()}
     status, failure = found.pop("qp_status_code"), found.pop("failure_code")
     found["qp_status"] = "none" if status < 0 else str(STATUS[status])
-    values = found.pop("term") if judge is None else judge.terms[robot]
+    built_in = found.pop("term")
+    values = built_in if judge is None else judge.terms[robot]
     for name, value in zip(terms, values.tolist(), strict=True):
         found[f"reward_{name}"] = value
     found["failure"] = "" if failure < 0 else failures[failure]
