@@ -59,6 +59,7 @@ class Restorable(ABC):
     controller: Any
     render_mode: str | None
     reset_options: tuple[str, ...]
+    _is_bare: bool
     _began: bool
     _mode: ActionMode
     _control: str
@@ -75,8 +76,9 @@ class Restorable(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of; who looks into the engine's memory looks into the copy's there."""
-        self.plant.keep()
         state = vars(self).copy()
+        if not self._is_bare:
+            self.plant.keep()
         if self.fleet is not None:
             state["_now"] = {}
             for name in ("controller", "_pilot"):

@@ -1,7 +1,9 @@
 """Pins tasks of one's own in single environments and vectors: the guide's examples, starts, fields, loads, refusals."""
 
 import json
+import statistics
 import sys
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -235,6 +237,28 @@ def test_the_attitude_error_is_that_of_the_reference_about_whichever_axis_it_tur
             np.testing.assert_allclose(matrix_to_quat(R_wb), env.unwrapped.state.quat_wb, atol=1e-6)
         assert np.linalg.norm(info["attitude_error"]) < 0.02
         assert np.linalg.norm(log(R_wb) - rotation) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IDS)
+def test_an_example_runs_at_four_fifths_of_the_hovers_speed(name):
+    own = gymnasium.spec(f"examples/{IDS[name]}-v0").kwargs
+    options = {key: value for key, value in own.items() if key != "task"}
+    envs: list[Any] = [
+        gymnasium.make_vec(HOVER, num_envs=64, **options, **asked) for asked in ({}, {"task": own["task"]})
+    ]
+    spent: list[list[float]] = [[], []]
+    for env in envs:
+        env.reset(seed=0)
+    for _ in range(9):  # in turn, so that what else the machine does falls on both
+        for env, seconds in zip(envs, spent, strict=True):
+            start = time.process_time()
+            for _ in range(20):
+                env.step(np.zeros(env.action_space.shape))
+            seconds.append(time.process_time() - start)
+    share = statistics.median(a / b for a, b in zip(*spent, strict=True))
+    print(f"{name}: {share:.2f} of the hover's speed")
+    assert share >= 0.8
 
 
 # ---- loads ----

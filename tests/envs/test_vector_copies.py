@@ -185,3 +185,23 @@ def test_a_pickle_of_64_robots_has_a_tenth_of_a_megabyte_each():
     env = vector(HOVER, 64, "NextStep")
     env.reset(seed=0)
     assert len(pickle.dumps(env)) < 64 * 0.12e6
+
+
+@pytest.mark.parametrize("clone", [copied, pickled])
+def test_a_vector_whose_robots_are_asked_each_for_something_else_is_copied_too(clone):
+    vector: Any = gymnasium.make_vec(HOVER, num_envs=3, autoreset_mode="SameStep")
+    given = {
+        "joint_speed": [0.2, 0.4, 0.6],
+        "randomization": {"body.total_mass": (15.5, 17.0)},
+        "horizon_s": [1.0, 2.0, 3.0],
+    }
+    vector.reset(seed=2, options=given)
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (80, 3, 6))
+    for action in actions[:10]:
+        vector.step(action)
+    copy_ = clone(vector)
+    expected = [copy_.step(action) for action in actions]
+    assert same([vector.step(action) for action in actions], expected)
+    assert same(vector.reset(options={"horizon_s": 1.5}), copy_.reset(options={"horizon_s": 1.5}))
+    vector.close()
+    copy_.close()
