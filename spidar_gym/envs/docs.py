@@ -18,8 +18,8 @@ from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl import task as crawl_task
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover import task as hover_task
 from spidar_gym.envs.goals import REWARDS
+from spidar_gym.envs.hover import task as hover_task
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path import task as path_task
@@ -221,25 +221,26 @@ def _other_observations(own: Chapter) -> Iterator[str]:
     else:
         left_out = ", ".join(f"`{name}`" for name in goal.left_out)
         yield (
-            "`goal` has `observation`, `achieved_goal` and `desired_goal`, as `gymnasium_robotics` has them, for learners\n"
-            "that say afterwards what the goal was (hindsight, HER). In `observation` are the numbers above without\n"
+            "`goal` has `observation`, `achieved_goal` and `desired_goal`, as `gymnasium_robotics` has them, for\n"
+            "learners that say afterwards what the goal was (hindsight, HER). In `observation` are the numbers above without\n"
             f"{left_out}. Both goals are true, whatever the sensors say:"
         )
         yield markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(goal.fields))
         rewards = {"sparse": f"0 where {goal.reach}, −1 elsewhere", "dense": f"− {goal.far}"}
         yield (
-            "The reward is then `compute_reward(achieved_goal, desired_goal, info)`, of one robot or of rows of many; the\n"
-            "terms below stay in `info`. By `goal_reward`:"
+            "The reward is then `compute_reward(achieved_goal, desired_goal, info)`, of one robot or of rows of many;\n"
+            "the terms below stay in `info`. By `goal_reward`:"
         )
         yield "\n".join(f"- `{name}`: {text}." for name, text in rewards.items())
         yield (
-            "`compute_terminated` says whether `info` tells of a failure, `compute_truncated` is False. In every action\n"
-            "mode but `direct` a controller goes to the desired goal: what hindsight puts in its place, it does not know."
+            "`compute_terminated` says whether `info` tells of a failure, `compute_truncated` is False. In every\n"
+            "action mode but `direct` a controller goes to the desired goal: of what hindsight puts in its place, it\n"
+            "knows nothing."
         )
     yield "### Asymmetric"
     yield (
-        "`asymmetric` has `observation`, the above, and `privileged`, which only a critic or a teacher may see: what is\n"
-        f"true and what was drawn. Each number is over its scale, and clipped to ± {MOST:g}:"
+        "`asymmetric` has `observation`, the above, and `privileged`, which only a critic or a teacher may see: what\n"
+        f"is true and what was drawn. Each number is over its scale, and clipped to ± {MOST:g}:"
     )
     rows = _observation_rows(privileged_layout(own.env.true_fields))
     yield markdown_rows("entries | name | scale | unit | meaning", rows)
@@ -330,6 +331,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
         "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
+        "task": "a task of one's own: a `FlightTask` or a `WalkTask`, its class or its name; of a course there is none",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
         "wake": "air: jets between the rotors, drag, ground effect",
@@ -351,7 +353,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
 
 def _names(own: Chapter) -> str:
     """Arguments that are options of `reset` too, in words."""
-    return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization"))
+    return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization", "task"))
 
 
 def pages() -> dict[str, str]:

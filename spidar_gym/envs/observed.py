@@ -1,14 +1,16 @@
 """What an environment shows of its robots, one or many, where that is a dictionary; and the reward of a goal."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 
 from spidar_gym.control.flight.observation import Field
+from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import REWARDS, Goal, has_failed
+from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.plant import Plant
@@ -67,6 +69,7 @@ class Observed(Rewarding):
     """What of `info` only a critic may know, with its scale."""
     fleet: Fleet | None
     plant: Plant
+    own_task: VectorTask[Any] | None
 
     def _choose_sight(
         self, observation: str, goal_reward: str, flat: spaces.Box, layout: Sequence[Field]
@@ -77,6 +80,8 @@ class Observed(Rewarding):
         if observation == "goal":
             if self.goal_type is None:
                 raise InvalidValueError("observation", observation, f"vector or asymmetric: {self.no_goal}")
+            if self.own_task is not None:
+                raise InvalidValueError("observation", observation, "vector or asymmetric: a task of one's own rewards")
             return GoalSight(flat, layout, self.goal_type(goal_reward))
         if goal_reward != "sparse":
             raise InvalidValueError("goal_reward", goal_reward, "none, or observation='goal', which has a goal")
@@ -128,20 +133,21 @@ class Shown:
             for _ in range(2)
         )
 
-    def look(self, fleet: Fleet) -> None:
-        """Write what is now."""
-        for name, rows in self._sight.look(fleet.observations, robots_of(self._sight, fleet)).items():
+    def look(self, fleet: Fleet, flat: np.ndarray) -> None:
+        """Write what is now, of robots and their flat numbers."""
+        for name, rows in self._sight.look(flat, robots_of(self._sight, fleet)).items():
             self.now[name][...] = rows
 
-    def conclude(self, fleet: Fleet, ids: np.ndarray | None, begin: Callable[[np.ndarray], None]) -> None:
+    def conclude(self, fleet: Fleet, judge: Judge | None, ids: np.ndarray | None) -> None:
         """Go on where robots have moved: rewards of their goals, and the next episode of those at an end.
 
         Args:
             fleet: The robots.
+            judge: Who judges them by a task of one's own, if there is one.
             ids: Which ones have moved, all if not given.
-            begin: What else has to be done where episodes have begun.
         """
-        self.look(fleet)
+        shows = judge or fleet
+        self.look(fleet, shows.observations)
         if isinstance(self._sight, GoalSight):
             rewards = self._sight.goal.reward(self.now["achieved_goal"], self.now["desired_goal"])
             fleet.rewards[:] = np.where(fleet.begun, 0.0, rewards)
@@ -153,10 +159,11 @@ class Shown:
         ended = np.flatnonzero(over)
         for name, rows in self.now.items():
             self.final[name][ended] = rows[ended]
-        fleet.final_observations[ended], fleet.final_infos[ended] = fleet.observations[ended], fleet.infos[ended]
+        fleet.final_infos[ended] = fleet.infos[ended]
+        if judge is not None:
+            judge.final_terms[ended] = judge.terms[ended]
         kept = {name: getattr(fleet, name)[ended] for name in ("rewards", "terminated", "truncated")}
-        fleet.reset(ended)
+        shows.reset(ended)
         for name, values in kept.items():
             getattr(fleet, name)[ended] = values
-        begin(ended)
-        self.look(fleet)
+        self.look(fleet, shows.observations)

@@ -8,7 +8,7 @@ from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.errors import UnknownArgumentError, require_arguments, require_instance, require_least
 from spidar_gym.sim.config import PlantConfig
 
-OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps", "task")
+OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps")
 """Arguments that only a vector has."""
 OF_ONE = ("control", "allocator", "law")
 """Arguments that only a single robot's environment has: the core flies a vector."""

@@ -13,17 +13,15 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import CourseTask, parse_course
+from spidar_gym.envs.course.task import parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.fleet import told
+from spidar_gym.envs.fleet import Fleet, told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.lanes import autoreset, copied, listed, seeds, start
-from spidar_gym.envs.observations import GoalSight
 from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
@@ -59,7 +57,6 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         num_threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        task: VectorTask[Any] | None = None,
         **options: Any,  # noqa: ANN401 - those of the environment
     ) -> None:
         """Build the robots.
@@ -71,8 +68,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
                 `Disabled`.
             max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
-            task: A task of your own in place of the built-in one: a `FlightTask` or a `WalkTask`.
-            **options: Arguments of the environment; the controller is the core.
+            **options: Arguments of the environment, a task of your own among them; the controller is the core.
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
@@ -110,13 +106,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._threads, self._how = num_threads, {"autoreset": way, "truncates": ends}
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
-        if task is not None and isinstance(single.task, CourseTask):
-            raise InvalidValueError("task", task, "None: a course is judged by its own")
-        if task is not None and isinstance(single.sight, GoalSight):
-            raise InvalidValueError(
-                "observation", "goal", "vector or asymmetric with a task of your own, which rewards"
-            )
-        self._judge = None if task is None else Judge(task, self.fleet, single.task)
+        self._judge = single.judge(self.fleet)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
 
@@ -133,12 +123,16 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         episode; ``final_observations`` and ``final_infos``, where it did so in the same step; ``infos``, records. An
         observation that is a dictionary is one here, too.
         """
-        names = ("observations", "rewards", "terminated", "truncated", "begun", "final_observations", "final_infos",
-                 "infos")  # fmt: skip
-        found: dict[str, Any] = {name: getattr(self.fleet, name) for name in names}
+        names = ("rewards", "terminated", "truncated", "begun", "final_infos", "infos")
+        shown = {name: getattr(self._shows, name) for name in ("observations", "final_observations")}
         if self._shown is not None:
-            found["observations"], found["final_observations"] = self._shown.now, self._shown.final
-        return found
+            shown = {"observations": self._shown.now, "final_observations": self._shown.final}
+        return shown | {name: getattr(self.fleet, name) for name in names}
+
+    @property
+    def _shows(self) -> Fleet | Judge:
+        """Who writes what is seen."""
+        return self._judge or self.fleet
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -173,7 +167,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
                 has changed.
         """
         fleet, n = self.fleet, self.num_envs
-        own, others = self._single.reset_options, self._single.reset_arguments
+        own, others = self._single.reset_options, self._envs[0].reset_arguments
         names = dict.fromkeys(("reset_mask", *own, *others))
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
@@ -195,9 +189,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             if k in generators:
                 fleet.seed(k, generators[k])
         self._began = True
-        fleet.reset(ids)
-        if self._judge is not None:
-            self._judge.begin(ids)
+        self._shows.reset(ids)
         return self._seen(), self._info(mask.copy())
 
     def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
@@ -214,7 +206,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise InvalidValueError("options", dict(options), "one value for all robots with a task of your own")
         else:
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
-            self._judge = None if self._judge is None else Judge(self._judge.task, self.fleet, envs[0].task)
+            self._judge = envs[0].judge(self.fleet, self._judge)
         self._envs, self.task = envs, envs[0].task
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
@@ -227,6 +219,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             fleet.robots["forms"][robot] = options["forms"]
         if "start" in options:
             fleet.begin_with(robot, options["start"])
+            if self._judge is not None:
+                self._judge.is_given[robot] = options["start"] is not None
         if "course" in options:
             fleet.go(robot, options["course"])
 
@@ -245,8 +239,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
         """What is seen of all robots now."""
         if self._shown is None:
-            return self.fleet.observations.copy()
-        self._shown.look(self.fleet)
+            return self._shows.observations.copy()
+        self._shown.look(self.fleet, self._shows.observations)
         return copied(self._shown.now)
 
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -272,10 +266,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             begun = fleet.begun.copy()
             info["final_obs"], info["_final_obs"] = copied(self.buffers["final_observations"]), begun
             info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
-        return (
-            copied(self.buffers["observations"]), fleet.rewards.copy(), fleet.terminated.copy(),
-            fleet.truncated.copy(), info,
-        )  # fmt: skip
+        ends = fleet.terminated.copy(), fleet.truncated.copy()
+        return copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
 
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
         """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told.
@@ -301,13 +293,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         else:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
         if self._shown is not None:
-            self._shown.conclude(fleet, ids, self._begin_judged)
-
-    def _begin_judged(self, ids: np.ndarray) -> None:
-        """What a task of one's own has to do where episodes have begun in the step in which the last ones ended."""
-        if self._judge is not None:
-            self._judge.final_terms[ids] = self._judge.terms[ids]
-            self._judge.begin(ids)
+            self._shown.conclude(fleet, self._judge, ids)
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
