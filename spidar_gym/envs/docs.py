@@ -222,8 +222,8 @@ def _other_observations(own: Chapter) -> Iterator[str]:
         left_out = ", ".join(f"`{name}`" for name in goal.left_out)
         yield (
             "`goal` has `observation`, `achieved_goal` and `desired_goal`, as `gymnasium_robotics` has them, for\n"
-            "learners that say afterwards what the goal was (hindsight, HER). In `observation` are the numbers above without\n"
-            f"{left_out}. Both goals are true, whatever the sensors say:"
+            "learners that say afterwards what the goal was (hindsight, HER). In `observation` are the numbers above\n"
+            f"without {left_out}. Both goals are true, whatever the sensors say:"
         )
         yield markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(goal.fields))
         rewards = {"sparse": f"0 where {goal.reach}, −1 elsewhere", "dense": f"− {goal.far}"}

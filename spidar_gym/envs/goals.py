@@ -64,9 +64,9 @@ class Goal(ABC):
     @staticmethod
     @abstractmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far goals are (…) [m], and whether they are reached (…)."""
+        """How far goals are (N,) [m], and whether they are reached (N,)."""
 
-    def reward(self, achieved: object, wanted: object) -> np.ndarray:
+    def reward(self, achieved: object, wanted: object) -> Any:  # noqa: ANN401 - a number, or an array of them
         """Rewards (…) of goals (…, size), in double precision; `InvalidValueError` for what is no goal."""
         size = sum(f.size for f in self.fields)
         pair = []
@@ -77,8 +77,9 @@ class Goal(ABC):
             pair.append(each)
         if pair[0].shape != pair[1].shape:
             raise InvalidValueError("desired_goal", pair[1].shape, f"the shape of achieved_goal, {pair[0].shape}")
-        distance, is_reached = self.distances(*pair)
-        return is_reached - 1.0 if self._is_sparse else -distance
+        distance, is_reached = self.distances(*(each.reshape(-1, size) for each in pair))
+        found = is_reached - 1.0 if self._is_sparse else -distance
+        return found.reshape(pair[0].shape[:-1])[()]
 
 
 class CrawlGoal(Goal):
@@ -108,9 +109,8 @@ class CrawlGoal(Goal):
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of poses (…, 3)."""
-        away = wanted - achieved
-        x, y, turn = away[..., 0], away[..., 1], away[..., 2]
+        """Of poses (N, 3)."""
+        x, y, turn = (wanted - achieved).T
         way, turn = np.sqrt(x * x + y * y), np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
         return way + TURN_LENGTH * turn, (way <= SUCCESS_POSITION) & (turn <= SUCCESS_YAW)
 
@@ -155,21 +155,19 @@ class HoverGoal(Goal):
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of goals (…, 23)."""
-        away = wanted[..., :3] - achieved[..., :3]
-        x, y, z = away[..., 0], away[..., 1], away[..., 2]
+        """Of goals (N, 23)."""
+        x, y, z = (wanted - achieved).T[:3]
         place = np.sqrt(x * x + y * y + z * z)
         turn = np.minimum(_chord(achieved, wanted, -1.0), _chord(achieved, wanted, 1.0))
         angle = 4.0 * np.arcsin(np.minimum(0.5 * turn, 1.0))
-        joint = np.abs(wanted[..., 7:] - achieved[..., 7:]).max(axis=-1)
+        joint = np.abs(wanted[:, 7:] - achieved[:, 7:]).max(axis=1)
         is_reached = (place <= HOVER_POSITION) & (angle <= HOVER_ATTITUDE) & (joint <= ARRIVAL_TOLERANCE)
         return place + TURN_LENGTH * angle + JOINT_LENGTH * joint, is_reached
 
 
 def _chord(achieved: np.ndarray, wanted: np.ndarray, sign: float) -> np.ndarray:
-    """How far the quaternions of goals are apart (…): q and −q are one attitude."""
-    apart = wanted[..., 3:7] + sign * achieved[..., 3:7]
-    w, x, y, z = apart[..., 0], apart[..., 1], apart[..., 2], apart[..., 3]
+    """How far the quaternions of goals are apart (N,): q and −q are one attitude."""
+    w, x, y, z = (wanted + sign * achieved).T[3:7]
     return np.sqrt(w * w + x * x + y * y + z * z)
 
 

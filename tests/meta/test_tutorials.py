@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TUTORIALS = ROOT / "docs" / "tutorials"
 BLOCK = re.compile(r"((?:^<!-- [^\n]* -->\n)*)^```(python|bash)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MARKS = {
+    "goals_and_critics": [pytest.mark.slow, pytest.mark.train],
     "train_a_residual": [pytest.mark.slow, pytest.mark.train],
     "take_it_to_the_robot": [pytest.mark.slow],
 }
