@@ -19,7 +19,7 @@ from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.cli.arguments import Flag
 from spidar_gym.cli.bench import machine
 from spidar_gym.cli.console import run_cli
-from spidar_gym.envs.vector import KINDS, NativeVectorEnv
+from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import require_above, require_least, require_name
 from spidar_gym.files import json_text
 from spidar_gym.text import format_table
@@ -141,7 +141,7 @@ def measure(case: Case, seconds: float, seed: int) -> dict[str, Any]:
         updates *= model.n_steps * ROBOTS // model.batch_size
     judged = VecNormalize(robots(case, JUDGED), norm_reward=False, training=False)
     judged.obs_rms = env.obs_rms
-    alone, learned = (judge(case.env_id, judged, act) for act in (None, partial(model.predict, deterministic=True)))
+    alone, learned = (judge(judged, act) for act in (None, partial(model.predict, deterministic=True)))
     env.close()
     judged.close()
     return {
@@ -151,19 +151,18 @@ def measure(case: Case, seconds: float, seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def judge(env_id: str, env: Any, act: Any) -> dict[str, float]:  # noqa: ANN401 - as above
-    """Play an episode of each robot: its reward a step by the terms of `info`, success, and when a crawl arrives."""
+def judge(env: Any, act: Any) -> dict[str, float]:  # noqa: ANN401 - as above
+    """Play an episode of each robot: what the learner is rewarded with a step, success, and when a crawl arrives."""
     env.seed(JUDGED_SEED)
     seen, vector, count = env.reset(), env.venv.vector, env.num_envs
-    weights = [weight for weight, _ in KINDS[env_id].reward_terms.values()]
     over, arrived, success = np.zeros(count, bool), np.full(count, np.nan), np.zeros(count, bool)
     total, steps = np.zeros(count), np.zeros(count)
     while not over.all():
         action = np.zeros((count, *env.action_space.shape)) if act is None else act(seen)[0]
-        seen, _, done, told = env.step(action)
+        seen, rewards, done, told = env.step(action)
         held = vector.buffers
         infos = np.where(done, held["final_infos"], held["infos"])
-        total += np.where(over, 0.0, infos["term"] @ weights)
+        total += np.where(over, 0.0, rewards)
         steps += ~over
         if "finished" in infos.dtype.names:
             arrived = np.where(over, arrived, np.where(infos["finished"], infos["time_s"], np.nan))

@@ -24,6 +24,7 @@ from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import SEQUENCES
+from spidar_gym.envs.observations import OBSERVATIONS
 from spidar_gym.envs.registry import COURSE, Entry, environment
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import output_folder
@@ -44,6 +45,7 @@ FormsArg = Annotated[str | None, choice(SEQUENCES)]
 PathArg = Annotated[str | None, choice(PATHS[1:])]
 HeadingArg = Annotated[str | None, choice(HEADINGS)]
 ScheduleArg = Annotated[str | None, choice(SCHEDULES)]
+ObservationArg = Annotated[str | None, choice(OBSERVATIONS)]
 TerrainArg = Annotated[str | None, choice(TERRAINS)]
 UNDISTURBED = Disturbances()
 COURSE_HOLD, COURSE_PACE = 4, 6.0
@@ -60,6 +62,8 @@ class TaskOptions:
     """A task of your own in place of the environment's, module:Class, whose file runs (hover, path, crawl)."""
     action_mode: ModeArg = None
     """What an action means; the environment's own if not given."""
+    observation: ObservationArg = None
+    """What is observed: one row of numbers, a goal beside it, or what only a critic may know beside it."""
     joint_speed: float | None = None
     """Joint speed [rad/s]."""
     forms: FormsArg = None
@@ -154,7 +158,7 @@ def run(
                     player, seed + episode, f"{name}episode {episode + 1}", horizon, film is not None
                 )
                 last = steps[-1].info
-                finite = np.isfinite(steps[-1].next_observation).all()
+                finite = _is_finite(steps[-1].next_observation)
                 counts[k] += (not last["failure"], bool(last["is_success"]), bool(finite))
                 print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(steps, period)}")
                 takes += [] if take is None else [take]
@@ -165,6 +169,10 @@ def run(
             if episodes > 1:
                 name = f"{player.name}: " if len(players) > 1 else ""
                 print(f"{name}{survived} of {episodes} {stayed}, {succeeded} with success, {finite} in finite numbers")
+
+
+def _is_finite(shown: Any) -> bool:  # noqa: ANN401 - an array, or a dictionary of them
+    return all(np.isfinite(part).all() for part in (shown.values() if isinstance(shown, dict) else (shown,)))
 
 
 @dataclass(frozen=True)

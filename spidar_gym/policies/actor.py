@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Actor:
         with self._care("reset_batch"):
             self.policy.reset_batch(seeds)
 
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def act(self, observation: Any) -> np.ndarray:  # noqa: ANN401 - an array, or a dictionary of them
         """A valid action (`PolicyError` if it is none)."""
         return self._act("act", self.policy.act, observation)
 
@@ -46,7 +47,7 @@ class Actor:
         assert isinstance(self.policy, BatchPolicy)
         return self._act("act_batch", self.policy.act_batch, observations)
 
-    def _act(self, what: str, call: Callable[[np.ndarray], np.ndarray], seen: np.ndarray) -> np.ndarray:
+    def _act(self, what: str, call: Callable[[Any], np.ndarray], seen: Any) -> np.ndarray:  # noqa: ANN401 - as above
         start = time.perf_counter()
         with self._care(what):
             action = np.asarray(call(seen))

@@ -13,13 +13,13 @@ from spidar_gym.policies.policy import Policy
 class Step(NamedTuple):
     """One control period of an episode."""
 
-    observation: np.ndarray
+    observation: Any
     """What was seen before the action."""
     action: np.ndarray
     """What was done, in [−1, 1]."""
     reward: float
     """Reward of this period."""
-    next_observation: np.ndarray
+    next_observation: Any
     """What is seen after it."""
     terminated: bool
     """Whether it ended in a failure."""
@@ -37,7 +37,7 @@ class Step(NamedTuple):
 
 
 def rollout(
-    env: gymnasium.Env[np.ndarray, np.ndarray],
+    env: gymnasium.Env[Any, np.ndarray],
     policy: Policy | None = None,
     *,
     seed: int,
@@ -68,9 +68,9 @@ def rollout(
 
 
 def _steps(
-    env: gymnasium.Env[np.ndarray, np.ndarray],
+    env: gymnasium.Env[Any, np.ndarray],
     policy: Policy | None,
-    observation: np.ndarray,
+    observation: Any,  # noqa: ANN401 - an array, or a dictionary of them
     ticks: int | None,
     until_finished: bool,
 ) -> Iterator[Step]:
