@@ -387,8 +387,9 @@ class SpidarEnv(
 
     def judge(self, fleet: Fleet | None, before: Judge | None = None) -> Judge | None:
         """Who judges these robots by the task of one's own, if there is one; as `Judge`."""
-        task: Any = self.task
-        return None if self.own_task is None or fleet is None else Judge(self.own_task, fleet, task, before)
+        if self.own_task is None or fleet is None:
+            return None
+        return Judge(self.own_task, fleet, self.task, before)
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
