@@ -22,10 +22,10 @@ from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.judge import Judge, find_task, require_task
+from spidar_gym.envs.midway import Disturbable
 from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
-from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
@@ -41,7 +41,7 @@ ProgressT = TypeVar("ProgressT")
 
 
 class SpidarEnv(
-    Readable, Remade, Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+    Readable, Disturbable, Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
