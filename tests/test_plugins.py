@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3, HerReplayBuffer
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
@@ -18,7 +18,7 @@ from support.zips import changed, learned, packed
 
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.plugins import StablePolicy, StableVecEnv, TorchVector
+from spidar_gym.plugins import AsymmetricPolicy, StablePolicy, StableVecEnv, TorchVector
 from spidar_gym.policies.policy import acts_in_batches, policy_name
 from spidar_gym.policies.source import PolicyError
 
@@ -64,6 +64,94 @@ def test_stable_baselines_sees_the_episodes_of_its_own_vector_to_the_bit(case):
                 assert own["TimeLimit.truncated"] == other["TimeLimit.truncated"]
                 assert own["is_success"] == other["is_success"]
     assert ended >= 3
+
+
+DICTIONARIES = {
+    "goals of crawls": (CRAWL, {"observation": "goal", "distance": 0.2}, 15),
+    "flights for a critic": (HOVER, {"observation": "asymmetric", "randomization": 0.3, "sensors": True}, 12),
+}
+
+
+@pytest.mark.parametrize("case", DICTIONARIES)
+def test_dictionaries_are_seen_as_in_its_own_vector_to_the_bit(case, monkeypatch):
+    monkeypatch.setitem(CASES, case, DICTIONARIES[case])
+    ours, theirs = StableVecEnv(vector(case)), dummy(case)
+    assert (ours.observation_space, ours.action_space) == (theirs.observation_space, theirs.action_space)
+    ours.seed(5)
+    theirs.seed(5)
+    seen, seen_2 = ours.reset(), theirs.reset()
+    rng, ended = np.random.default_rng(1), 0
+    for _ in range(32):
+        assert seen.keys() == seen_2.keys()
+        assert all(np.array_equal(seen[part], seen_2[part]) for part in seen)
+        kept = {part: rows.copy() for part, rows in seen.items()}
+        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape))
+        before = seen
+        (seen, rewards, done, infos), (seen_2, rewards_2, done_2, infos_2) = ours.step(actions), theirs.step(actions)
+        assert all(np.array_equal(before[part], rows) for part, rows in kept.items())
+        assert np.array_equal(rewards, rewards_2)
+        assert np.array_equal(done, done_2)
+        for k in np.flatnonzero(done):
+            ended += 1
+            last, last_2 = infos[k]["terminal_observation"], infos_2[k]["terminal_observation"]
+            assert all(np.array_equal(last[part], last_2[part]) for part in last_2)
+    assert ended >= 6
+
+
+@pytest.mark.parametrize("robots", [1, 4])
+def test_hindsight_learns_from_rewards_that_the_vector_computes(robots):
+    options = {"observation": "goal", "distance": 0.2, "max_episode_steps": 20}
+    if robots == 1:
+        env = gymnasium.make(CRAWL, **options)
+    else:
+        env = StableVecEnv(gymnasium.make_vec(CRAWL, robots, autoreset_mode="SameStep", **options))
+    model = SAC(
+        "MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, learning_starts=81, batch_size=32, seed=0,
+        policy_kwargs={"net_arch": [16]}, device="cpu",
+    )  # fmt: skip
+    model.learn(120)
+    assert model._n_updates > 0
+    batch = model.replay_buffer.sample(200)
+    pair = (batch.next_observations[part].numpy() for part in ("achieved_goal", "desired_goal"))
+    expected = model.get_env().env_method("compute_reward", *pair, {}, indices=[0])[0]
+    assert np.array_equal(batch.rewards.numpy()[:, 0], expected.astype(np.float32))
+    assert {-1.0, 0.0} == {*batch.rewards.numpy()[:, 0].tolist()}
+
+
+def test_of_an_asymmetric_policy_the_critic_sees_more_than_the_actor(tmp_path):
+    many = gymnasium.make_vec(HOVER, 4, autoreset_mode="SameStep", observation="asymmetric", max_episode_steps=30)
+    env = StableVecEnv(many)
+    model = PPO(AsymmetricPolicy, env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
+    model.learn(128)
+    seen = env.reset()
+    other = {**seen, "privileged": seen["privileged"] + 1.0}
+    tensors, others = (model.policy.obs_to_tensor(each)[0] for each in (seen, other))
+    with torch.no_grad():
+        assert torch.equal(model.policy.get_distribution(tensors).mode(), model.policy.get_distribution(others).mode())
+        assert not torch.allclose(model.policy.predict_values(tensors), model.policy.predict_values(others))
+        assert torch.equal(model.policy(tensors, deterministic=True)[0], model.policy(others, deterministic=True)[0])
+    path = tmp_path / "model.zip"
+    model.save(path)
+    policy = StablePolicy(path)
+    one = {part: rows[0] for part, rows in seen.items()}
+    assert np.array_equal(policy.act(one), model.predict(one, deterministic=True)[0])
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_tensors_of_a_dictionary_share_its_memory(mode):
+    many = gymnasium.make_vec(
+        HOVER, 3, autoreset_mode=mode, observation="asymmetric", max_episode_steps=4, randomization=1.0
+    )
+    robots = TorchVector(many)
+    robots.reset(seed=0)
+    held = robots.observations
+    for _ in range(9):
+        before = {part: rows.clone() for part, rows in held.items()}
+        robots.step(torch.zeros(3, 6))
+        assert not any(torch.equal(before[part], rows) for part, rows in held.items())
+        for part, rows in many.buffers["observations"].items():
+            assert np.array_equal(held[part].numpy(), rows)
+    assert (mode == "SameStep") == bool(robots.final_observations["privileged"].any())
 
 
 def test_what_is_seen_stays_what_it_was():

@@ -34,7 +34,15 @@ FLIGHTS = {
     "forms": "equal", "joint_speed": 0.6, "sensors": True, "randomization": 1.0, "disturbances": {"wind": 2.0},
     "max_episode_steps": 400,
 }  # fmt: skip
-HEADS = ("learner", "steps", "updates", "ms each", "before", "after", "explained")
+HEADS = (
+    "learner",
+    "steps",
+    "updates",
+    "processor, ms an update",
+    "the controller alone",
+    "learned",
+    "returns foreseen",
+)
 
 
 @dataclass(frozen=True)
@@ -180,8 +188,8 @@ def _words(found: dict[str, float]) -> str:
     return f"{found['reward']:.4f}, {found['success']:.0%}{arrives}"
 
 
-def table(result: dict[str, Any]) -> str:
-    """The learners as text."""
+def lines(result: dict[str, Any]) -> list[list[str]]:
+    """The learners as a table: its heads, and a row each."""
     rows = [
         [
             name, str(row["steps"]), str(row["updates"]), f"{row['processor_ms']:.2f}", _words(row["alone"]),
@@ -189,7 +197,7 @@ def table(result: dict[str, Any]) -> str:
         ]
         for name, row in result["learners"].items()
     ]  # fmt: skip
-    return format_table([list(HEADS), *rows])
+    return [list(HEADS), *rows]
 
 
 def main() -> None:
@@ -201,7 +209,7 @@ def main() -> None:
     torch.set_num_threads(1)
     learners = {name: measure(CASES[name], args.seconds, args.seed) for name in args.only or CASES}
     result = {"machine": machine(*FRAMEWORKS), "seconds": args.seconds, "learners": learners}
-    print(json_text(result) if args.json else table(result))
+    print(json_text(result) if args.json else format_table(lines(result)))
 
 
 if __name__ == "__main__":

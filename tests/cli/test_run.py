@@ -43,6 +43,20 @@ def test_one_episode_has_no_line_of_survivors(capfd):
     assert "stayed" not in capfd.readouterr().out
 
 
+@pytest.mark.parametrize("observation", ["goal", "asymmetric"])
+def test_an_episode_is_the_same_however_it_is_observed(observation, capfd):
+    flights = []
+    for more in ([], ["--observation", observation]):
+        main(["run", "--seconds", "0.5", "--forms", "form1", *more])
+        flights.append(capfd.readouterr().out)
+    assert flights[0] == flights[1] if observation == "asymmetric" else "mean reward -1.000" in flights[1]
+    assert flights[0].partition("RMS")[2] == flights[1].partition("RMS")[2]
+
+
+def test_a_goal_where_there_is_none_is_refused(capfd):
+    refused(capfd, "run", "spidar_gym/Path-v0", "--observation", "goal")
+
+
 @pytest.mark.parametrize(
     "options",
     [["--no-wake"], ["--sensors"], ["--randomization", "1"], ["--wind", "3"], ["--lost-rotor", "4"],

@@ -207,6 +207,7 @@ def test_infos_have_the_same_keys_and_shapes_at_reset_at_every_step_and_when_div
         **dict.fromkeys(("wrench_desired", "wrench_allocated"), (6,)),
         **dict.fromkeys(("total_thrust", "qp_status", "qp_iterations", "qp_slack", "is_success", "failure"), ()),
         **dict.fromkeys(("power_w", "energy_wh", "endurance_min"), ()),
+        **dict.fromkeys(("cost", "cost_contact", "cost_torque", "cost_duct", "cost_blown"), ()),
         **dict.fromkeys([f"reward_{term}" for term in REWARD_TERMS], ()),
     }
 

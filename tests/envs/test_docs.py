@@ -69,6 +69,23 @@ def test_the_action_table_counts_every_entry_of_every_space_once(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_the_tables_of_other_observations_count_every_entry_of_their_spaces_once(name):
+    seen = {"Asymmetric": ("asymmetric", "privileged"), "Goal": ("goal", "desired_goal")}
+    if CHAPTERS[name].env.goal_type is None:
+        del seen["Goal"]
+        assert f"`goal` is refused: {CHAPTERS[name].env.no_goal}." in section(name, "Observation Space")
+    for below, (observation, part) in seen.items():
+        space = gymnasium.make(name, observation=observation).observation_space[part]
+        rows = table(name, "Observation Space", below)
+        covered = [entry for cell, *_ in rows for entry in entries(cell)]
+        assert covered == list(range(space.shape[0]))
+        assert all(float(scale) > 0.0 and meaning for _, _, scale, _, meaning in rows)
+        if observation == "goal":
+            bounds = [float(bound) for cell, _, bound, *_ in rows for _ in entries(cell)]
+            np.testing.assert_allclose(space.high, bounds)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_observation_table_counts_every_entry_of_the_default_space_once_with_its_bound(name):
     space = gymnasium.make(name).observation_space
     rows, covered = table(name, "Observation Space"), []
