@@ -250,7 +250,8 @@ class Page:
         with self._gui.add_folder("Who flies" if session.flies else "Who moves it"):
             self._preset = self._dropdown("preset", session.presets, session.preset, lambda value: choose(preset=value))
             self._policy = self._dropdown(
-                "policy", self._policies, self._name_of_policy, lambda value: choose(policy=self._policies[value]),
+                "policy", self._policies, self._name_of_policy,
+                lambda value: choose(policy=self._policies.get(value, session.policy)),
                 "What adds to the preset, or brings a controller of its own.",
             )  # fmt: skip
 
