@@ -114,7 +114,7 @@ class StableVecEnv(VecEnv):
         raise InvalidValueError(attr_name, value, "an option of make_vec or of reset: robots of a vector are alike")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401 - SB3's signature
-        """Of all robots alike, rewards of goals; else refused, but for `render`: no robot has an environment."""
+        """Rewards of goals, which are those of all robots, and `render`; else refused: no robot has an environment."""
         chosen = list(self._get_indices(indices))
         if method_name in REWARDING:
             return [getattr(self.vector, method_name)(*args, **kwargs) for _ in chosen]

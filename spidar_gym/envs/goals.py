@@ -109,7 +109,7 @@ class CrawlGoal(Goal):
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of poses (N, 3)."""
+        """How far poses (N, 3) are, and whether they are reached."""
         x, y, turn = (wanted - achieved).T
         way, turn = np.sqrt(x * x + y * y), np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
         return way + TURN_LENGTH * turn, (way <= SUCCESS_POSITION) & (turn <= SUCCESS_YAW)
@@ -155,7 +155,7 @@ class HoverGoal(Goal):
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of goals (N, 23)."""
+        """How far goals (N, 23) are, and whether they are reached."""
         x, y, z = (wanted - achieved).T[:3]
         place = np.sqrt(x * x + y * y + z * z)
         turn = np.minimum(_chord(achieved, wanted, -1.0), _chord(achieved, wanted, 1.0))

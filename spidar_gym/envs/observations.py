@@ -95,7 +95,7 @@ class Sight(ABC):
     """What is shown in place of the flat numbers."""
 
     space: spaces.Dict
-    """Of one robot."""
+    """What that is for one robot."""
 
     @abstractmethod
     def look(self, flat: np.ndarray, robots: Robots) -> dict[str, np.ndarray]:

@@ -19,7 +19,6 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES, GroundConfig
 from spidar_gym.sim.sensors import SensorConfig
-from spidar_gym.sim.violations import VIOLATIONS
 from spidar_gym.state import IMU_SAMPLES
 
 AIR_STEPS = 10
@@ -79,18 +78,14 @@ SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "d
 """What keeps a crawl from being a success."""
 COURSE_FAILURES = ("hit", "out", "tilt", "empty", "diverged")
 """Why a course is over."""
-MAX_OBSTACLES = 64
-"""Blocks on the floor that there is room for."""
 PATHS = ("none", "legs", "lemniscate", "spline", "mixed")
 """Paths of the CoG."""
 HEADINGS = ("kept", "along", "mixed")
 """Where the robot looks on its path."""
 FLIGHT_FAILURES = ("contact", "tilt", "position", "diverged")
 """Why a flight is over."""
-MAX_DRAWS, MAX_WINDOWS = 64, 16
-"""Runs of drawn numbers and windows of time that there is room for."""
-DRAWN_NUMBERS = 256
-"""Numbers that are drawn of a robot, at most."""
+MAX_OBSTACLES, MAX_WINDOWS, MAX_DRAWS, DRAWN_NUMBERS = 64, 16, 64, 256
+"""Blocks on the floor, windows of time, runs of drawn numbers and drawn numbers in all that there is room for."""
 AUTORESETS = ("next_step", "same_step", "disabled")
 """What happens at the end of an episode, as Gymnasium has it."""
 ENGINE_ENUMERATIONS = (
@@ -104,8 +99,7 @@ ENGINE_ENUMERATIONS = (
     Enumeration("course_failure", "Why a course is over.", COURSE_FAILURES, "OFF_COURSE_"),
     Enumeration("shortfall", "What keeps a crawl from being a success.", SHORTFALLS, "SHORT_OF_",
                 tuple(1 << k for k in range(len(SHORTFALLS)))),
-    Enumeration("constraint", "Constraints that a robot has violated.", VIOLATIONS, "VIOLATED_",
-                tuple(1 << k for k in range(len(VIOLATIONS)))),
+    Enumeration("constraint", "What a robot violates.", violations.VIOLATIONS, "VIOLATED_", (1, 2, 4, 8, 16)),
     Enumeration("autoreset", "What happens at the end of an episode.", AUTORESETS, "RESET_"),
 )  # fmt: skip
 """Words that are numbers in C."""

@@ -118,7 +118,7 @@ typedef enum {
     SP_SHORT_OF_TIMEOUT = 16, SP_SHORT_OF_SLIP = 32, SP_SHORT_OF_DUCT = 64, SP_SHORT_OF_TIME = 128
 } sp_shortfall;
 
-/* Constraints that a robot has violated. */
+/* What a robot violates. */
 typedef enum {
     SP_VIOLATED_FOOT = 1, SP_VIOLATED_DUCT = 2, SP_VIOLATED_PART = 4, SP_VIOLATED_TORQUE = 8, SP_VIOLATED_BLOWN = 16
 } sp_constraint;
