@@ -58,11 +58,13 @@ class Engine:
         check_delay(config)
         self.library = load_core()
         layouts, uneven, boxed = engine_layouts(), config.ground.uneven, config.ground.boxed
-        self.simulations = [Simulation(scene(visual=False, uneven=uneven, boxed=boxed)) for _ in range(threads)]
+        robot = config.robot
+        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)
+        self.simulations = [Simulation(model) for _ in range(threads)]
         if uneven or boxed:  # the bounding volumes of tiles and boxes are of where they were before
             for simulation in self.simulations:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-        self.rooms = [Room(self.library) for _ in range(threads)]
+        self.rooms = [Room(self.library, robot) for _ in range(threads)]
         self.robots = np.zeros(robots, layouts[struct])
         names = BOXED if boxed else OWN if uneven or floors else FLAT
         pieces = [simulation.pieces(names) for simulation in self.simulations]
@@ -73,7 +75,7 @@ class Engine:
         for row, simulation, room, piece in zip(self._threads, self.simulations, self.rooms, pieces, strict=True):
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
-        self._pieces, self._world = pieces, world(uneven, boxed)
+        self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
         """`sp_engine`."""

@@ -58,8 +58,8 @@ class CoreManager(Core[LastCommand], Orders):
         Raises:
             MissingDependencyError: When the core is not compiled.
         """
-        super().__init__(model, room)
         self.config = config or ManagerConfig()
+        super().__init__(model or Model(self.config.crawl.gait.robot), room)
         self._manager, settings = Struct("manager", record), Struct("manager_config")
         fill(settings.record, self.config)
         if record is None:

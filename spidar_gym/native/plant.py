@@ -3,7 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -89,7 +89,7 @@ class Plant:
     def config(self) -> PlantConfig:
         """What was chosen about the robot, or drawn."""
         if self._config is None:
-            self._config = read(PlantConfig, self.record["config"])
+            self._config = replace(read(PlantConfig, self.record["config"]), robot=self._engine.robot)
         return self._config
 
     def reread(self) -> None:
@@ -102,7 +102,9 @@ class Plant:
         return self.config.substeps * TIMESTEP
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot from the next reset on (`InvalidValueError` for another kind of floor)."""
+        """Become another robot from the next reset on (`InvalidValueError` for another description or kind of floor)."""
+        if config.robot != self._engine.robot:
+            raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the description of the beginning")
         kinds = [(each.uneven, each.boxed) for each in (config.ground, self.config.ground)]
         if kinds[0] != kinds[1]:
             raise InvalidValueError("tiles, boxes", kinds[0], "a floor of the same kind as at the beginning")

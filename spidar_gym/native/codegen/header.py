@@ -31,7 +31,7 @@ from spidar_gym.native.constants import (
 from spidar_gym.native.core_structs import CORE_STRUCTS
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import WORDS, CStruct, border_structs
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, RobotSpec
 from spidar_gym.robot.description import mjcf_path
 
 CORE = Path(__file__).resolve().parents[1] / "core"
@@ -59,6 +59,8 @@ def initializer(value: Any, indent: int = 1) -> str:  # noqa: ANN401 - any confi
     struct, pad, parts = snake(type(value).__name__), "    " * indent, []
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
+        if isinstance(own, RobotSpec):
+            continue  # it is `sp_robot`
         if dataclasses.is_dataclass(own):
             text = initializer(own, indent + 1)
         elif isinstance(own, str):
