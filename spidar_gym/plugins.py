@@ -215,6 +215,10 @@ class TorchVector:
         self.final_observations: torch.Tensor = tensors["final_observations"]
         """What was seen at the end of an episode, where the next began in the same step; (robots, size) float32."""
 
+    def __reduce__(self) -> tuple[type["TorchVector"], tuple[NativeVectorEnv]]:
+        """A copy shows the memory of a copied vector."""
+        return type(self), (self.vector,)
+
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> None:
         """Begin episodes; arguments as of `NativeVectorEnv.reset`."""
         self.vector.reset(seed=seed, options=options)

@@ -20,7 +20,9 @@ from spidar_gym.envs import rules, single
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.options import Task, own_robot
+from spidar_gym.envs.readable import Readable
 from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
@@ -28,7 +30,7 @@ from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import Randomization, randomize
+from spidar_gym.sim.randomize import Randomization
 from spidar_gym.state import Command, RobotState
 
 TaskT = TypeVar("TaskT", bound=Task)
@@ -36,7 +38,9 @@ ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl, Orders)
 ProgressT = TypeVar("ProgressT")
 
 
-class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]):
+class SpidarEnv(
+    Readable, Remade, Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
@@ -131,6 +135,7 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         """Steps since the reset."""
         self._began = False
         self._command: Command | None = None
+        self._made = self.task, self._nominal
         self.fleet: Fleet | None = None
         """Its robot in the engine, where that does all of it."""
         if not self._is_bare:
@@ -214,20 +219,20 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         if self._is_native() != (self.fleet is not None):
             self._furnish(native=self.fleet is None)
         self.ticks, self._began, self._now = 0, True, {}
-        self._action, self._command = np.zeros(self._mode.size), None
+        self._action, self._command, self._failure = np.zeros(self._mode.size), None, ""
         if self.fleet is None:
             self._begin(self.np_random)
         else:
             self._begin_native(self.fleet)
         if self.render_mode == "human":
             self.render()
-        info = self._info("") if self.fleet is None else self.tell(self.fleet)
+        observation, info = self._shown()
         terms = {name.removeprefix("reward_") for name in info if name.startswith("reward_")}
         if terms != self.reward_terms.keys():
             raise InvalidValueError(
                 "reward_terms", sorted(self.reward_terms), f"the terms of the task: {sorted(terms)}"
             )
-        return self._observation() if self.fleet is None else self.fleet.observations[0].copy(), info
+        return observation, info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """`hold` control periods of 25 ms: one, unless the environment says otherwise.
@@ -256,6 +261,7 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         failure = self._control_period()
         for _ in range(self.hold - 1):
             failure = failure or self._control_period()
+        self._failure = failure
         info = self._info(failure)
         if failure == "diverged":
             return np.zeros(len(self._bound), np.float32), 0.0, True, False, info
@@ -263,6 +269,13 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         if self.render_mode == "human":
             self.render()
         return self._observation(), reward, failure != "", False, info
+
+    def _shown(self) -> tuple[np.ndarray, dict[str, Any]]:
+        if self.fleet is not None:
+            return self.fleet.observations[0].copy(), self.tell(self.fleet)
+        info = self._info(self._failure)
+        has_diverged = self._failure == "diverged"
+        return np.zeros(len(self._bound), np.float32) if has_diverged else self._observation(), info
 
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
         """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
@@ -277,6 +290,11 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         self.controller.close()
         if self.fleet is not None:
             self.fleet.close()
+
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+        """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
+        assert name == "disturbances"
+        return {"_disturbances": Disturbances.parse(value)}
 
     # ---- all of it in the engine ----
 
@@ -324,10 +342,7 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         """Write down what the next episode begins with, where that is given."""
 
     def _begin_native(self, fleet: Fleet) -> None:
-        if self.task is not self._ruled:
-            self._rule(fleet)
-            self._ruled = self.task
-        fleet.rules["rules"]["horizon"] = self.horizon
+        self._obey(fleet)
         fleet.disturb(0, self._disturbances)
         self._prepare(fleet)
         single.begin(fleet, self.np_random)
@@ -350,71 +365,3 @@ class SpidarEnv(Remade, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, Co
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
         draws = single.drawn(fleet, robot) if self._randomization.draws else {}
         return single.info(fleet, self.reward_terms, self.failures, robot) | {"randomization": draws}
-
-    # ---- controller and task in Python ----
-
-    def _control_period(self) -> str:
-        """Control and simulate one period; why the episode is over."""
-        self._command = command = self._act(self._action)
-        self._now["state"] = self.plant.step(command)
-        if self.plant.diverged:
-            return "diverged"
-        if self._nominal.sense:
-            self._now["seen"] = self.estimator.update(self.plant.measure(), command.thrust)
-        return self._advance()
-
-    def _draw_robot(self, rng: np.random.Generator) -> None:
-        """Become the robot of this episode, where robots are drawn."""
-        if self._randomization.draws:
-            config, self.sampled_parameters = randomize(self._nominal, rng, self._randomization)
-            self.plant.configure(config)
-
-    def _place(
-        self, rng: np.random.Generator, *pose: np.ndarray, spent_wh: float = 0.0, motion: np.ndarray | None = None
-    ) -> None:
-        """Put the robot where an episode starts; pose, energy and motion are those of `Plant.reset`."""
-        # A generator of its own, so that what the weather draws does not change what the next episode is.
-        own = {"disturbances": self._disturbances, "rng": rng.spawn(1)[0], "spent_wh": spent_wh}
-        self._now["state"] = self.plant.reset(*pose, **own, motion=motion)
-
-    def _sense(self) -> None:
-        """What is seen of the first state."""
-        if self._nominal.sense:
-            first = self.plant.measure()
-            indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
-            self.estimator.reset(replace(self.state, **indicated))
-            self._now["seen"] = self.estimator.update(first, self.state.thrust)
-
-    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
-        """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
-        assert name == "disturbances"
-        return {"_disturbances": Disturbances.parse(value)}
-
-    @abstractmethod
-    def _begin(self, rng: np.random.Generator) -> None:
-        """Put the robot, the controller and the task at the start of an episode."""
-
-    @abstractmethod
-    def _act(self, action: np.ndarray) -> Command:
-        """The command of this tick."""
-
-    @abstractmethod
-    def _advance(self) -> str:
-        """Take note of the new state; why the episode is over, empty while it goes on."""
-
-    @abstractmethod
-    def _observation(self) -> np.ndarray:
-        """What a policy sees, in the order of `layout`."""
-
-    @abstractmethod
-    def _task_info(self, failure: str) -> dict[str, Any]:
-        """What the task adds to `info`: errors, reward terms, `is_success`."""
-
-    def _info(self, failure: str) -> dict[str, Any]:
-        """The same keys and shapes at every step and at reset; nothing in it is written or handed out again."""
-        return {
-            **single.readable_info(self.state, self._command, self.controller, self.plant),
-            "randomization": {name: draw.copy() for name, draw in self.sampled_parameters.items()},
-            **self._task_info(failure),
-            "failure": failure,
-        }

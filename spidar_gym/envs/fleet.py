@@ -12,11 +12,15 @@ from spidar_gym.native.course import write_course
 from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import AT_ONCE, Engine
 from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.library import write
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 
 _LOG = logging.getLogger("spidar_gym.mujoco")
+_SHARED = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun",
+           "infos", "final_infos", "goals", "knots")  # fmt: skip
+"""Arrays that the engine reads and writes where they lie."""
 _SETTLING_AT_ONCE = 4
 """Robots that a thread lays on tiles before Ctrl-C is answered: one takes up to 70 ms to come to rest there."""
 
@@ -44,9 +48,16 @@ class Fleet:
             goals: Forms that an episode has at most.
             knots: Knots that a path of an episode has at most.
         """
-        layouts, common = engine_layouts(), rules["rules"]
-        self.kind, self.rules, self.has_own_copies = kind, rules, not alike
-        self.engine = engine = Engine(kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
+        engine = Engine(kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
+        if rules.ndim:
+            engine.configure(np.ascontiguousarray(rules["rules"]["plant"]))
+        self.has_own_copies, self._settles = not alike, plant.ground.uneven
+        self._share(kind, engine, rules, goals, knots)
+
+    def _share(self, kind: str, engine: Engine, rules: np.ndarray, goals: int, knots: int) -> None:
+        """Make what goes in and out of an engine."""
+        layouts, common, robots = engine_layouts(), rules["rules"], len(engine.robots)
+        self.kind, self.rules, self.engine = kind, rules, engine
         self.robots = engine.robots
         """All that there is of the robots: records of `sp_hover`, `sp_crawling` or `sp_coursing`."""
         info, size = layouts[f"{kind}_info"], int(common["size"].flat[0])
@@ -56,19 +67,32 @@ class Fleet:
         self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
         self.infos, self.final_infos = np.zeros(robots, info), np.zeros(robots, info)
         self.goals, self.knots = np.zeros((robots, goals), layouts["goal"]), np.zeros((robots, knots), layouts["knot"])
-        names = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated",
-                 "begun", "infos", "final_infos", "goals", "knots")  # fmt: skip
         self.extras: list[np.ndarray] = []
         """Other arrays with an entry for every robot that belong to what a robot is."""
         self.task = "the built-in one"
         """Who judges."""
-        for name in names:
+        for name in _SHARED:
             engine.share(name, getattr(self, name))
         if rules.ndim:
             engine.record["rules_bytes"] = rules.itemsize
-            engine.configure(np.ascontiguousarray(common["plant"]))
         engine.record["goal_room"], engine.record["knot_room"] = goals, knots
-        self._settles = plant.ground.uneven
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: numbers, and no array that the engine has the address of."""
+        numbers = {name: getattr(self, name).tobytes() for name in _SHARED if name != "rules"}
+        return {
+            "share": (self.kind, self.engine, self.rules.copy(), self.goals.shape[1], self.knots.shape[1]),
+            "numbers": numbers, "extras": self.extras, "task": self.task, "has_own_copies": self.has_own_copies,
+            "_settles": self._settles,
+        }  # fmt: skip
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy with a memory of its own."""
+        share, numbers = state.pop("share"), state.pop("numbers")
+        self._share(*share)
+        vars(self).update(state)
+        for name, content in numbers.items():
+            write(getattr(self, name), content)
 
     def seed(self, robot: int, rng: np.random.Generator) -> None:
         """Let a robot's environment draw what this generator would."""

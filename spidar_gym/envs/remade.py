@@ -23,6 +23,9 @@ class Remade(ABC):
     most_steps: int | None = None
     """Steps that whoever made it allows an episode; None where the task alone says."""
     _arguments: dict[str, Any]
+    """What it is made of, but for `_choices`."""
+    _choices: dict[str, Any]
+    """Arguments that `reset` changes without making it anew: what they are from now on."""
     _is_bare = False
     """Whether it has neither robot nor controller: it says what others in a vector are to do."""
     _kept: ClassVar[tuple[str, ...]] = ()
@@ -38,8 +41,12 @@ class Remade(ABC):
         """Keep what it is made of, so that `reset` can have another argument."""
         del args
         env = super().__new__(cls)
-        env._arguments = kwargs
+        env._keep(kwargs)
         return env
+
+    def _keep(self, arguments: Mapping[str, Any]) -> None:
+        self._choices = {name: value for name, value in arguments.items() if name in self.reset_options}
+        self._arguments = {name: value for name, value in arguments.items() if name not in self._choices}
 
     @property
     def horizon(self) -> int:
@@ -71,7 +78,7 @@ class Remade(ABC):
         Raises:
             UnknownNameError, InvalidValueError: For what is not valid.
         """
-        kind, own = type(self), self._arguments | dict(arguments)
+        kind, own = type(self), self._arguments | self._choices | dict(arguments)
         env = kind.__new__(kind, **own)
         env._is_bare, env.most_steps = True, self.most_steps
         env.__init__(**own)
@@ -87,14 +94,15 @@ class Remade(ABC):
         made = {name: value for name, value in own.items() if name in (*self.reset_arguments, "disturbances")}
         if not others:
             chosen = [self._chosen(name, value) for name, value in own.items()]
-            self._arguments = self._arguments | made
+            self._choices = self._choices | made
             return {name: value for each in chosen for name, value in each.items()}
-        arguments = self._arguments | made | others
+        arguments = self._arguments | self._choices | made | others
         trial = self.variant(made | others)  # what is not valid is refused here, and nothing has changed
         chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
         kept = {name: getattr(self, name) for name in self._kept}
         self._empty()
         view = self.view
         self.__init__(**arguments)
-        self._arguments, self.view = arguments, view
+        self._keep(arguments)
+        self.view = view
         return kept | {name: value for each in chosen for name, value in each.items()}

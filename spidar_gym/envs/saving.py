@@ -5,12 +5,11 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, SpidarError
-from spidar_gym.native.library import expected_digest
+from spidar_gym.native.library import version
 
 MAGIC = b"spidar robots\n"
 """What saved robots begin with; a line of JSON that says what they are follows, their numbers, and a checksum."""
@@ -47,9 +46,9 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
             options, and nothing has changed.
         InvalidValueError: For another number of robots than were saved, and nothing has changed.
     """
-    content, checksum = saved[:-CHECKSUM], saved[-CHECKSUM:]
-    if not saved.startswith(MAGIC):
+    if not (isinstance(saved, bytes) and saved.startswith(MAGIC)):
         raise SpidarError("these are no saved robots; valid: the bytes that save() gave")
+    content, checksum = saved[:-CHECKSUM], saved[-CHECKSUM:]
     if hashlib.sha256(content).digest() != checksum:
         raise SpidarError("the saved robots are damaged; valid: the bytes that save() gave, all of them")
     head, body = content[len(MAGIC) :].split(b"\n", 1)
@@ -89,7 +88,7 @@ def _description(fleet: Fleet, ids: Sequence[int]) -> dict[str, Any]:
     return {
         "environment": fleet.kind,
         "task": fleet.task,
-        "version": f"{expected_digest()[:16]}, MuJoCo {mujoco.__version__}",
+        "version": version(),
         "set of options": hashlib.sha256(_content(rules)).hexdigest()[:16],
     }
 

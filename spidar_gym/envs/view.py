@@ -40,6 +40,10 @@ class View:
         self._renderer: Any = None
         self._ground: GroundConfig | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: it opens a window or an OpenGL context of its own when it is asked to draw."""
+        return vars(self) | {"_renderer": None, "_ground": None}
+
     def draw(self, qpos: np.ndarray, ground: GroundConfig, period: float) -> Any:  # noqa: ANN401 - as Gymnasium has it
         """What is seen of a robot.
 

@@ -100,6 +100,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         check_legs(self.config.gait, model)
         super().__init__(model or Model(self.config.gait.robot), room)
         self._crawl, settings = Struct("crawl", record), Struct("crawler_config")
+        self.whole = self._crawl
         fill(settings.record, self.config)
         if record is None:
             self.library.sp_crawl_init(self.room.robot, self._crawl.pointer, settings.pointer)

@@ -5,13 +5,14 @@
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, SpidarError, require_least
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
-from spidar_gym.native.library import Room, load_core, pointer
+from spidar_gym.native.library import Room, load_core, pointer, require_version, version, write
 from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
@@ -36,7 +37,9 @@ class Engine:
     its entry of `copies`, are all that there is of it.
     """
 
-    def __init__(self, struct: str, config: PlantConfig, robots: int, threads: int, *, alike: bool, floors: bool = False
+    def __init__(
+        self, struct: str, config: PlantConfig, robots: int, threads: int, *, alike: bool, floors: bool = False,
+        models: Sequence[Any] | None = None,
     ) -> None:  # fmt: skip
         """Make them, all of one configuration.
 
@@ -47,6 +50,7 @@ class Engine:
             threads: How many threads, the caller's included.
             alike: Whether they stay as they are configured here; else each has its own part of MuJoCo's model.
             floors: Whether planes under them differ, as tiles always do.
+            models: MuJoCo's models, one for every thread; by default those of the described robot.
 
         Raises:
             InvalidValueError: For a number of robots or threads below 1, and for a delay that is too long.
@@ -57,10 +61,11 @@ class Engine:
             raise InvalidValueError("threads", threads, f"a whole number within 1 … {MAX_THREADS}")
         check_delay(config)
         self.library = load_core()
+        self._made = struct, config, robots, threads, alike, floors
         layouts, uneven, boxed = engine_layouts(), config.ground.uneven, config.ground.boxed
         robot = config.robot
-        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)
-        self.simulations = [Simulation(model) for _ in range(threads)]
+        models = models or [scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)] * threads
+        self.simulations = [Simulation(model) for model in models]
         if uneven or boxed:  # the bounding volumes of tiles and boxes are of where they were before
             for simulation in self.simulations:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
@@ -103,6 +108,23 @@ class Engine:
             self.robots["plant"][1:] = self.robots["plant"][0]
         elif alike:
             self.robots[1:] = self.robots[0]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: numbers, and no address (`SpidarError` where the threads are stopped)."""
+        if not self._pool.address:
+            raise SpidarError("this environment is closed; valid: a copy made before")
+        models = [simulation.model for simulation in self.simulations]  # somebody may have changed their gravity
+        robots, copies = self.robots.tobytes(), self.copies.tobytes()
+        return {"version": version(), "made": self._made, "models": models, "robots": robots, "copies": copies}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy with a memory of its own (`SpidarError` for one of another version)."""
+        require_version("copied robots", state["version"])
+        struct, config, robots, threads, alike, floors = state["made"]
+        self.__init__(struct, config, robots, threads, alike=alike, floors=floors, models=state["models"])
+        write(self.robots, state["robots"])
+        write(self.copies, state["copies"])
+        self.forget_copies()
 
     def configure(self, configs: np.ndarray, ids: np.ndarray | None = None) -> None:
         """Let robots become others: records of `sp_plant_config`, one for every robot; those of `ids`, or all."""

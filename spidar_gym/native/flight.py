@@ -30,6 +30,16 @@ class ControlStateView:
             self.struct["R_wb"].reshape(3, 3), Snapshot(mass=robot.total_mass, robot=robot, **arrays),
             MotionError(**e.views),
         )  # fmt: skip
+        self._mass = s["mass"]
+
+    def load(self, given: ControlState) -> None:
+        """Show what another control state says."""
+        shown = self.control_state
+        shown.R_wb[:], self._mass[...] = given.R_wb, given.snapshot.mass
+        for own, other in ((shown.snapshot, given.snapshot), (shown.error, given.error)):
+            for name in own.__dataclass_fields__:
+                if name not in ("mass", "robot"):
+                    getattr(own, name)[...] = getattr(other, name)
 
 
 class CoreMemory(LastCommand):
@@ -74,12 +84,13 @@ class CoreFlightController(Core[CoreMemory]):
         super().__init__(model, room)
         self.config = config or ControllerConfig()
         self._flight, self._reference, self._given = Struct("flight", record), Struct("reference"), None
+        self.whole = self._flight
         self._settings, self._preview = Struct("controller_config"), Struct("preview")
         fill(self._settings.record, self.config)
         if record is None:
             self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
         spec = self.model.robot
-        self._views = ControlStateView(robot=spec), ControlStateView(robot=spec)
+        self._views, self._foreign = tuple(ControlStateView(robot=spec) for _ in range(2)), ControlStateView(robot=spec)
         self._own = ControlStateView(self._flight.views["control"], spec)
         self._turn = 0
         self.memory = CoreMemory(self._flight.inner("memory", "flight_memory"))
@@ -129,6 +140,14 @@ class CoreFlightController(Core[CoreMemory]):
         )
         return view.control_state
 
+    def _view(self, control_state: ControlState) -> ControlStateView:
+        """Where the core reads a control state: its own one, or one that was copied, with its numbers."""
+        for view in self._views:
+            if view.control_state is control_state:
+                return view
+        self._foreign.load(control_state)
+        return self._foreign
+
     def step(
         self,
         state: RobotState,
@@ -139,7 +158,7 @@ class CoreFlightController(Core[CoreMemory]):
         """One control tick; as `FlightController.step`."""
         self.write_state(state)
         self._write_reference(reference)
-        known = next((view.struct.pointer for view in self._views if view.control_state is control_state), None)
+        known = None if control_state is None else self._view(control_state).struct.pointer
         return self._tick(
             self.library.sp_flight_step, self._flight.pointer, self._state.pointer, self._reference.pointer,
             self.residual_pointer(residual), known, self.room.pointer,
@@ -149,7 +168,7 @@ class CoreFlightController(Core[CoreMemory]):
         """The observation; as `control.flight.observation.observe`."""
         seen = observables
         self.write_state(seen.state)
-        view = next(view for view in self._views if view.control_state is seen.control_state)
+        view = self._view(seen.control_state)
         arrays = seen.thrust_command, seen.joint_command_velocity, seen.leg_momentum, seen.leg_momentum_rate
         preview = self._preview
         preview["joint_target"][:], preview["next_form"][:] = seen.joint_target, seen.next_form

@@ -4,10 +4,12 @@ import ctypes
 import hashlib
 import os
 import time
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import mujoco
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus
@@ -39,6 +41,22 @@ def expected_digest() -> str:
     """Digest that a library has to answer with: of this package's structs, constants and C sources."""
     headers = {name: text.encode() for name, text in shared_headers().items()}
     return library_digest(headers)
+
+
+def version() -> str:
+    """What has to be the same where bytes of the library's structs are to go on."""
+    return f"{expected_digest()[:16]}, MuJoCo {mujoco.__version__}"
+
+
+def require_version(what: str, found: object) -> None:
+    """Raise `SpidarError` for bytes of the library's structs that another version wrote."""
+    if found != version():
+        raise SpidarError(f"the {what} are of another version: {found}; valid here: {version()}")
+
+
+def write(array: np.ndarray, content: bytes) -> None:
+    """Let an array be what its `tobytes` gave: where it lies for the library, it stays."""
+    array[...] = np.frombuffer(content, array.dtype).reshape(array.shape)
 
 
 def load_core() -> ctypes.CDLL:
@@ -149,8 +167,12 @@ M = TypeVar("M", bound=LastCommand)
 class Core(Generic[M]):
     """What flight and crawl share: the library, a room, the structs that cross the border."""
 
+    config: Any
+    """What was chosen about the controller."""
     memory: M
     """What the core remembers: views of it."""
+    whole: Struct
+    """All that it remembers, and what was chosen."""
 
     def __init__(self, model: Model | None, room: Room | None = None) -> None:
         """Make a room of its own, or work in somebody else's, which is of the same robot."""
@@ -170,6 +192,27 @@ class Core(Generic[M]):
     def close(self) -> None:
         """Nothing can be asked of it any more."""
         self.library = Closed()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of, with a memory of its own (`SpidarError` where it is closed)."""
+        if isinstance(self.library, Closed):
+            raise SpidarError("this controller is closed; valid: a copy made before")
+        return {"version": version(), "made": (self.config, self.model), "memory": self.remembered()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy (`SpidarError` for one of another version)."""
+        require_version("copied controller", state["version"])
+        self.__init__(*state["made"])
+        self.recall(state["memory"])
+
+    def remembered(self) -> dict[str, Any]:
+        """All that it remembers, by name."""
+        return {"record": self.whole.record.tobytes()}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Remember what was `remembered` at another time."""
+        write(self.whole.record, memory["record"])
+        self._last_step = None
 
     def write_state(self, state: RobotState) -> None:
         """Give a state to the core; the one that it has already is not written again."""

@@ -1,6 +1,7 @@
 """The manager of both gaits of the onboard core, as the readable one is told."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,7 @@ class CoreManager(Core[LastCommand], Orders):
         self.config = config or ManagerConfig()
         super().__init__(model or Model(self.config.crawl.gait.robot), room)
         self._manager, settings = Struct("manager", record), Struct("manager_config")
+        self.whole = self._manager
         fill(settings.record, self.config)
         if record is None:
             self.library.sp_manager_init(self.room.robot, self._manager.pointer, settings.pointer)
@@ -71,6 +73,17 @@ class CoreManager(Core[LastCommand], Orders):
         """Who flies."""
         self.crawler = CoreCrawler(self.config.crawl, self.model, record=crawl, room=self.room)
         """Who crawls."""
+
+    def remembered(self) -> dict[str, Any]:
+        """As `Core.remembered`."""
+        return super().remembered() | {"last": self._last}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """As `Core.recall`."""
+        super().recall(memory)
+        self._last = memory["last"]
+        self.flight.forget()
+        self.crawler.forget()
 
     @property
     def last_step(self) -> FlightRecord | CrawlRecord | None:

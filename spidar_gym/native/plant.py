@@ -74,16 +74,27 @@ class Plant:
             InvalidValueError: For a delay that is too long.
         """
         given = config or PlantConfig()
-        self._config: PlantConfig | None = given
-        self._engine = engine or Engine("plant", given, 1, 1, alike=False)
-        robots = self._engine.robots
-        self._records = robots if engine is None else robots["plant"]
+        self._look(engine or Engine("plant", given, 1, 1, alike=False), given)
+
+    def _look(self, engine: Engine, config: PlantConfig | None) -> None:
+        """Look at the one robot of an engine."""
+        self._config, self._engine, robots = config, engine, engine.robots
+        self._records = robots["plant"] if "plant" in (robots.dtype.names or ()) else robots
         self.record: Any = self._records[0]
         """`sp_plant`: what it is, and all that changes about it."""
-        simulation = self._engine.simulations[0]
+        simulation = engine.simulations[0]
         self.model, self.data = simulation.model, simulation.data
-        self._rng: np.random.Generator | None = None
         self._pose, self._command = np.zeros(1, _POSE), np.zeros(1, engine_layouts()["command"])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: the engine, not the views of its memory."""
+        self.keep()
+        return {"engine": self._engine, "config": self._config}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy that looks at the copied engine's robot."""
+        self._look(state["engine"], state["config"])
+        self._engine.run("sp_refresh_plants")
 
     @property
     def config(self) -> PlantConfig:
@@ -284,7 +295,11 @@ class Plant:
             raise InvalidValueError("saved", given, f"a moment of {sizes[0]} and {sizes[1]} bytes from save()")
         self._records[:] = np.frombuffer(saved.robot, self._records.dtype)
         self._engine.copies[0] = np.frombuffer(saved.model, np.uint8)
+        self.refresh()
+        return self.state()
+
+    def refresh(self) -> None:
+        """Let `model` and `data` show the robot, where others have written its memory."""
         self._engine.forget_copies()
         self._engine.run("sp_refresh_plants")
         self.reread()
-        return self.state()

@@ -13,14 +13,19 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "spidar_gym"
 PAGES = {str(path.relative_to(ROOT / "docs")): path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*/*.md")}
 PAGES["references.md"] = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
-EXPLAINED = ("concepts", "paper", "studies", "onboard", "development")
+EXPLAINED = ("environments", "concepts", "paper", "studies", "onboard", "development")
 CODE = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 RUN = {page: blocks for page, text in PAGES.items() if page.startswith(EXPLAINED) and (blocks := CODE.findall(text))}
 FOLDERS = "|".join(("spidar_gym", "tests", "assets", "baselines", "train", "docs"))
 
 
 def test_pages_have_code():
-    assert {"concepts/allocation.md", "development/adding_a_block.md", "development/adding_a_task.md"} <= set(RUN)
+    assert {
+        "environments/index.md",
+        "concepts/allocation.md",
+        "development/adding_a_block.md",
+        "development/adding_a_task.md",
+    } <= set(RUN)
 
 
 @pytest.mark.parametrize("page", RUN)

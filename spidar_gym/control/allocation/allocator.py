@@ -4,7 +4,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -131,6 +131,10 @@ class Allocator:
         self.config = config or AllocatorConfig()
         self.modes = modes
         self._workspaces: dict[tuple[str, bool], Workspace] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: all but the workspaces, which keep nothing from tick to tick."""
+        return vars(self) | {"_workspaces": {}}
 
     def allocate(
         self, demand: Demand, mode: str, previous_l: RotorForces, guess: np.ndarray | None = None

@@ -110,7 +110,7 @@ class Gait:
     def mode(self) -> str:
         """Allocation mode of the present phase, see `control.allocation.modes.ground_modes`."""
         memory = self.memory
-        if memory.phase in _LEGS_UP or (memory.phase == "hold" and memory.steps[0].phases is LIFT):
+        if memory.phase in _LEGS_UP or (memory.phase == "hold" and memory.steps[0].phases == LIFT):
             return "legs" if len(memory.steps[0].legs) == N_LEGS else "leg"
         return "stance" if memory.phase in _ON_FEET or memory.phase == "hold" else "rest"
 

@@ -1,0 +1,291 @@
+"""Moments of an environment: copies that go on by themselves, and bytes from which another one goes on.
+
+What is remembered is all that an environment, its controller and their parts have as attributes, but for what their
+construction settles. So what a law or an environment of one's own keeps comes along, under whatever name.
+"""
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any, NoReturn
+
+import numpy as np
+
+from spidar_gym.border import BorderError, pack, unpack
+from spidar_gym.control.allocation.allocator import Allocator
+from spidar_gym.control.course.pilot import Pilot
+from spidar_gym.control.crawl.gait import Gait
+from spidar_gym.control.estimator import Estimator
+from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.control.readable import ReadableController
+from spidar_gym.envs import saving
+from spidar_gym.envs.actions import ActionMode
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.options import Task
+from spidar_gym.envs.values import pack_values, unpack_values
+from spidar_gym.errors import SpidarError, shown
+from spidar_gym.model.dynamics import Model
+from spidar_gym.native.library import Core, version
+from spidar_gym.native.plant import Plant, Saved
+from spidar_gym.sim.config import PlantConfig
+
+TITLE = "state.json"
+"""Part of a saved state that says what it is of."""
+PARTS = (ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, Plant)
+"""Objects that remember something, each in place."""
+IN_BYTES = (Core, Plant)
+"""Those of them that the library remembers for."""
+SETTLED = (
+    "view", "layout", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold", "most_steps",
+    "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled", "_config",
+    "_allocator", "_law", "_is_waypoint", "_made",
+)  # fmt: skip
+"""Attributes of an environment that its construction settles."""
+SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}
+"""The same of its parts."""
+_ROOT = "env"
+"""How the environment itself is called among its parts."""
+
+
+class Restorable(ABC):
+    """An environment that is copied, pickled, saved and restored."""
+
+    task: Any
+    fleet: Fleet | None
+    plant: Plant
+    controller: Any
+    render_mode: str | None
+    reset_options: tuple[str, ...]
+    _began: bool
+    _mode: ActionMode
+    _control: str
+    _ruled: Any
+    _made: tuple[Any, PlantConfig]
+    """Task and robot as they were asked for."""
+    _failure: str
+    """Why the episode was over at the last step, where controller and task are in Python."""
+
+    @property
+    @abstractmethod
+    def horizon(self) -> int:
+        """Steps after which the episode ends, unless it fails before."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of; who looks into the engine's memory looks into the copy's there."""
+        self.plant.keep()
+        state = vars(self).copy()
+        if self.fleet is not None:
+            state["_now"] = {}
+            for name in ("controller", "_pilot"):
+                state.pop(name, None)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy."""
+        vars(self).update(state)
+        if self.fleet is not None:
+            self.controller = self._make_controller()
+
+    def __copy__(self) -> NoReturn:
+        """Two environments that share one robot would both be wrong about it."""
+        raise SpidarError("copy.copy would share one robot; valid: copy.deepcopy(env)")
+
+    def _obey(self, fleet: Fleet) -> None:
+        """Let the engine's rules be those of the task, which may have become another."""
+        if self.task is not self._ruled:
+            self._rule(fleet)
+            self._ruled = self.task
+        fleet.rules["rules"]["horizon"] = self.horizon
+
+    def save_state(self) -> bytes:
+        """All that there is of this moment: the robot, the controller, the task, what is drawn next; nothing changes.
+
+        Raises:
+            SpidarError: When `reset` was never called, and where a law or a class of one's own keeps what no file
+                holds, such as a function or a network.
+        """
+        if not self._began:
+            raise SpidarError("there is no episode before reset(); valid: call reset() first")
+        known = {path: _remembered(part) for path, part in self._parts()}
+        words, numbers = pack_values(known, self._modules())
+        arrays = {"words": words, "numbers": numbers}
+        if self.fleet is not None:
+            self.plant.keep()
+            arrays["robot"] = np.frombuffer(saving.save(self.fleet, [0]), np.uint8)
+        return pack(TITLE, self._description(), arrays, sealed=True)
+
+    def restore_state(self, saved: bytes) -> tuple[np.ndarray, dict[str, Any]]:
+        """Go on from a moment that was saved, bit for bit as that environment would have.
+
+        Args:
+            saved: What `save_state` gave, of any environment of the same id and options, here or in another process.
+
+        Returns:
+            Observation and info of that moment.
+
+        Raises:
+            SpidarError: For bytes that are not what fits here, and nothing has changed.
+        """
+        told, arrays = _opened(saved)
+        for name, here in self._description().items():
+            if told.get(name) != here:
+                raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
+        known = unpack_values(arrays["words"], arrays["numbers"], self._modules())
+        parts = dict(self._parts())
+        _require_parts(known, parts)
+        fleet = self.fleet
+        if fleet is not None:
+            robot = arrays["robot"].tobytes() if "robot" in arrays else b""
+            self._restore_robot(fleet, known[_ROOT]["task"], robot)
+        for path, part in parts.items():
+            _recall(part, known[path])
+        if fleet is not None:
+            self._forget()
+        if self.render_mode == "human":
+            self.render()
+        return self._shown()
+
+    def _restore_robot(self, fleet: Fleet, task: Task, saved: bytes) -> None:
+        """Let the engine's robot be the saved one, whose task it may have to be told."""
+        before, rules = self.task, fleet.rules.copy()
+        self.task = task
+        try:
+            self._obey(fleet)
+            saving.restore(fleet, saved, [0])
+        except Exception:
+            self.task = before
+            self._obey(fleet)
+            fleet.rules[...] = rules
+            raise
+        self.plant.refresh()
+
+    def _parts(self) -> Iterator[tuple[str, Any]]:
+        """The environment itself, and what of it remembers something by itself, by the way that leads there."""
+        yield _ROOT, self
+        if self.fleet is None:
+            yield from _parts_of(self, "", set())
+
+    def _modules(self) -> set[str]:
+        """Modules that what is remembered may have its classes from: those of the environment and its controller."""
+        return {kind.__module__ for _, part in self._parts() for kind in type(part).__mro__ if kind is not object}
+
+    def _description(self) -> dict[str, Any]:
+        """What has to be the same where an episode is to go on."""
+        task, robot = self._made
+        kinds = [_name(type(part)) for path, part in self._parts() if path.startswith("controller")]
+        asked = {each.name: getattr(task, each.name) for each in fields(task) if each.name not in self.reset_options}
+        ground = robot.ground  # where it is drawn, the episode's
+        floor = ground.uneven, ground.boxed, ground.slope, ground.heading
+        mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
+        options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
+        options |= {name: getattr(self, name, None) for name in ("_config", "_randomization", "hold", "_is_waypoint")}
+        modules = {type(value).__module__ for value in (task, robot, getattr(self, "_config", None))}
+        content = pack_values({**options, "floor": floor, "mode": mode}, modules, shared=False)
+        return {
+            "environment": _name(type(self)),
+            "version": version(),
+            "controller": ", ".join([self._control, *kinds]),
+            "set of options": hashlib.sha256(b"".join(part.tobytes() for part in content)).hexdigest()[:16],
+            "length of an episode": self.horizon,
+        }
+
+    @abstractmethod
+    def render(self) -> Any:  # noqa: ANN401 - as Gymnasium has it
+        """A picture."""
+
+    @abstractmethod
+    def _make_controller(self) -> Any:  # noqa: ANN401 - a controller of the subclass
+        """The controller; in the engine's memory where the engine does all of it."""
+
+    @abstractmethod
+    def _rule(self, fleet: Fleet) -> None:
+        """Write the task into the engine's rules."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """What was read of the last tick is past."""
+
+    @abstractmethod
+    def _shown(self) -> tuple[np.ndarray, dict[str, Any]]:
+        """Observation and info of now."""
+
+
+def _parts_of(owner: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - an environment or a part of one
+    """Parts of an owner and their parts, each once, by the way that leads there."""
+    for name, value in vars(owner).items():
+        if isinstance(value, PARTS) and name not in _settled(owner) and id(value) not in seen:
+            seen.add(id(value))
+            yield path + name, value
+            if not isinstance(value, IN_BYTES):
+                yield from _parts_of(value, f"{path}{name}.", seen)
+
+
+def _settled(owner: Any) -> tuple[str, ...]:  # noqa: ANN401 - as above
+    """Attributes that its construction settles; where the engine does all of it, what only looks at that too."""
+    if isinstance(owner, Restorable):
+        return SETTLED if owner.fleet is None else (*SETTLED, "_now")
+    return next((names for kind, names in SETTLED_OF_PARTS.items() if isinstance(owner, kind)), ())
+
+
+def _names(part: Any) -> list[str]:  # noqa: ANN401 - as above
+    """Attributes in which it remembers something by itself."""
+    settled = _settled(part)
+    return [name for name, value in vars(part).items() if not (name in settled or isinstance(value, (*PARTS, Model)))]
+
+
+def _remembered(part: Any) -> dict[str, Any]:  # noqa: ANN401 - as above
+    """What it remembers, by name."""
+    if isinstance(part, Core):
+        return part.remembered()
+    if isinstance(part, Plant):
+        return vars(part.save())
+    return {name: getattr(part, name) for name in _names(part)}
+
+
+def _recall(part: Any, known: dict[str, Any]) -> None:  # noqa: ANN401 - as above
+    """Let it remember just that."""
+    if isinstance(part, Core):
+        part.recall(known)
+    elif isinstance(part, Plant):
+        part.restore(Saved(**known))
+    else:
+        for name in _names(part):
+            delattr(part, name)
+        vars(part).update(known)
+
+
+def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
+    """Raise `SpidarError` for what the parts of this environment cannot remember."""
+    fits = known.keys() == parts.keys() and "task" in known[_ROOT]
+    for path, part in parts.items() if fits else ():
+        told = known[path]
+        fits = fits and isinstance(told, dict) and not any(name in _settled(part) for name in told)
+        if isinstance(part, IN_BYTES) and fits:
+            sizes = [
+                {name: len(value) if isinstance(value, bytes) else 0 for name, value in each.items()}
+                for each in (_remembered(part), told)
+            ]
+            fits = sizes[0] == sizes[1]
+    if not fits:
+        raise SpidarError("the saved state is of other parts; valid: one of an environment with such a controller")
+
+
+def _opened(saved: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What a saved state says that it is of, and its arrays (`SpidarError` where it is none)."""
+    valid = "valid: the bytes that save_state() gave, all of them"
+    if not isinstance(saved, bytes):
+        raise SpidarError(f"a {type(saved).__name__} is no saved state; {valid}")
+    try:
+        told, arrays = unpack(TITLE, saved, sealed=True)
+    except BorderError as error:
+        raise SpidarError(f"this is no saved state, or a damaged one: {error}; {valid}") from error
+    if not (isinstance(told, dict) and {"words", "numbers"} <= arrays.keys()):
+        raise SpidarError(f"this is no saved state of an environment; {valid}")
+    return told, arrays
+
+
+def _name(kind: type) -> str:
+    """A class in a word; of another package with its module."""
+    own = kind.__module__.startswith("spidar_gym.")
+    return kind.__qualname__ if own else f"{kind.__module__}.{kind.__qualname__}"

@@ -1,0 +1,187 @@
+"""Pins copies and pickles of a vector: they go on beside it bit for bit, and neither moves the other."""
+
+import copy
+import pickle
+from typing import Any
+
+import gymnasium
+import jaxtyping
+import numpy as np
+import pytest
+from support.episodes import same
+from support.moments import HARDEST, ROUGH, copied, pickled
+
+from spidar_gym.envs.batch import length, tolerance
+from spidar_gym.envs.crawl.walks import WalkTask
+from spidar_gym.envs.hover.flights import FlightTask
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
+from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.errors import SpidarError
+
+MODES = ("NextStep", "SameStep", "Disabled")
+
+
+class Circles(FlightTask):
+    """A task with a memory, draws and a setting of its own."""
+
+    memory = (("radius", "f8"), ("gone", "f8", (2,)))
+    reward_terms = {"position": (0.7, "1 / (1 + (‖position error‖ / 0.05 m)²)"), "radius": (0.3, "r")}
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
+
+    def draw(self, rng):
+        return {"radius": rng.uniform(0.1, 0.3)}
+
+    def reference(self, flights):
+        wanted = super().reference(flights)
+        wanted["position_w"][:, 0] += flights.memory["radius"] * np.sin(self.rate * flights.time)
+        return wanted
+
+    def advance(self, flights):
+        super().advance(flights)
+        flights.memory["gone"] += np.abs(flights.position_error[:, :2])
+
+    def terms(self, flights):
+        off = length(flights.position_error) + 1e-3 * flights.memory["gone"].sum(axis=1)
+        return {"position": tolerance(off, 0.05), "radius": flights.memory["radius"]}
+
+
+class Wanders(WalkTask):
+    """A crawl's task with a memory."""
+
+    memory = (("asked", "f8"),)
+
+    def draw(self, rng):
+        return {"asked": rng.uniform()}
+
+
+TASKS = {HOVER: Circles(1.5), CRAWL: Wanders()}
+OWN = [
+    (name, task)
+    for name, task in ((HOVER, False), (PATH, False), (CRAWL, False), (COURSE, False), (HOVER, True), (CRAWL, True))
+]
+MANY = [pytest.param(name, task, mode, marks=pytest.mark.slow)
+        for (name, task), mode in zip(OWN, (*MODES, *MODES), strict=True)]  # fmt: skip
+"""With 64 robots, each mode twice."""
+
+
+def vector(name: str, robots: int, mode: str, *, own: bool = False, **options: Any) -> Any:
+    """One whose episodes end after 60 steps."""
+    asked: dict[str, Any] = {"max_episode_steps": 60, **ROUGH, **HARDEST[name], **options}
+    if own:
+        asked["task"] = copy.deepcopy(TASKS[name])
+    return gymnasium.make_vec(name, num_envs=robots, autoreset_mode=mode, **asked)
+
+
+def actions_for(env: Any, ticks: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-0.2, 0.2, (ticks, *env.action_space.shape))
+
+
+def taken(env: Any, actions: np.ndarray) -> list[Any]:
+    """What a step gives; the reset of those whose episode it ended, where they do not begin anew by themselves."""
+    found = [env.step(actions)]
+    over = found[0][2] | found[0][3]
+    if env.metadata["autoreset_mode"] is gymnasium.vector.AutoresetMode.DISABLED and over.any():
+        found.append(env.reset(options={"reset_mask": over}))
+    return found
+
+
+def went(env: Any, actions: np.ndarray) -> list[Any]:
+    return [taken(env, each) for each in actions]
+
+
+def side_by_side(envs: list[Any], actions: np.ndarray) -> None:
+    """Vectors that are stepped in turns do the same."""
+    for tick, each in enumerate(actions):
+        first, *others = [taken(env, each) for env in envs]
+        assert [same(first, other) for other in others] == [True] * len(others), tick
+    first, *others = (content(env.robots) for env in envs)
+    assert [first == other for other in others] == [True] * len(others)
+
+
+def content(record: np.ndarray) -> bytes:
+    """Bytes of a record without those between its members."""
+    if record.dtype.names is None:
+        return record.tobytes()
+    return b"".join(content(record[name]) for name in record.dtype.names)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("name", "own"), OWN)
+def test_copies_of_one_robot_go_on_beside_it_for_200_steps_bit_for_bit_in_every_mode(name, own, mode):
+    env = vector(name, 1, mode, own=own)
+    early = copied(env)  # of one that was never reset
+    for each in (env, early):
+        each.reset(seed=3)
+        went(each, actions_for(each, 20, seed=1))
+    side_by_side([env, copied(env), pickled(env), early], actions_for(env, 200, seed=2))
+
+
+@pytest.mark.parametrize(("name", "own", "mode"), MANY)
+def test_copies_of_64_robots_go_on_beside_them_for_200_steps_bit_for_bit(name, own, mode):
+    level = {"steps": 0.0} if name == CRAWL else {}  # to be laid on tiles takes each of them 70 ms
+    env = vector(name, 64, mode, own=own, num_threads=2, max_episode_steps=150, **level)
+    env.reset(seed=3)
+    went(env, actions_for(env, 20, seed=1))
+    side_by_side([env, copied(env), pickled(env)], actions_for(env, 200, seed=2))
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_what_a_copy_does_moves_nobody_and_closing_one_leaves_the_other_usable(own):
+    env = vector(HOVER, 3, "SameStep", own=own)
+    env.reset(seed=3)
+    actions = actions_for(env, 30)
+    expected = went(copied(env), actions)
+    for way in (copied, pickled):
+        wild = way(env)
+        wild.reset(seed=9, options={"forms": "form1", "disturbances": {"lost_rotor": 1}})
+        went(wild, actions_for(env, 5, seed=4))
+        wild.close()
+    left = pickled(env)
+    assert same(went(env, actions), expected)
+    env.close()
+    assert same(went(left, actions), expected)
+    with pytest.raises(SpidarError, match="is closed; valid: a copy made before"):
+        copy.deepcopy(env)
+
+
+def test_the_arrays_of_a_copy_show_its_own_robots():
+    env = vector(HOVER, 2, "NextStep", own=True)
+    env.reset(seed=0)
+    other = copied(env)
+    before = env.robots.tobytes(), {name: array.copy() for name, array in env.buffers.items()}
+    other.step(actions_for(env, 1)[0])
+    assert not any(np.shares_memory(env.buffers[name], other.buffers[name]) for name in env.buffers)
+    assert env.robots.tobytes() == before[0] != other.robots.tobytes()
+    assert all(np.array_equal(env.buffers[name], array) for name, array in before[1].items())
+    assert (other.buffers["observations"] != before[1]["observations"]).any()
+
+
+def test_a_copy_takes_along_who_is_led_and_what_was_given_to_one_robot():
+    env: Any = NativeVectorEnv(HOVER, 2, action_mode="direct")
+    env.fleet.ask_advice()
+    winds = [{"wind": 1.0}, {"lost_rotor": 2, "fault_time": 0.3}]
+    env.reset(seed=0, options={"disturbances": winds})
+    env.robots["is_led"] = 1
+    other = pickled(env)
+    side_by_side([env, other], actions_for(env, 30))
+    assert np.array_equal(env.robots["advice"]["thrust"], other.robots["advice"]["thrust"])
+    env.reset()
+    other.reset()
+    side_by_side([env, other], actions_for(env, 15, seed=1))
+
+
+@pytest.mark.parametrize("given", [None, "robots", 3])
+def test_what_is_no_bytes_is_no_saved_robot(given, monkeypatch):
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    env = NativeVectorEnv(HOVER, 1)
+    env.reset(seed=0)
+    with pytest.raises(SpidarError, match="no saved robots; valid: the bytes that save"):
+        env.restore(given)
+
+
+def test_a_pickle_of_64_robots_has_a_tenth_of_a_megabyte_each():
+    env = vector(HOVER, 64, "NextStep")
+    env.reset(seed=0)
+    assert len(pickle.dumps(env)) < 64 * 0.12e6
