@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spidar_gym.arrays import JointVector
 from spidar_gym.control.course.gates import CEILING
@@ -15,7 +16,6 @@ from spidar_gym.control.locomotion.commands import SPEEDS
 from spidar_gym.errors import require_name
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import Command, Residual
-
 
 
 def wrench_authority(robot: RobotSpec) -> np.ndarray:
@@ -37,7 +37,7 @@ LEG_AUTHORITY = 8.0
 """Force per axis and leg after the allocation [N]."""
 
 
-def authorities(robot: RobotSpec) -> dict[str, object]:
+def authorities(robot: RobotSpec) -> dict[str, ArrayLike]:
     """Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
     return {
         "wrench": wrench_authority(robot),

@@ -49,14 +49,14 @@ def make_flight_controller(
         MissingDependencyError: When the core is not compiled.
     """
     if choose_control(control, allocator, law) == "python":
-        controller: FlightController = (law or FlightController)(
-            config, Model(robot), allocator=allocator or Allocator
-        )
+        controller: FlightController = (law or FlightController)(config, Model(robot), allocator=allocator or Allocator)
         controller.preview = preview
         return controller
     if fleet is None:
         return CoreFlightController(config, Model(robot))
-    return CoreFlightController(config, Model(robot), record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0])
+    return CoreFlightController(
+        config, Model(robot), record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0]
+    )
 
 
 def choose_control(control: str | None, allocator: type[Allocator] | None = None, law: type | None = None) -> str:

@@ -88,8 +88,8 @@ class SpidarEnv(
             joint_speed: Speed limit of the joint servos [rad/s].
             control: `python` or `core`.
             idle_thrust: Least commanded thrust of a module [N].
-            robot: A robot of one's own, which controller and simulator know: a `RobotSpec`, its numbers by name, or a TOML
-                file of these; the nominal one by default.
+            robot: A robot of one's own, which controller and simulator know: a `RobotSpec`, its numbers by name, or a
+                TOML file of these; the nominal one by default.
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
             wake: Whether there is air: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.

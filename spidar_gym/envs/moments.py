@@ -37,9 +37,9 @@ PARTS = (ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, P
 IN_BYTES = (Core, Plant)
 """Those of them that the library remembers for."""
 SETTLED = (
-    "view", "robot", "layout", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold", "most_steps",
-    "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled", "_config",
-    "_allocator", "_law", "_is_waypoint", "_made",
+    "view", "robot", "layout", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
+    "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
+    "_config", "_allocator", "_law", "_is_waypoint", "_made",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}

@@ -5,7 +5,13 @@ from collections.abc import Collection
 from typing import Any, Protocol, runtime_checkable
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
-from spidar_gym.errors import InvalidValueError, UnknownArgumentError, require_arguments, require_instance, require_least
+from spidar_gym.errors import (
+    InvalidValueError,
+    UnknownArgumentError,
+    require_arguments,
+    require_instance,
+    require_least,
+)
 from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
 

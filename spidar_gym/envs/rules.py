@@ -44,7 +44,7 @@ def action_mode(mode: ActionMode, robot: RobotSpec) -> np.ndarray:
     record["size"], record["is_direct"] = mode.size, mode.residual is None
     if mode.residual is not None:
         record["channels"] = sum(1 << CHANNELS.index(channel.name) for channel in mode.channels)
-        known: dict[str, Any] = authorities(robot)
+        known = authorities(robot)
         authority = [np.broadcast_to(known[each.name], each.size) for each in mode.channels]
         record["authority"][: mode.size] = np.concatenate(authority)
     return record

@@ -18,9 +18,7 @@ RENDER_MODES = ("human", "rgb_array", "depth_array")
 class View:
     """How a robot is looked at."""
 
-    def __init__(
-        self, mode: str | None, camera: str, width: int, height: int, robot: RobotSpec = ROBOT
-    ) -> None:
+    def __init__(self, mode: str | None, camera: str, width: int, height: int, robot: RobotSpec = ROBOT) -> None:
         """Choose.
 
         Args:

@@ -108,7 +108,7 @@ class Model:
         )
 
     def __reduce__(self) -> tuple[type["Model"], tuple[RobotSpec]]:
-        """A copy is another one of the same robot: there is nothing else to take along, and a copied view would show nobody's memory."""
+        """A copy is another model of the same robot: a copied view would show nobody's memory."""
         return type(self), (self.robot,)
 
     def snapshot(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> Snapshot:

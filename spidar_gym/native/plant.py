@@ -113,7 +113,7 @@ class Plant:
         return self.config.substeps * TIMESTEP
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot from the next reset on (`InvalidValueError` for another description or kind of floor)."""
+        """Become another robot from the next reset on (`InvalidValueError` for another spec or kind of floor)."""
         if config.robot != self._engine.robot:
             raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the description of the beginning")
         kinds = [(each.uneven, each.boxed) for each in (config.ground, self.config.ground)]

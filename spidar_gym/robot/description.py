@@ -379,7 +379,12 @@ def assets_readme(spec: RobotSpec = ROBOT) -> str:
 def generated_files() -> dict[str, str]:
     """Every generated asset: path relative to assets/ → text (`InvalidValueError` for a robot of another kind)."""
     require_kind()
-    return {"mjcf/spidar.xml": mjcf(), "urdf/spidar.urdf": urdf(), "README.md": assets_readme()}
+    return {**robot_files(ROBOT), "README.md": assets_readme()}
+
+
+def robot_files(spec: RobotSpec) -> dict[str, str]:
+    """MJCF and URDF of a robot: path → text."""
+    return {"mjcf/spidar.xml": mjcf(spec), "urdf/spidar.urdf": urdf(spec)}
 
 
 def assets_dir() -> Path:

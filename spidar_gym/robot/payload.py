@@ -24,7 +24,7 @@ class Payload:
     size: Three = (0.06, 0.06, 0.06)
     """Edges of the box that it is, along the axes of that frame [m]; it is drawn, and touches nothing."""
     inertia: Six | None = None
-    """xx, yy, zz, xy, xz, yz about its centre, axes of that frame [kg m²]; those of an evenly heavy box if not given."""
+    """xx, yy, zz, xy, xz, yz about its centre, axes of that frame [kg m²]; an even box's if not given."""
 
     def __post_init__(self) -> None:
         """Refuse what is fixed to nothing and what is no rigid body; numbers become floats."""
@@ -43,7 +43,7 @@ class Payload:
         if not (principal[0] > 0.0 and principal[0] + principal[1] >= principal[2] * (1.0 - 1e-9)):
             raise InvalidValueError(
                 "payload: inertia", self.inertia,
-                "xx, yy, zz, xy, xz, yz of a rigid body [kg m²]: positive definite, no moment above the other two's sum",
+                "xx, yy, zz, xy, xz, yz of a rigid body [kg m²]: positive, no moment above the sum of the others",
             )  # fmt: skip
 
     @property

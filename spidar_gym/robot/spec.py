@@ -86,8 +86,8 @@ class RobotSpec:
     yaw_to_pitch: float = 0.0515
     """From a yaw axis to the pitch axis of the same junction [JSK]."""
     pitch_to_yaw: float = 0.523
-    """From the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link is stretched
-    along it, and so heavier."""
+    """From the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link is
+    stretched along it, and so heavier."""
     pitch_to_foot: float = 0.5115
     """From the outer pitch axis to the centre of the foot sphere [JSK]; a longer outer link likewise."""
     foot_radius: float = 0.04
@@ -168,7 +168,7 @@ class RobotSpec:
     """Sliding friction of pegs and ducts [estimate]: 0.4 … 0.8."""
 
     part_masses: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
-    """Masses of parts of this robot in place of those of `PARTS` [kg], by name, as they really are: `total_mass` follows.
+    """Masses of parts of this robot in place of those of `PARTS` [kg], by name, as they are: `total_mass` follows.
     A mapping becomes sorted pairs."""
     payloads: tuple[Payload, ...] = ()
     """What it carries, besides: bodies that are fixed to torso or links."""

@@ -16,7 +16,14 @@ LIFTED = 0.8
 """A robot weighs at most this share of what its rotors lift: the rest steers."""
 KIND = {"legs": 4, "links": 8, "rotors": 8, "joints": 16}
 """What every robot has."""
-NOT_NEGATIVE = ("idle_thrust", "joint_armature", "joint_damping", "joint_friction", "vectoring_armature", "vectoring_kd")
+NOT_NEGATIVE = (
+    "idle_thrust",
+    "joint_armature",
+    "joint_damping",
+    "joint_friction",
+    "vectoring_armature",
+    "vectoring_kd",
+)
 ANY_SIGN = ("yaw_axis_z", "peg_top")
 PLACES = ("pitch_axis_offset", "inner_battery", "outer_battery", "flight_controller", "computer")
 """Points, whose numbers may have any sign."""
@@ -28,7 +35,7 @@ def own_masses(given: object, parts: Mapping[str, Any]) -> tuple[tuple[str, floa
     if not (isinstance(pairs, Sequence) or isinstance(given, Mapping)):
         raise InvalidValueError("part_masses", given, "masses [kg] by part")
     try:
-        masses = {name: mass for name, mass in pairs}  # pyright: ignore[reportGeneralTypeIssues] # noqa: C416
+        masses = {name: mass for name, mass in pairs}  # pyright: ignore[reportGeneralTypeIssues]
     except (TypeError, ValueError):
         raise InvalidValueError("part_masses", given, "masses [kg] by part") from None
     for name, mass in masses.items():
@@ -49,8 +56,8 @@ def read_spec(given: object, described: Mapping[str, Any], parts: Mapping[str, A
     if isinstance(given, str | Path):
         given = _read(Path(given))
     for name, count in KIND.items():
-        for key in (name, f"n_{name}") if isinstance(given, Mapping) else ():
-            if key in given:
+        for key in (name, f"n_{name}"):
+            if isinstance(given, Mapping) and key in given:
                 raise InvalidValueError(key, given[key], f"nothing: a robot has {count} {name}, as every one here")
     found = dict(require_keys("robot", "number of the robot", given, list(described)))
     return {name: _value(name, value, described[name], parts) for name, value in found.items()}

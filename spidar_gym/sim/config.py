@@ -34,7 +34,7 @@ class PlantConfig:
     ground: GroundConfig = field(default_factory=GroundConfig)
     """The floor."""
     robot: RobotSpec = ROBOT
-    """Which robot it is; the numbers above are how far it is from its description. `PlantConfig.of` begins with none."""
+    """Which robot it is; the numbers above are how far it is from that; `PlantConfig.of` begins with none."""
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "PlantConfig":

@@ -81,7 +81,10 @@ class Both:
             one += [self.data.site(name).xpos.copy(), *(self.turned(each.T) for each in J)]
             frame = self.pin.getFrameId(name)
             both = pin.getFrameJacobian(self.pin, self.work, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            two += [self.work.oMf[frame].translation.copy(), *(each.T for each in both[:, self.pin_dofs].reshape(2, 3, -1))]
+            two += [
+                self.work.oMf[frame].translation.copy(),
+                *(each.T for each in both[:, self.pin_dofs].reshape(2, 3, -1)),
+            ]
         return np.vstack(one), np.vstack(two)
 
     def coms(self):

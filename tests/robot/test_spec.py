@@ -138,7 +138,9 @@ def test_forms_are_the_papers_three():
 
 def test_every_number_of_the_robot_has_a_documented_value_and_source():
     rows = spec_rows()
-    assert [name for name, _, _ in rows] == [f.name for f in fields(RobotSpec) if f.name not in ("part_masses", "payloads")]
+    assert [name for name, _, _ in rows] == [
+        f.name for f in fields(RobotSpec) if f.name not in ("part_masses", "payloads")
+    ]
     for name, value, doc in rows:
         assert value == str(getattr(ROBOT, name))
         assert re.search(r"\[(JSK|estimate|Dynamixel|Zhao2025, (Tab\. 1|Sec\. [\w ]+))\]", doc), name

@@ -104,8 +104,8 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         # A floor with boxes has to be one from the beginning; which they are is drawn at every reset.
         robot = replace(robot, ground=_built(task.draw(np.random.Generator(np.random.PCG64(0)))))
         super().__init__(
-            mode, course_layout(mode.size, described), joint_speed=max(task.joint_speed, task.crawl_speed), control=control,
-            plant=robot, **shared,
+            mode, course_layout(mode.size, described), joint_speed=max(task.joint_speed, task.crawl_speed),
+            control=control, plant=robot, **shared,
         )  # fmt: skip
 
     def _make_controller(self) -> Any:  # noqa: ANN401 - either manager

@@ -90,7 +90,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         # A floor of tiles has to be one from the beginning; the heights are drawn at every reset.
         robot = replace(robot, ground=task.ground(np.random.Generator(np.random.PCG64(0)), robot.ground))
         super().__init__(
-            mode, crawl_layout(mode.size, described), joint_speed=config.joint_speed, control=control, plant=robot, **shared,
+            mode, crawl_layout(mode.size, described), joint_speed=config.joint_speed, control=control, plant=robot,
+            **shared,
         )  # fmt: skip
 
     def _make_controller(self) -> CrawlControl:
