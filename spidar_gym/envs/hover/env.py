@@ -80,7 +80,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         own, shared = split_options(SpidarEnv, HoverEnv, self.task_type, options)
         robot = described_robot(shared)
         if robot != ROBOT:
-            own = dict[str, Any](joint_speed=robot.joint_speed, height=hover_height(robot)) | own
+            own = dict[str, Any](joint_speed=robot.joint_speed, altitude=hover_height(robot)) | own
         self.task = self.task_type(**own)
         joint_speed = self.task.joint_speed
         mode = find_action_mode(action_mode, action_modes(robot))

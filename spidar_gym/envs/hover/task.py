@@ -36,7 +36,7 @@ RANGES = {
     # All forms are drawn before the episode begins, a day's in a second.
     "horizon_s": (1e-3, 86400.0, "s"),
     "perturbation": (0.0, 1e3, "1"),
-    "height": (0.0, 1e3, "m"),
+    "altitude": (0.0, 1e3, "m"),
 }
 """Least and largest number of each argument, and its unit."""
 START = {
@@ -190,14 +190,14 @@ class HoverTask:
     """Whether rotors are restricted; False is the paper's baseline method."""
     unrestricted: Sequence[Sequence[float]] = ()
     """Windows of time `(start, end)` in which no rotor is restricted [s], as in the paper's flight."""
-    height: float | None = None
+    altitude: float | None = None
     """Height of the CoG [m]; if not given, that which leaves the feet of form ③ half a metre above the floor."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be flown."""
         require_name("form sequence", self.forms, SEQUENCES)
         for name, bounds in RANGES.items():
-            if name == "height" and self.height is None:
+            if name == "altitude" and self.altitude is None:
                 continue
             require_within(*bounds, **{name: getattr(self, name)})
             object.__setattr__(self, name, float(getattr(self, name)))
@@ -212,7 +212,7 @@ class HoverTask:
     @cached_property
     def position_w(self) -> Vector3:
         """Desired position of the CoG [m]."""
-        return np.array([0.0, 0.0, hover_height() if self.height is None else self.height])
+        return np.array([0.0, 0.0, hover_height() if self.altitude is None else self.altitude])
 
     def schedule(self, rng: np.random.Generator) -> list[FormGoal]:
         """The episode's forms in order; the first one is the initial form, reached at time 0."""
