@@ -7,7 +7,7 @@ import sys
 
 import gymnasium
 import numpy as np
-import spidar_gym
+
 from spidar_gym.robot import ROBOT, RobotSpec
 
 LONG = RobotSpec(pitch_to_foot=1.2 * ROBOT.pitch_to_foot)

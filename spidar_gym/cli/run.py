@@ -40,7 +40,7 @@ from spidar_gym.policies.policy import (
 )
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import Step, rollout
-from spidar_gym.policies.source import ZIP
+from spidar_gym.policies.source import ZIP, load_module, split_name
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import TERRAINS
@@ -64,6 +64,8 @@ class TaskOptions:
 
     preset: AnyPresetArg = None
     """Controller; the environment's own if not given."""
+    task: str | None = None
+    """A task of your own in place of the environment's, module:Class, whose file runs (hover, path, crawl)."""
     action_mode: ModeArg = None
     """What an action means; the environment's own if not given."""
     joint_speed: float | None = None
@@ -199,6 +201,8 @@ def _player(
     if trust and spec is not None and spec.endswith(ZIP):
         print(f"spidar: warning: {spec} is trusted: whatever code is in it runs now", file=sys.__stderr__)
     policy = None if spec is None else load_policy(spec, trust=trust)
+    if "task" in given:
+        load_module(split_name("task", given["task"])[0])  # from the folder that one works in
     if env_id == COURSE and policy is None:  # who adds nothing to the rule goes by it
         given = {"action_mode": "residual", **given}
     env = gymnasium.make(env_id, **given, **_chosen(policy, spec, env_id, given), **shared)

@@ -9,7 +9,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.errors import InvalidValueError, SpidarError
 
 
 class Robots(ABC):
@@ -56,6 +58,32 @@ class Robots(ABC):
         return self.robots["plant"]["power"]
 
     @property
+    def payload(self) -> np.ndarray:
+        """Mass of what the torso carries (N,) [kg]."""
+        return self.robots["plant"]["config"]["body"]["payload_mass"]
+
+    def load(self, ids: np.ndarray, mass: Any, position_b: Any = (0.0, 0.0, 0.0)) -> None:  # noqa: ANN401 - numbers or arrays
+        """Let torsos carry point masses from the next tick on, until their episodes end; 0 kg puts them down.
+
+        Args:
+            ids: Whose, numbers or flags (N,).
+            mass: [kg], one for all of them or one for each.
+            position_b: Where, torso axes (3,) or (…, 3) [m].
+
+        Raises:
+            SpidarError: For a task that does not say that it `loads`.
+            InvalidValueError: For a mass below 0, or numbers that are none.
+        """
+        if not self.fleet.has_own_copies:
+            raise SpidarError("these robots share one model; valid: a task with loads = True")
+        ids = np.flatnonzero(ids) if np.asarray(ids).dtype == bool else np.asarray(ids, int)
+        mass, position = np.broadcast_to(mass, ids.shape), np.broadcast_to(position_b, (*ids.shape, 3))
+        if not (np.isfinite(mass).all() and (mass >= 0.0).all() and np.isfinite(position).all()):
+            raise InvalidValueError("load", (mass.tolist(), position.tolist()), "masses from 0 kg on, at numbers in m")
+        if ids.size:
+            self.fleet.load(ids, mass, position)
+
+    @property
     def action(self) -> np.ndarray:
         """Last actions, in [−1, 1], (N, size of an action)."""
         return self.robots["episode"]["action"][:, : self._size]
@@ -90,10 +118,19 @@ class VectorTask(ABC, Generic[R]):
     """Why an episode may be over, and what the words mean; `diverged` is the engine's own."""
     memory: tuple[tuple[Any, ...], ...] = ()
     """What the task keeps of a robot, as numpy has it: name, kind, shape; zero when an episode begins."""
+    fields: tuple[Field, ...] = ()
+    """What a policy sees besides what the environment shows, at the end of its observation."""
+    loads: bool = False
+    """Whether it has robots carry things (`Robots.load`): each then has a model of its own."""
 
     def draw(self, rng: np.random.Generator) -> Mapping[str, Any]:
         """Numbers of the memory that an episode begins with, drawn after all that the environment draws."""
         del rng
+        return {}
+
+    def observe(self, robots: R, /) -> Mapping[str, np.ndarray]:
+        """What `fields` says, by name: (N,) or (N, size) each, in its unit; it is clipped to its bounds."""
+        del robots
         return {}
 
     @abstractmethod

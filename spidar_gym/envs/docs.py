@@ -283,6 +283,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
         "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
+        "task": "a task of one's own: a `FlightTask` or a `WalkTask`, its class or its name; of a course there is none",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
         "wake": "air: jets between the rotors, drag, ground effect",
@@ -302,7 +303,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
 
 def _names(own: Chapter) -> str:
     """Arguments that are options of `reset` too, in words."""
-    return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization"))
+    return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization", "task"))
 
 
 def pages() -> dict[str, str]:

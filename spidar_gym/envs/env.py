@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -18,8 +18,10 @@ from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.orders import Orders
 from spidar_gym.envs import rules, single
 from spidar_gym.envs.actions import ActionMode
+from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.judge import Judge, find_task, require_task
 from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
@@ -59,6 +61,8 @@ class SpidarEnv(
     """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
     hold: int = 1
     """Control periods of a step."""
+    kind: ClassVar[str]
+    """Struct of a robot in the engine."""
 
     def __init__(
         self,
@@ -67,6 +71,7 @@ class SpidarEnv(
         *,
         joint_speed: float,
         control: str,
+        task: VectorTask[Any] | type[VectorTask[Any]] | str | None = None,
         idle_thrust: float = 0.0,
         robot: RobotSpec | str | Path | Mapping[str, Any] | None = None,
         plant: PlantConfig | None = None,
@@ -87,6 +92,8 @@ class SpidarEnv(
             layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
             control: `python` or `core`.
+            task: A task of one's own in place of the built-in one: a `FlightTask` or a `WalkTask`, its class, or the
+                class's name, `module:Class`.
             idle_thrust: Least commanded thrust of a module [N].
             robot: A robot of one's own, which controller and simulator know: a `RobotSpec`, its numbers by name, or a
                 TOML file of these; the nominal one by default.
@@ -116,6 +123,14 @@ class SpidarEnv(
         """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, self.robot.max_thrust, "N", idle_thrust=idle_thrust)
+        self.own_task: VectorTask[Any] | None = find_task(task)
+        """The task of one's own; None where the built-in one is done."""
+        self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
+        if self.own_task is not None:
+            own = self.own_task
+            require_task(own, self.kind, self._arguments)
+            self.reward_terms, self.failures = own.reward_terms, tuple(own.failures)
+            layout = (*layout, *own.fields)
         self._mode, self.layout = mode, layout
         self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
@@ -134,8 +149,7 @@ class SpidarEnv(
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
-        self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
-        high = self._bound.astype(np.float32)
+        high = np.concatenate([np.full(f.size, f.bound) for f in layout]).astype(np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self._now: dict[str, Any] = {}
         self.ticks = 0
@@ -156,7 +170,11 @@ class SpidarEnv(
 
     def _furnish(self, *, native: bool) -> None:
         """Make robot and controller."""
+        if not native and self.own_task is not None:
+            valid = "None beside a law, an allocator or a page of one's own in Python: the core flies"
+            raise InvalidValueError("task", self.own_task, valid)
         self.fleet = self.make_fleet(1) if native else None
+        self._judge = self.judge(self.fleet)
         self._ruled = self.task
         self.plant = Plant(self._nominal, engine=None if self.fleet is None else self.fleet.engine)
         self.controller = self._make_controller()
@@ -196,6 +214,11 @@ class SpidarEnv(
     def seen(self) -> RobotState:
         """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
         return self._known("seen" if self._nominal.sense else "state")
+
+    @property
+    def _loads(self) -> bool:
+        """Whether robots get a model of their own because their task has them carry things."""
+        return self.own_task is not None and self.own_task.loads
 
     @property
     def progress(self) -> ProgressT:
@@ -279,7 +302,7 @@ class SpidarEnv(
 
     def _shown(self) -> tuple[np.ndarray, dict[str, Any]]:
         if self.fleet is not None:
-            return self.fleet.observations[0].copy(), self.tell(self.fleet)
+            return (self._judge or self.fleet).observations[0].copy(), self.tell(self.fleet)
         info = self._info(self._failure)
         has_diverged = self._failure == "diverged"
         return np.zeros(len(self._bound), np.float32) if has_diverged else self._observation(), info
@@ -331,6 +354,7 @@ class SpidarEnv(
             record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
             horizon=self.horizon, truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
+        record["rules"]["is_judged"] = self.own_task is not None
 
     @abstractmethod
     def _make_controller(self) -> ControllerT:
@@ -352,7 +376,7 @@ class SpidarEnv(
         self._obey(fleet)
         fleet.disturb(0, self._disturbances)
         self._prepare(fleet)
-        single.begin(fleet, self.np_random)
+        single.begin(fleet, self._judge, self.np_random)
         self.plant.reread()
         self._forget()
         self.sampled_parameters = single.drawn(fleet) if self._randomization.draws else {}
@@ -362,13 +386,18 @@ class SpidarEnv(
         fleet.actions[0] = action
         self._forget()
         self.ticks += 1
-        fleet.step()
-        info = self.tell(fleet)
+        (self._judge or fleet).step()
+        observation, info = self._shown()
         if self.render_mode == "human":
             self.render()
-        return fleet.observations[0].copy(), float(fleet.rewards[0]), bool(fleet.terminated[0]), False, info
+        return observation, float(fleet.rewards[0]), bool(fleet.terminated[0]), False, info
+
+    def judge(self, fleet: Fleet | None, before: Judge | None = None) -> Judge | None:
+        """Who judges these robots by the task of one's own, if there is one; as `Judge`."""
+        task: Any = self.task
+        return None if self.own_task is None or fleet is None else Judge(self.own_task, fleet, task, before)
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
         draws = single.drawn(fleet, robot) if self._randomization.draws else {}
-        return single.info(fleet, self.reward_terms, self.failures, robot) | {"randomization": draws}
+        return single.info(fleet, self.reward_terms, self.failures, robot, self._judge) | {"randomization": draws}

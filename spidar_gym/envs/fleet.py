@@ -102,6 +102,18 @@ class Fleet:
         """Say what happens to a robot from its next episode on."""
         fill(self.robots[robot]["episode"]["disturbances"], disturbances)
 
+    def load(self, ids: np.ndarray, mass: np.ndarray, position_b: np.ndarray) -> None:
+        """Let torsos carry point masses from the next tick on, until their episodes end.
+
+        Args:
+            ids: Whose.
+            mass: [kg], an entry for each of them.
+            position_b: Where, torso axes (…, 3) [m].
+        """
+        configs = self.robots["plant"]["config"].copy()
+        configs["body"]["payload_mass"][ids], configs["body"]["payload_position"][ids] = mass, position_b
+        self.engine.configure(configs, np.unique(ids), goes_on=True)
+
     def begin_with(self, robot: int, start: FlightStart | None) -> None:
         """Say what a flight begins with and goes through from its next episode on; None has it drawn."""
         record = self.robots[robot]

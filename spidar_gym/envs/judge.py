@@ -1,6 +1,8 @@
 """Lets a task in NumPy refer, preview and judge the robots of a fleet in place of the built-in one in C."""
 
+import importlib
 from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -8,56 +10,130 @@ import numpy as np
 from spidar_gym.envs.batch import Robots, VectorTask, check_weights, weighted
 from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine_structs import AUTORESETS
 
-TASKS = {"hover": "an object of a class derived from FlightTask", "crawling": "one of a class derived from WalkTask"}
+TASKS = {
+    "hover": "an object of a class derived from FlightTask",
+    "crawling": "an object of a class derived from WalkTask",
+    "coursing": "None: a course is judged by its own task",
+}
 """What a task of one's own is, by the robots that it judges."""
+
+
+def require_task(task: object, kind: str, names: Iterable[str] = ()) -> None:
+    """Refuse what is no task for robots of a kind.
+
+    Args:
+        task: A user's.
+        kind: `hover`, `crawling` or `coursing`.
+        names: Arguments of the environment, which options of the task may not be called.
+
+    Raises:
+        InvalidValueError: For a task of other robots, weights that do not add up to 1, failures without `diverged`, and
+            options with the name of an argument.
+    """
+    if not (isinstance(task, VectorTask) and task.robots.kind == kind):
+        raise InvalidValueError("task", task, TASKS[kind])
+    if not check_weights(task):
+        raise InvalidValueError("reward_terms", dict(task.reward_terms), "weights that add up to 1")
+    if "diverged" not in task.failures:
+        raise InvalidValueError("failures", list(task.failures), "diverged among them: the engine says that")
+    twice = sorted({*task_options(task)} & {*names})
+    if twice:
+        raise InvalidValueError("task", type(task).__name__, f"one whose options are not called {', '.join(twice)}")
+
+
+def find_task(task: object) -> Any:  # noqa: ANN401 - whatever a user gives
+    """A task of one's own, or the one of a class that is given, by its name `module:Class` too; None stays None.
+
+    Raises:
+        InvalidValueError: For a name that leads to no class.
+    """
+    if isinstance(task, str):
+        module, _, name = task.partition(":")
+        try:
+            task = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise InvalidValueError("task", task, f"module:Class of a task that Python finds ({error})") from None
+    return task() if isinstance(task, type) and issubclass(task, VectorTask) else task
+
+
+def task_options(task: object) -> tuple[str, ...]:
+    """Options of a task of one's own, where it is a dataclass: `reset` takes them too."""
+    return tuple(f.name for f in fields(task) if f.init) if is_dataclass(task) else ()
 
 
 class Judge:
     """A task of a user's own over a fleet: it writes the fleet's arrays as the engine does."""
 
-    def __init__(self, task: VectorTask[Any], fleet: Fleet, own: HoverTask | CrawlTask) -> None:
+    def __init__(
+        self, task: VectorTask[Any], fleet: Fleet, own: HoverTask | CrawlTask, before: "Judge | None" = None
+    ) -> None:
         """Take over.
 
         Args:
-            task: What the robots are to do.
-            fleet: Robots at no episode yet.
+            task: What the robots are to do, one that `require_task` takes.
+            fleet: Robots at no episode yet, whose rules say that they are judged.
             own: The environment's own task: its options.
-
-        Raises:
-            InvalidValueError: For a task of other robots, weights that do not add up to 1, and failures without
-                `diverged`.
+            before: Who judged as many robots until now; these go on in its arrays, where clients look.
         """
-        if not (isinstance(task, VectorTask) and task.robots.kind == fleet.kind):
-            raise InvalidValueError("task", task, TASKS[fleet.kind])
-        if not check_weights(task):
-            raise InvalidValueError("reward_terms", dict(task.reward_terms), "weights that add up to 1")
-        if "diverged" not in task.failures:
-            raise InvalidValueError("failures", list(task.failures), "diverged among them: the engine says that")
-        rules = fleet.rules["rules"]
-        rules["is_judged"] = True
-        self.task, self._fleet = task, fleet
+        rules, robots = fleet.rules["rules"], len(fleet.robots)
+        self.task, self._fleet, self._own = task, fleet, own
         """What the robots are to do."""
         self._weights, self._words = [weight for weight, _ in task.reward_terms.values()], list(task.failures)
-        self._same_step = AUTORESETS[int(rules["autoreset"])] == "same_step"
-        robots = len(fleet.robots)
-        memory = np.zeros(robots, np.dtype([*task.memory, ("_task", "u1")]))
+        self._autoreset = AUTORESETS[int(rules["autoreset"])]
+        self._memory = np.zeros(robots, np.dtype([*task.memory, ("_task", "u1")]))
         self.terms, self.final_terms = (np.zeros((robots, len(self._weights))) for _ in range(2))
         """Terms of the reward, in the order of the task's table."""
-        fleet.extras += [memory, self.terms]
+        self.is_given = np.zeros(robots, bool) if before is None else before.is_given
+        """Whose start a user has given, which goes before the task's."""
+        self._bound = np.concatenate([[], *(np.full(f.size, f.bound) for f in task.fields)])
+        size = int(rules["size"]) + len(self._bound)
+        self._seen, self._final = (np.zeros((robots, size), np.float32) for _ in range(2))
+        if before is not None:
+            self._seen, self._final = before._seen, before._final
+        fleet.extras += [self._memory, self.terms, self.is_given, self._seen]
         fleet.task = f"{type(task).__module__}.{type(task).__qualname__}"
-        self._memory, self._own = memory, own
         self._draws = type(task).draw is not VectorTask.draw
+        self._starts = isinstance(task, FlightTask) and type(task).start is not FlightTask.start
+
+    @property
+    def observations(self) -> np.ndarray:
+        """What the engine shows, and the task's own fields after it, an array that is written anew at every step."""
+        return self._seen if len(self._bound) else self._fleet.observations
+
+    @property
+    def final_observations(self) -> np.ndarray:
+        """The same where an episode has ended and the next has begun in the same step."""
+        return self._final if len(self._bound) else self._fleet.final_observations
 
     def _robots(self) -> Any:  # noqa: ANN401 - what its task is told
         make: Any = self.task.robots
         return make(self._fleet, self._memory, self._own)
 
-    def begin(self, ids: np.ndarray) -> None:
+    def reset(self, ids: np.ndarray | None = None) -> None:
+        """Let robots begin an episode, all if not said."""
+        ids = np.arange(len(self._memory)) if ids is None else ids
+        self._prepare(ids)
+        self._fleet.reset(ids)
+        self._begin(ids)
+
+    def _prepare(self, ids: np.ndarray) -> None:
+        """Say what episodes that are about to begin begin with, where the task does."""
+        if not self._starts:
+            return
+        task: Any = self.task
+        for k in ids[~self.is_given[ids]].tolist():
+            episode = self._fleet.robots[k]["episode"]
+            rng = to_numpy(episode["generator"])
+            self._fleet.begin_with(k, task.start(rng, self._own))
+            episode["generator"] = from_numpy(rng)
+
+    def _begin(self, ids: np.ndarray) -> None:
         """Go on where the engine has reset robots."""
         fleet, task = self._fleet, self.task
         self._memory[ids] = 0
@@ -72,12 +148,15 @@ class Judge:
         robots.begin(task, ids)
         self.terms[ids] = self._terms(robots)[ids]
         fleet.infos["is_success"][ids] = False
+        self._observe(robots, ids)
 
     def step(self) -> None:
         """One control period of all robots."""
         fleet, task, robots = self._fleet, self.task, self._robots()
         rules, records = fleet.rules["rules"], fleet.robots
         episode = records["episode"]
+        if self._starts and self._autoreset == "next_step":
+            self._prepare(np.flatnonzero(episode["over"]))
         fleet.begun[:] = False
         fleet.step()
         begun = np.flatnonzero(fleet.begun)
@@ -101,16 +180,37 @@ class Judge:
         fleet.terminated[:], fleet.truncated[:] = failure >= 0, truncated
         robots.aim(task)
         if begun.size:
-            self.begin(begun)
+            self._begin(begun)
         fleet.show()
-        if self._same_step and over.any():
+        self._observe(robots)
+        if self._autoreset == "same_step" and over.any():
             fleet.final_observations[over], fleet.final_infos[over] = fleet.observations[over], fleet.infos[over]
-            self.final_terms[over] = self.terms[over]
+            self.final_terms[over], self._final[over] = self.terms[over], self._seen[over]
             ids = np.flatnonzero(over)
             rewards, ends = fleet.rewards[ids], (fleet.terminated[ids], fleet.truncated[ids])
-            fleet.reset(ids)
+            self.reset(ids)
             fleet.rewards[ids], (fleet.terminated[ids], fleet.truncated[ids]) = rewards, ends
-            self.begin(ids)
+
+    def _observe(self, robots: Robots, ids: np.ndarray | None = None) -> None:
+        """Write what is seen: the engine's part, and the task's own."""
+        if not len(self._bound):
+            return
+        task, chosen = self.task, slice(None) if ids is None else ids
+        shown = self._fleet.observations
+        given = task.observe(robots)
+        names = [f.name for f in task.fields]
+        if not isinstance(given, dict) or given.keys() != {*names}:
+            raise InvalidValueError("observe", given, f"a dictionary with an array for each of {', '.join(names)}")
+        own = []
+        for f in task.fields:
+            values = np.asarray(given[f.name], float)
+            shape = len(robots), f.size
+            if values.shape not in (shape, shape[:1] if f.size == 1 else shape):
+                raise InvalidValueError(f"observe: {f.name}", values.shape, f"an array of shape {shape}")
+            own.append(values.reshape(shape))
+        seen = np.clip(np.concatenate(own, axis=1), -self._bound, self._bound)
+        seen[robots.robots["plant"]["diverged"] != 0] = 0.0
+        self._seen[chosen, : shown.shape[1]], self._seen[chosen, shown.shape[1] :] = shown[chosen], seen[chosen]
 
     def _terms(self, robots: Robots) -> np.ndarray:
         found = _rows(self.task.terms(robots), self.task.reward_terms, "terms", len(robots))

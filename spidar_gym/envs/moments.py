@@ -22,6 +22,7 @@ from spidar_gym.control.readable import ReadableController
 from spidar_gym.envs import saving
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.judge import task_options
 from spidar_gym.envs.options import Task
 from spidar_gym.envs.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
@@ -39,7 +40,7 @@ IN_BYTES = (Core, Plant)
 SETTLED = (
     "view", "robot", "layout", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
     "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
-    "_config", "_allocator", "_law", "_is_waypoint", "_made",
+    "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms", "failures",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}
@@ -52,11 +53,13 @@ class Restorable(ABC):
     """An environment that is copied, pickled, saved and restored."""
 
     task: Any
+    own_task: Any
     fleet: Fleet | None
     plant: Plant
     controller: Any
     render_mode: str | None
     reset_options: tuple[str, ...]
+    _is_bare: bool
     _began: bool
     _mode: ActionMode
     _control: str
@@ -73,8 +76,9 @@ class Restorable(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of; who looks into the engine's memory looks into the copy's there."""
-        self.plant.keep()
         state = vars(self).copy()
+        if not self._is_bare:
+            self.plant.keep()
         if self.fleet is not None:
             state["_now"] = {}
             for name in ("controller", "_pilot"):
@@ -180,10 +184,13 @@ class Restorable(ABC):
         mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
         options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
         options |= {name: getattr(self, name, None) for name in ("_config", "_randomization", "hold", "_is_waypoint")}
-        modules = {type(value).__module__ for value in (task, robot, getattr(self, "_config", None))}
+        options |= {f"own.{name}": getattr(self.own_task, name) for name in task_options(self.own_task)}
+        parts = task, robot, getattr(self, "_config", None), self.own_task
+        modules = {type(value).__module__ for value in parts}
         content = pack_values({**options, "floor": floor, "mode": mode}, modules, shared=False)
         return {
             "environment": _name(type(self)),
+            "task": _name(type(self.own_task or task)),
             "version": version(),
             "controller": ", ".join([self._control, *kinds]),
             "set of options": hashlib.sha256(b"".join(part.tobytes() for part in content)).hexdigest()[:16],

@@ -15,7 +15,7 @@ from spidar_gym.errors import (
 from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
 
-OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps", "task")
+OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps")
 """Arguments that only a vector has."""
 OF_ONE = ("control", "allocator", "law")
 """Arguments that only a single robot's environment has: the core flies a vector."""

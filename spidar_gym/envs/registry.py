@@ -93,6 +93,29 @@ def register() -> None:
             )
 
 
+def register_task(name: str, base: str, task: object, **options: object) -> None:
+    """Tell Gymnasium about a task of one's own, for `gymnasium.make` and `gymnasium.make_vec`.
+
+    Args:
+        name: Its id, such as `mine/Eight-v0`.
+        base: Id of the environment whose robots do it.
+        task: As the environment's argument `task`; by its name `module:Class` the specification survives JSON.
+        **options: Other arguments of the environment.
+
+    Raises:
+        UnknownNameError: For a base that does not exist; it lists the valid ones.
+    """
+    entry = environment(base)
+    gymnasium.register(
+        id=name,
+        entry_point=entry.entry_point,
+        max_episode_steps=RegisteredSteps(entry.horizon),
+        additional_wrappers=OnlyOfOne((HORIZON,)),
+        vector_entry_point=entry.vector_entry_point,
+        kwargs={"task": task, **options},
+    )
+
+
 def environment(name: str) -> Entry:
     """Entry by id (`UnknownNameError` lists the valid ones)."""
     require_name("environment", name, ENVIRONMENTS)

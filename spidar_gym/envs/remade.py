@@ -3,10 +3,13 @@
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.errors import require_keys
+from spidar_gym.control.flight.observation import Field
+from spidar_gym.envs.judge import find_task, task_options
+from spidar_gym.errors import InvalidValueError, require_keys
 
 
 class Remade(ABC):
@@ -14,8 +17,12 @@ class Remade(ABC):
 
     task_type: ClassVar[type]
     """Class of its task."""
+    own_task: Any
+    """A task of one's own in its place, or None."""
     task: Any
     """What is to be done, a frozen dataclass of arguments."""
+    layout: tuple[Field, ...]
+    """What a policy sees, piece by piece."""
     hold: int
     """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)
@@ -58,8 +65,9 @@ class Remade(ABC):
 
     @property
     def reset_arguments(self) -> tuple[str, ...]:
-        """Arguments that `reset` takes as options: those of the task, and how robots are drawn."""
-        return (*(name for name in inspect.signature(type(self.task)).parameters), "randomization")
+        """Arguments that `reset` takes as options: those of the task, its own too, and how robots are drawn."""
+        own = task_options(self.own_task)
+        return (*(name for name in inspect.signature(type(self.task)).parameters), "randomization", "task", *own)
 
     @abstractmethod
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
@@ -78,12 +86,21 @@ class Remade(ABC):
         Raises:
             UnknownNameError, InvalidValueError: For what is not valid.
         """
-        kind, own = type(self), self._arguments | self._choices | dict(arguments)
+        kind, own = type(self), self._with(arguments)
         env = kind.__new__(kind, **own)
         env._is_bare, env.most_steps = True, self.most_steps
         env.__init__(**own)
+        if env.layout != self.layout:
+            raise InvalidValueError("task", env.own_task, "one with the fields of now: an observation keeps its size")
         env.view = self.view
         return env
+
+    def _with(self, others: Mapping[str, Any]) -> dict[str, Any]:
+        """All arguments, where some are others: options of a task of one's own are those of `task`."""
+        arguments = self._arguments | self._choices | dict(others)
+        task = find_task(arguments.get("task"))
+        own = {name: arguments.pop(name) for name in task_options(task) if name in arguments}
+        return arguments | {"task": replace(task, **own)} if own else arguments
 
     def _choose(self, options: object) -> dict[str, object]:
         """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""
@@ -96,7 +113,7 @@ class Remade(ABC):
             chosen = [self._chosen(name, value) for name, value in own.items()]
             self._choices = self._choices | made
             return {name: value for each in chosen for name, value in each.items()}
-        arguments = self._arguments | self._choices | made | others
+        arguments = self._with(made | others)
         trial = self.variant(made | others)  # what is not valid is refused here, and nothing has changed
         chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
         kept = {name: getattr(self, name) for name in self._kept}

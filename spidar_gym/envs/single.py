@@ -9,6 +9,7 @@ import numpy as np
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.orders import Orders
 from spidar_gym.envs.fleet import Fleet, told
+from spidar_gym.envs.judge import Judge
 from spidar_gym.native.draws import take_back
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.plant import Plant, read_command, read_state
@@ -26,10 +27,10 @@ def keeps_page(kind: type, built_in: type) -> bool:
     return all(getattr(kind, name) is getattr(built_in, name) for name in PAGE if hasattr(built_in, name))
 
 
-def begin(fleet: Fleet, rng: np.random.Generator) -> None:
+def begin(fleet: Fleet, judge: Judge | None, rng: np.random.Generator) -> None:
     """Let the next episode begin, with what this generator draws: it is moved on by that."""
     fleet.seed(0, rng)
-    fleet.reset()
+    (judge or fleet).reset()
     take_back(rng, fleet.robots[0]["episode"]["generator"])
 
 
@@ -49,20 +50,25 @@ def drawn(fleet: Fleet, robot: int = 0) -> dict[str, np.ndarray]:
     return draws
 
 
-def info(fleet: Fleet, terms: Iterable[str], failures: Sequence[str], robot: int = 0) -> dict[str, Any]:
+def info(
+    fleet: Fleet, terms: Iterable[str], failures: Sequence[str], robot: int = 0, judge: Judge | None = None
+) -> dict[str, Any]:
     """What is told of a robot, an array, a number or a word each.
 
     Args:
         fleet: It and others.
-        terms: Names of the terms of the reward, in the engine's order.
-        failures: Why an episode may be over, in the engine's order.
+        terms: Names of the terms of the reward, in the order of who judges.
+        failures: Why an episode may be over, in the same order.
         robot: Its number.
+        judge: Who judges, where the engine does not.
     """
     now = told(fleet.infos[robot : robot + 1].copy())
     found = {name: value[0] if value.ndim > 1 else value.item() for name, value in now.items()}
     status, failure = found.pop("qp_status_code"), found.pop("failure_code")
     found["qp_status"] = "none" if status < 0 else str(STATUS[status])
-    for name, value in zip(terms, found.pop("term").tolist(), strict=True):
+    built_in = found.pop("term")
+    values = built_in if judge is None else judge.terms[robot]
+    for name, value in zip(terms, values.tolist(), strict=True):
         found[f"reward_{name}"] = value
     found["failure"] = "" if failure < 0 else failures[failure]
     return found

@@ -13,12 +13,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import CourseTask, parse_course
+from spidar_gym.envs.course.task import parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.fleet import told
+from spidar_gym.envs.fleet import Fleet, told
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.judge import Judge
@@ -56,7 +55,6 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         num_threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        task: VectorTask[Any] | None = None,
         **options: Any,  # noqa: ANN401 - those of the environment
     ) -> None:
         """Build the robots.
@@ -68,8 +66,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
                 `Disabled`.
             max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
-            task: A task of your own in place of the built-in one: a `FlightTask` or a `WalkTask`.
-            **options: Arguments of the environment; the controller is the core.
+            **options: Arguments of the environment, a task of your own among them; the controller is the core.
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
@@ -102,9 +99,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self._threads, self._how = num_threads, {"autoreset": mode.name.lower(), "truncates": ends}
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
-        if task is not None and isinstance(single.task, CourseTask):
-            raise InvalidValueError("task", task, "None: a course is judged by its own")
-        self._judge = None if task is None else Judge(task, self.fleet, single.task)
+        self._judge = single.judge(self.fleet)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
 
@@ -120,9 +115,14 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         By name: ``observations``, ``rewards``, ``terminated``, ``truncated``; ``begun``, whether the step began an
         episode; ``final_observations`` and ``final_infos``, where it did so in the same step; ``infos``, records.
         """
-        names = ("observations", "rewards", "terminated", "truncated", "begun", "final_observations", "final_infos",
-                 "infos")  # fmt: skip
-        return {name: getattr(self.fleet, name) for name in names}
+        names = ("rewards", "terminated", "truncated", "begun", "final_infos", "infos")
+        shown = {name: getattr(self._shows, name) for name in ("observations", "final_observations")}
+        return shown | {name: getattr(self.fleet, name) for name in names}
+
+    @property
+    def _shows(self) -> Fleet | Judge:
+        """Who writes what is seen."""
+        return self._judge or self.fleet
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -157,7 +157,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
                 has changed.
         """
         fleet, n = self.fleet, self.num_envs
-        own, others = self._single.reset_options, self._single.reset_arguments
+        own, others = self._single.reset_options, self._envs[0].reset_arguments
         names = dict.fromkeys(("reset_mask", *own, *others))
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
@@ -179,10 +179,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             if k in generators:
                 fleet.seed(k, generators[k])
         self._began = True
-        fleet.reset(ids)
-        if self._judge is not None:
-            self._judge.begin(ids)
-        return fleet.observations.copy(), self._info(mask.copy())
+        self._shows.reset(ids)
+        return self._shows.observations.copy(), self._info(mask.copy())
 
     def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
         """Let robots have arguments of their own from now on."""
@@ -198,7 +196,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             raise InvalidValueError("options", dict(options), "one value for all robots with a task of your own")
         else:
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
-            self._judge = None if self._judge is None else Judge(self._judge.task, self.fleet, envs[0].task)
+            self._judge = envs[0].judge(self.fleet, self._judge)
         self._envs, self.task = envs, envs[0].task
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
@@ -211,6 +209,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
             fleet.robots["forms"][robot] = options["forms"]
         if "start" in options:
             fleet.begin_with(robot, options["start"])
+            if self._judge is not None:
+                self._judge.is_given[robot] = options["start"] is not None
         if "course" in options:
             fleet.go(robot, options["course"])
 
@@ -268,11 +268,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         info = self._info(self._everybody.copy())
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
             begun = fleet.begun.copy()
-            info["final_obs"], info["_final_obs"] = fleet.final_observations.copy(), begun
+            info["final_obs"], info["_final_obs"] = self._shows.final_observations.copy(), begun
             info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
-        return (
-            fleet.observations.copy(), fleet.rewards.copy(), fleet.terminated.copy(), fleet.truncated.copy(), info,
-        )  # fmt: skip
+        ends = fleet.terminated.copy(), fleet.truncated.copy()
+        return self._shows.observations.copy(), fleet.rewards.copy(), *ends, info
 
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
         """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told.
@@ -364,7 +363,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[np.ndarray, np.ndarray, np.ndar
         self._began = True
         mask = np.zeros(self.num_envs, bool)
         mask[chosen] = True
-        return self.fleet.observations.copy(), self._info(mask)
+        return self._shows.observations.copy(), self._info(mask)
 
     def _choice(self, ids: Sequence[int] | None) -> list[int]:
         """Robots by number."""

@@ -126,10 +126,16 @@ class Engine:
         write(self.copies, state["copies"])
         self.forget_copies()
 
-    def configure(self, configs: np.ndarray, ids: np.ndarray | None = None) -> None:
-        """Let robots become others: records of `sp_plant_config`, one for every robot; those of `ids`, or all."""
+    def configure(self, configs: np.ndarray, ids: np.ndarray | None = None, *, goes_on: bool = False) -> None:
+        """Let robots become others.
+
+        Args:
+            configs: Records of `sp_plant_config`, one for every robot.
+            ids: Whose count, all if not given.
+            goes_on: Whether their episodes go on as these others.
+        """
         self._threads[:, -1] = 0  # no thread carries a part of a model any more
-        self.run("sp_configure_plants", ids, configs)
+        self.run("sp_change_plants" if goes_on else "sp_configure_plants", ids, configs)
 
     def forget_copies(self) -> None:
         """No thread carries a part of a model any more: for who has written `copies`."""

@@ -47,6 +47,7 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """What of MuJoCo's data a robot takes with it."""
 FUNCTIONS = (
     "mj_step", "mj_forward", "mj_setConst", "mj_resetData", "mj_getState", "mj_setState", "mj_contactForce",
+    "mju_eig3",
 )  # fmt: skip
 """In the order of `sp_mujoco`, before the numbers."""
 DATA = (
@@ -56,7 +57,7 @@ DATA = (
 """Arrays of the data in the order of `sp_sim`, between its time and its contacts."""
 MODEL = ("actuator_gear", "actuator_ctrlrange", "actuator_actrange", "actuator_dynprm", "actuator_biasprm",
          "actuator_forcerange", "dof_frictionloss", "dof_damping", "body_mass", "body_inertia", "body_ipos",
-         "geom_friction", "geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb",
+         "body_iquat", "geom_friction", "geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb",
          "geom_sameframe")  # fmt: skip
 """Arrays of the model in the order of `sp_sim`, before its flags."""
 DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "cam_poscom0", "dof_M0",
@@ -253,6 +254,7 @@ def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.nda
         "tile": [geom(f"tile{i}_{j}") if uneven else -1 for i in range(TILES) for j in range(TILES)],
         "box": [geom(f"box{k}") if boxed else -1 for k in range(BOXES)],
         "mass": model.body_mass, "inertia": model.body_inertia, "com": model.body_ipos,
+        "torso_axes": model.body_iquat[body("torso")],
         "geom_reach": model.geom_rbound[moving],
         "ball_radius": [robot.foot_radius] * N_LEGS + [robot.peg_radius] * len(PEG_SITES),
         "duct_radius": model.geom_size[ducts, 0], "duct_half": model.geom_size[ducts, 1],

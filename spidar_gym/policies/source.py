@@ -25,10 +25,15 @@ class PolicyError(SpidarError):
 
 def module_of(spec: str) -> tuple[str, str]:
     """Module and class of a specification `module:Class`."""
-    module, _, name = spec.partition(":")
-    if not all(part.isidentifier() for part in (*module.split("."), name)):
-        raise InvalidValueError("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT}")
-    return module, name
+    return split_name("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT}")
+
+
+def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, str]:
+    """Module and class of `module:Class`, the name of `what` (`InvalidValueError` for anything else)."""
+    module, _, own = name.partition(":")
+    if not all(part.isidentifier() for part in (*module.split("."), own)):
+        raise InvalidValueError(what, name, valid)
+    return module, own
 
 
 def is_own(spec: str) -> bool:

@@ -26,6 +26,10 @@ class BodyConfig:
     """Shift of the torso's centre of mass [m]."""
     inertia: np.ndarray = field(default_factory=lambda: constant(1.0, N_LINKS))
     """Factor on the inertia of each link about its own centre of mass."""
+    payload_mass: float = 0.0
+    """Mass of what the torso carries beyond all this, a point [kg]."""
+    payload_position: np.ndarray = field(default_factory=lambda: constant(0.0, 3))
+    """Where it is, torso axes [m]."""
     foot_friction: float = ROBOT.foot_friction
     """Sliding friction of the feet."""
     peg_friction: float = ROBOT.peg_friction
@@ -38,6 +42,8 @@ class BodyConfig:
             value = np.asarray(getattr(self, name), float)
             if not (value > 0.0).all():
                 raise InvalidValueError(name, getattr(self, name), "numbers above 0")
+        if not self.payload_mass >= 0.0:
+            raise InvalidValueError("payload_mass", self.payload_mass, "a number from 0 on, in kg")
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "BodyConfig":

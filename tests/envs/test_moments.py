@@ -300,7 +300,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkey
         patch.setattr(library.mujoco, "__version__", "5.0.0")
         newer = env.save_state()
     tries = [(each.unwrapped.save_state(), words) for words, each in foreign.items()]
-    tries += [(newer, r"another version: .* MuJoCo 5\.0\.0; valid here")]
+    tries += [(newer, r"another version: .* MuJoCo 5\.0\.0'; valid here")]
     for given in (b"", b"nothing of ours", saved[:-1], saved + b"0", vector.save()):
         tries.append((given, "no saved state, or a damaged one"))
     for place in range(100, len(saved), len(saved) // 20):

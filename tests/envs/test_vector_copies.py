@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import time
 from typing import Any
 
 import gymnasium
@@ -185,3 +186,52 @@ def test_a_pickle_of_64_robots_has_a_tenth_of_a_megabyte_each():
     env = vector(HOVER, 64, "NextStep")
     env.reset(seed=0)
     assert len(pickle.dumps(env)) < 64 * 0.12e6
+
+
+@pytest.mark.parametrize("clone", [copied, pickled])
+def test_a_vector_whose_robots_are_asked_each_for_something_else_is_copied_too(clone):
+    vector: Any = gymnasium.make_vec(HOVER, num_envs=3, autoreset_mode="SameStep")
+    given = {
+        "joint_speed": [0.2, 0.4, 0.6],
+        "randomization": {"body.total_mass": (15.5, 17.0)},
+        "horizon_s": [1.0, 2.0, 3.0],
+    }
+    vector.reset(seed=2, options=given)
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (80, 3, 6))
+    for action in actions[:10]:
+        vector.step(action)
+    copy_ = clone(vector)
+    expected = [copy_.step(action) for action in actions]
+    assert same([vector.step(action) for action in actions], expected)
+    assert same(vector.reset(options={"horizon_s": 1.5}), copy_.reset(options={"horizon_s": 1.5}))
+    vector.close()
+    copy_.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HARDEST)
+def test_64_robots_go_on_for_200_steps_copied_pickled_and_restored(name):
+    def made() -> Any:
+        options = {**ROUGH, **HARDEST[name], "max_episode_steps": 150}
+        vector = gymnasium.make_vec(name, num_envs=64, num_threads=2, autoreset_mode="SameStep", **options)
+        vector.reset(seed=0)
+        return vector
+
+    vector, other = made(), made()
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (260, *vector.action_space.shape))
+    for action in actions[:60]:
+        vector.step(action)
+    seconds, others = [time.process_time()], []
+    for clone in (copied, pickled):
+        others.append(clone(vector))
+        seconds.append(time.process_time())
+    saved = vector.unwrapped.save()
+    seconds.append(time.process_time())
+    other.unwrapped.restore(saved)
+    seconds.append(time.process_time())
+    print(name, len(saved), "bytes; copied, pickled and loaded, saved, restored in", np.diff(seconds), "s")
+    for action in actions[60:]:
+        expected = vector.step(action)
+        assert all(same(each.step(action), expected) for each in (*others, other))
+    for each in (vector, other, *others):
+        each.close()

@@ -73,6 +73,19 @@ def write_body(c: BodyConfig, model: mujoco.MjModel, nominal: mujoco.MjModel) ->
     com[nominal.body("torso").id] += c.torso_com
     factor = c.total_mass / mass.sum()
     model.body_mass[:], model.body_inertia[:], model.body_ipos[:] = mass * factor, inertia * factor, com
+    if c.payload_mass > 0.0:
+        torso = nominal.body("torso").id
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, nominal.body_iquat[torso])
+        R = R.reshape(3, 3)
+        own, lever = model.body_mass[torso], c.payload_position - com[torso]
+        total = own + c.payload_mass
+        S = own * c.payload_mass / total * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+        moments, axes = np.linalg.eigh(R @ np.diag(inertia[torso] * factor) @ R.T + S)
+        axes[:, 2] *= np.linalg.det(axes)
+        mujoco.mju_mat2Quat(model.body_iquat[torso], axes.reshape(-1))
+        model.body_mass[torso], model.body_inertia[torso] = total, moments
+        model.body_ipos[torso] = com[torso] + c.payload_mass / total * lever
     touching = nominal.geom_conaffinity > 0
     feet = [nominal.geom(f"foot{leg}").id for leg in range(1, N_LEGS + 1)]
     model.geom_friction[touching, 0] = c.peg_friction

@@ -9,6 +9,7 @@ import pytest
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import JOINT_NAMES, ROBOT
+from spidar_gym.robot.description import mjcf_path
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
@@ -185,6 +186,44 @@ def test_the_inertia_factor_turns_up_the_inertia_that_a_joint_feels_and_no_mass(
     for name in described():
         if not name.startswith("link"):
             np.testing.assert_allclose(tensor(plant, name), tensor(nominal, name), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("mass", "place"), [(0.3, (0.0, 0.0, -0.2)), (1.5, (0.1, -0.05, 0.04)), (4.0, (0.0, 0.0, 0.0))]
+)
+def test_a_payload_is_a_body_welded_to_the_torso(mass, place):
+    """Beside MuJoCo's own robot with one more body: its mass matrix, bias and centre, as it moves."""
+    spec = mujoco.MjSpec.from_file(str(mjcf_path()))
+    carried = spec.body("torso").add_body(pos=place, mass=mass, ipos=[0, 0, 0], inertia=[1e-12] * 3)
+    carried.explicitinertial = True
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    plant = posed(built(payload_mass=mass, payload_position=np.array(place)))
+    rng = np.random.default_rng(0)
+    plant.data.qvel[:] = data.qvel[:] = rng.normal(0.0, 1.0, model.nv)
+    data.qpos[:] = plant.data.qpos
+    for one, its in ((plant.model, plant.data), (model, data)):
+        mujoco.mj_forward(one, its)
+    np.testing.assert_allclose(plant.data.subtree_com[1], data.subtree_com[1], rtol=0, atol=1e-12)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    np.testing.assert_allclose(mass_matrix(plant), full, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(plant.data.qfrc_bias, data.qfrc_bias, rtol=0, atol=1e-8)
+
+
+def test_a_payload_is_beyond_the_mass_that_the_robot_is_said_to_have_and_nothing_of_it_stays():
+    plant = built(payload_mass=2.0, payload_position=np.array([0.1, 0.0, 0.0]), total_mass=15.5)
+    assert plant.model.body_mass.sum() == pytest.approx(17.5, abs=1e-9)
+    nominal = built()
+    plant.configure(nominal.config)
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_subtreemass"):
+        assert np.array_equal(getattr(plant.model, name), getattr(nominal.model, name)), name
+
+
+@pytest.mark.parametrize("mass", [-0.1, math.nan])
+def test_a_payload_below_nothing_is_refused(mass):
+    with pytest.raises(InvalidValueError, match=r"payload_mass = .*(from 0 on, in kg|finite)"):
+        BodyConfig(payload_mass=mass)
 
 
 def test_inertias_stay_those_of_real_bodies():

@@ -38,6 +38,7 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     """SPIDAR on a course; `spidar list spidar_gym/Course-v0` prints its page."""
 
+    kind = "coursing"
     reward_terms = COURSE_REWARD_TERMS
     reset_options = ("course", "disturbances")
     failures = COURSE_FAILURES
@@ -164,7 +165,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
-        fleet = Fleet("coursing", record, self._nominal, robots, threads, alike=False)
+        fleet = Fleet(self.kind, record, self._nominal, robots, threads, alike=False)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)
             fleet.go(robot, self.task.course)

@@ -38,6 +38,7 @@ SETTLE_TICKS = 40
 class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     """SPIDAR on the ground; `spidar list spidar_gym/Crawl-v0` prints its page."""
 
+    kind = "crawling"
     reward_terms = CRAWL_REWARD_TERMS
     failures = CRAWL_FAILURES
     task_type = CrawlTask
@@ -140,9 +141,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
         task = self.task
-        alike = not (self._randomization.draws or task.steps or task.obstacles) and rules is None
+        alike = not (self._randomization.draws or task.steps or task.obstacles or self._loads) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
-        fleet = Fleet("crawling", record, self._nominal, robots, threads, alike=alike)
+        fleet = Fleet(self.kind, record, self._nominal, robots, threads, alike=alike)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)
         return fleet

@@ -26,6 +26,7 @@ from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.engine_structs import FLIGHT_FAILURES
 from spidar_gym.native.flight import ControlStateView
+from spidar_gym.native.structs import read
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command, Reference
@@ -40,6 +41,7 @@ _NO_JOINTS = np.zeros(N_JOINTS)
 class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     """SPIDAR in flight; `spidar list spidar_gym/Hover-v0` prints its page."""
 
+    kind = "hover"
     reward_terms = REWARD_TERMS
     reset_options = ("forms", "start", "disturbances")
     failures = FLIGHT_FAILURES
@@ -133,6 +135,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
     def _prepare(self, fleet: Fleet) -> None:
         self._reference = self._goals = None
         fleet.begin_with(0, self._start)
+        if self._judge is not None:
+            self._judge.is_given[0] = self._start is not None
 
     def _begin_native(self, fleet: Fleet) -> None:
         super()._begin_native(fleet)
@@ -157,10 +161,10 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
         """Robots of this environment in the engine, at no episode yet."""
-        goals, alike = most_goals(self.task.horizon_s), not self._randomization.draws and rules is None
+        goals, alike = most_goals(self.task.horizon_s), not (self._randomization.draws or self._loads) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         knots = self.task.most_knots
-        fleet = Fleet("hover", record, self._nominal, robots, threads, alike=alike, goals=goals, knots=knots)
+        fleet = Fleet(self.kind, record, self._nominal, robots, threads, alike=alike, goals=goals, knots=knots)
         fleet.robots["forms"] = sequence(self.task)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)
@@ -207,6 +211,9 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
 
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
+        if self.own_task is not None:
+            assert self.fleet is not None
+            return read(Reference, self.fleet.robots[0]["reference"])
         target, mode = self.progress.goal.joint_target, self.task.mode(self.progress.time)
         path, given = self.path, self._reference
         if path is not None:
@@ -273,7 +280,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         The CoG is the one that the description gives at the true state: nobody knows where the real one is.
         """
         quat = self.reference().quat_wb
-        R_error = self.truth.R_wb.T if quat[3] == 0.0 else self.truth.R_wb.T @ quat_to_matrix(quat)
+        R_error = self.truth.R_wb.T @ quat_to_matrix(quat) if quat[1:].any() else self.truth.R_wb.T
         return self.truth.error.position_w, log(R_error)
 
     def _advance(self) -> str:

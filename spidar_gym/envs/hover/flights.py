@@ -22,6 +22,7 @@ from spidar_gym.envs.hover.task import (
     REWARD_TERMS,
     SUCCESS_ATTITUDE,
     SUCCESS_POSITION,
+    FlightStart,
     HoverTask,
 )
 from spidar_gym.native.core_structs import core_layouts
@@ -150,6 +151,16 @@ class FlightTask(VectorTask[Flights]):
     """Weight and formula of each term; the weights add up to 1."""
     failures: Mapping[str, str] = FAILURES
     """Why an episode may be over, and what the words mean; `diverged` is the engine's own."""
+
+    def start(self, rng: np.random.Generator, hover: HoverTask) -> FlightStart | None:
+        """What an episode of one robot begins with and goes through; None has the environment draw it.
+
+        Args:
+            rng: The episode's generator.
+            hover: The environment's own task, which draws forms (`schedule`), offsets (`offset`) and paths.
+        """
+        del rng, hover
+        return None
 
     def reference(self, flights: Flights) -> np.ndarray:
         """What the controllers are to do in the next tick: records of `Reference`'s fields, the modes by number.

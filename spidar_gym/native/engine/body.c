@@ -3,6 +3,27 @@
 
 #define GAINS 10 /* numbers of an actuator's dynamics, gain and bias each */
 
+/* Let the torso carry a point mass: one rigid body of the two, about the centre of both, in its principal axes. */
+static void write_payload(const sp_world *world, double mass, const double *position, const sp_sim *sim)
+{
+    double *own = sim->body_mass + world->torso, *com = sim->body_ipos + 3 * world->torso;
+    double *moments = sim->body_inertia + 3 * world->torso, *axes = sim->body_iquat + 4 * world->torso;
+    double R[9], inertia[9], vectors[9], lever[3], total = *own + mass, both = *own * mass / total, square = 0.0;
+    sp_from_quat(axes, R);
+    for (int x = 0; x < 3; x++) {
+        lever[x] = position[x] - com[x];
+        square += lever[x] * lever[x];
+    }
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            inertia[3 * r + c] = both * ((r == c) * square - lever[r] * lever[c]);
+            for (int k = 0; k < 3; k++) inertia[3 * r + c] += R[3 * r + k] * moments[k] * R[3 * c + k];
+        }
+    sim->mujoco->eig3(moments, vectors, axes, inertia);
+    for (int x = 0; x < 3; x++) com[x] += mass / total * lever[x];
+    *own = total;
+}
+
 /* Masses and friction, starting from the described robot; nothing of an earlier configuration stays. */
 void sp_write_body(const sp_world *world, const sp_body_config *c, const sp_sim *sim)
 {
@@ -24,11 +45,13 @@ void sp_write_body(const sp_world *world, const sp_body_config *c, const sp_sim 
     }
     for (int x = 0; x < 3; x++) sim->body_ipos[3 * world->torso + x] += c->torso_com[x];
     for (int k = 0; k < n; k++) sum += mass[k];
+    sp_copy(sim->body_iquat + 4 * world->torso, world->torso_axes, 4);
     double factor = c->total_mass / sum;
     for (int k = 0; k < n; k++) {
         sim->body_mass[k] = factor * mass[k];
         for (int x = 0; x < 3; x++) sim->body_inertia[3 * k + x] *= factor;
     }
+    if (c->payload_mass > 0.0) write_payload(world, c->payload_mass, c->payload_position, sim);
     for (int k = 0; k < world->geoms; k++)
         if (world->geom_touches[k])
             sim->geom_friction[3 * k] = world->geom_is_foot[k] ? c->foot_friction : c->peg_friction;

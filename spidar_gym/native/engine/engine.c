@@ -81,9 +81,26 @@ void sp_become(const sp_engine *e, sp_thread *thread, int robot, const sp_plant_
     keep_copy(e, thread, robot);
 }
 
+/* Have a robot in a thread's model as its episode begins: what a task has loaded upon it is put down. */
+void sp_put_down(const sp_engine *e, sp_thread *thread, int robot, const sp_plant_config *config)
+{
+    const sp_body_config *is = &sp_plant_of(e, robot)->config.body, *was = &config->body;
+    int moved = is->payload_mass != was->payload_mass;
+    for (int x = 0; x < 3; x++) moved = moved || is->payload_position[x] != was->payload_position[x];
+    if (moved) sp_become(e, thread, robot, config);
+    else sp_carry(e, thread, robot);
+}
+
 static void configure_one(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_become(e, thread, robot, (const sp_plant_config *)e->argument + robot);
+}
+
+/* The same in the middle of an episode, which goes on from where it is. */
+static void change_one(sp_engine *e, sp_thread *thread, int robot)
+{
+    configure_one(e, thread, robot);
+    sp_enter(&thread->sim, sp_plant_of(e, robot));
 }
 
 static void reset_one(sp_engine *e, sp_thread *thread, int robot)
@@ -129,6 +146,11 @@ void sp_touching_now(const sp_engine *e, sp_touch *touch)
 int sp_configure_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
 {
     return sp_run(e, ids, n, configure_one, (void *)configs);
+}
+
+int sp_change_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
+{
+    return sp_run(e, ids, n, change_one, (void *)configs);
 }
 
 int sp_reset_plants(sp_engine *e, const int32_t *ids, int n, const sp_pose *poses)

@@ -21,6 +21,7 @@ typedef struct {
     void (*get_state)(const void *model, const void *data, double *row, int kind);
     void (*set_state)(const void *model, void *data, const double *row, int kind);
     void (*contact_force)(const void *model, const void *data, int id, double *wrench);
+    int (*eig3)(double *values, double *vectors, double *quat, const double *matrix);
     int64_t state_kind, contact_off; /* mjSTATE_INTEGRATION, mjDSBL_CONTACT */
 } sp_mujoco;
 
@@ -38,7 +39,7 @@ typedef struct {
     /* of the model */
     double *actuator_gear, *actuator_ctrlrange, *actuator_actrange, *actuator_dynprm, *actuator_biasprm;
     double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
-    double *geom_friction, *geom_pos, *geom_quat, *geom_size, *geom_rbound, *geom_aabb;
+    double *body_iquat, *geom_friction, *geom_pos, *geom_quat, *geom_size, *geom_rbound, *geom_aabb;
     uint8_t *geom_sameframe;
     int32_t *disableflags;
     int64_t contact_stride, contact_geoms; /* bytes of a contact; where in it its two geoms are */
@@ -138,6 +139,7 @@ const void *sp_rules_of(const sp_engine *engine, int robot);
 void sp_carry(const sp_engine *engine, sp_thread *thread, int robot);
 
 void sp_become(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
+void sp_put_down(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
 
 /* Where a robot is put, and how its torso moves: its origin, world, and its angular velocity, torso axes. */
 typedef struct {
@@ -145,6 +147,7 @@ typedef struct {
 } sp_pose;
 
 int sp_configure_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
+int sp_change_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
 int sp_reset_plants(sp_engine *engine, const int32_t *ids, int n, const sp_pose *poses);
 int sp_step_plants(sp_engine *engine, const int32_t *ids, int n, const sp_command *commands);
 void sp_keep_now(const sp_engine *engine);

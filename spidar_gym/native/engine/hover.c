@@ -152,13 +152,14 @@ static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_kn
 static void update_errors(const sp_robot *robot, sp_hover *h)
 {
     double level[9], desired[9];
+    const double *quat = h->reference.quat_wb;
     sp_compute_state(robot, &h->episode.seen, &h->reference, &h->percept);
     if (h->plant.senses) sp_compute_state(robot, &h->plant.state, &h->reference, &h->truth);
     else h->truth = h->percept;
     sp_copy(h->position_error, h->truth.error.position_w, 3);
-    for (int i = 0; i < 9; i++) level[i] = h->truth.R_wb[3 * (i % 3) + i / 3]; /* where the reference has no heading */
-    if (h->reference.quat_wb[3] != 0.0) {
-        sp_from_quat(h->reference.quat_wb, desired);
+    for (int i = 0; i < 9; i++) level[i] = h->truth.R_wb[3 * (i % 3) + i / 3]; /* where the reference is level */
+    if (quat[1] != 0.0 || quat[2] != 0.0 || quat[3] != 0.0) {
+        sp_from_quat(quat, desired);
         sp_product_t(h->truth.R_wb, desired, level);
     }
     sp_log(level, h->attitude_error);
@@ -221,7 +222,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
         sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
         sp_become(e, thread, robot, &config);
     } else {
-        sp_carry(e, thread, robot);
+        sp_put_down(e, thread, robot, &rules->rules.plant);
     }
     const double *q = goals[0].joint_target;
     sp_exp(h->rotation, R);

@@ -164,6 +164,8 @@ typedef struct {
     double link_com[24]; /* (8, 3) Shift of each link's centre of mass, link axes [m]. */
     double torso_com[3]; /* Shift of the torso's centre of mass [m]. */
     double inertia[8]; /* Factor on the inertia of each link about its own centre of mass. */
+    double payload_mass; /* Mass of what the torso carries beyond all this, a point [kg]. */
+    double payload_position[3]; /* Where it is, torso axes [m]. */
     double foot_friction; /* Sliding friction of the feet. */
     double peg_friction; /* Sliding friction of pegs, ducts and torso. */
 } sp_body_config;
@@ -232,8 +234,7 @@ typedef struct {
     int32_t part_body[32]; /* bodies that a link carries: junction, link, and the two of its module */
     int32_t body_parent[64], body_dofadr[64], body_dofnum[64]; /* of MuJoCo's tree */
     int32_t joint_qpos[32], joint_dof[32]; /* of joints, then vectoring angles */
-    int32_t ball[12]; /* geoms of the feet, then of the pegs */
-    int32_t ball_body[12]; /* bodies that carry them */
+    int32_t ball[12], ball_body[12]; /* geoms of the feet, then of the pegs; bodies that carry them */
     int32_t duct[16]; /* geoms of the ducts */
     int32_t geom[64]; /* geoms of the robot */
     int32_t geom_kind[512]; /* what each geom is: a ball, SP_BALLS for a duct, −1 */
@@ -241,6 +242,7 @@ typedef struct {
     int32_t tile[256]; /* geoms of the tiles, row by row; −1 where there are none */
     int32_t box[64]; /* geoms of the boxes; −1 where there are none */
     double mass[64]; /* of the described robot [kg] */
+    double torso_axes[4]; /* principal axes of its torso's inertia, a quaternion */
     double inertia[64][3], com[64][3]; /* principal inertia [kg m²]; its centre [m] */
     double geom_reach[64]; /* bounding radius [m] */
     double ball_radius[12]; /* [m] */

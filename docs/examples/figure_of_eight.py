@@ -1,0 +1,53 @@
+"""A task of your own: fly a figure of eight, leaning into it, while the legs move."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spidar_gym.envs.batch import length, tolerance
+from spidar_gym.envs.hover.flights import FlightTask
+from spidar_gym.envs.registry import HOVER, register_task
+
+
+@dataclass(frozen=True)
+class FigureOfEight(FlightTask):
+    """Two loops, one after the other, as wide as drawn; what is given here, `reset` takes as an option too."""
+
+    seconds: float = 16.0
+    """Time of both loops [s]."""
+    lean: float = 0.1
+    """How far the torso rolls into them [rad]."""
+
+    reward_terms = {
+        "position": (0.5, "1 / (1 + (‖position error‖ / 0.03 m)²)"),
+        "attitude": (0.3, "1 / (1 + (‖attitude error‖ / 0.03 rad)²)"),
+        "joints": (0.2, "1 / (1 + (max |planned − measured joint angle| / 0.1 rad)²)"),
+    }
+    memory = (("width", "f8"),)
+
+    def draw(self, rng):
+        """What an episode begins with, beside all that the environment draws."""
+        return {"width": rng.uniform(0.2, 0.4)}
+
+    def reference(self, flights):
+        """The hover's, on x = a sin s, y = a sin s cos s, rolled to the side to which the path bends."""
+        wanted, a = super().reference(flights), flights.memory["width"]
+        rate = 2.0 * np.pi / self.seconds
+        s, roll = rate * flights.time, -self.lean * np.sin(2.0 * rate * flights.time)
+        wanted["position_w"][:, :2] += (a * np.array([np.sin(s), np.sin(s) * np.cos(s)])).T
+        wanted["velocity_w"][:, :2] = (a * rate * np.array([np.cos(s), np.cos(2.0 * s)])).T
+        wanted["acceleration_w"][:, :2] = (-a * rate**2 * np.array([np.sin(s), 2.0 * np.sin(2.0 * s)])).T
+        wanted["quat_wb"][:, :2] = np.array([np.cos(0.5 * roll), np.sin(0.5 * roll)]).T
+        wanted["omega_b"][:, 0] = -2.0 * self.lean * rate * np.cos(2.0 * s)
+        return wanted
+
+    def terms(self, flights):
+        """Terms of the reward."""
+        joints = np.abs(flights.plan() - flights.state["joint_position"]).max(axis=1)
+        errors = {"position": flights.position_error, "attitude": flights.attitude_error}
+        return {name: tolerance(length(error), 0.03) for name, error in errors.items()} | {
+            "joints": tolerance(joints, 0.1)
+        }
+
+
+register_task("examples/FigureOfEight-v0", HOVER, FigureOfEight(), forms="independent", joint_speed=0.6)

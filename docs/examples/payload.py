@@ -1,0 +1,59 @@
+"""A task of your own: fetch a load in mid-flight, carry it to its place, put it down, and come back."""
+
+import numpy as np
+
+from spidar_gym.control.flight.observation import Field
+from spidar_gym.envs.batch import length, tolerance
+from spidar_gym.envs.hover.flights import FlightTask
+from spidar_gym.envs.registry import HOVER, register_task
+
+PLACES = np.array([[0.4, 0.0, 0.0], [0.4, 0.5, 0.1], [0.0, 0.0, 0.0]])
+"""Where the load is, where it belongs, and home, from the hover's place [m]."""
+BELOW, SPEED, CLOSE = np.array([0.05, 0.0, -0.1]), 0.2, 0.04
+"""Where the torso holds it [m]; how fast the reference moves [m/s]; how close to a place is there [m]."""
+
+
+class Fetch(FlightTask):
+    """Three places, one after the other; the controller is not told what the robot carries."""
+
+    reward_terms = {"position": (0.6, "1 / (1 + (‖position error‖ / 0.05 m)²)"), "way": (0.4, "places reached / 3")}
+    memory = (("at", "f8", (3,)), ("reached", "i4"), ("mass", "f8"))
+    fields = (Field("carried", 1, 5.0, "kg", "mass of what the torso carries"),)
+    loads = True
+
+    def draw(self, rng):
+        """How heavy the load is."""
+        return {"mass": rng.uniform(0.5, 1.5)}
+
+    def reference(self, flights):
+        """The hover's, moved."""
+        wanted = super().reference(flights)
+        wanted["position_w"] += flights.memory["at"]
+        return wanted
+
+    def advance(self, flights):
+        """Move the reference on; where a place is reached, take the load, or put it down."""
+        super().advance(flights)
+        memory = flights.memory
+        way = PLACES[np.minimum(memory["reached"], 2)] - memory["at"]
+        memory["at"] += way * np.minimum(1.0, SPEED / 40.0 / np.maximum(length(way), 1e-9))[:, None]
+        there = (length(way) < CLOSE) & (length(flights.position_error) < CLOSE) & (memory["reached"] < 3)
+        memory["reached"] += there
+        takes = there & (memory["reached"] == 1)
+        flights.load(takes, memory["mass"][takes], BELOW)
+        flights.load(there & (memory["reached"] == 2), 0.0)
+
+    def observe(self, flights):
+        """What a policy sees besides."""
+        return {"carried": flights.payload}
+
+    def terms(self, flights):
+        """Terms of the reward."""
+        return {"position": tolerance(length(flights.position_error), 0.05), "way": flights.memory["reached"] / 3.0}
+
+    def succeeded(self, flights):
+        """Who is home again."""
+        return flights.memory["reached"] == 3
+
+
+register_task("examples/Fetch-v0", HOVER, Fetch(), forms="form2", preset="tuned")
