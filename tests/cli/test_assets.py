@@ -133,6 +133,7 @@ def test_the_files_of_a_robot_of_ones_own_go_into_a_folder_and_nothing_else_is_w
     (tmp_path / "own.toml").write_text("pitch_to_foot = 0.6138\n", encoding="utf-8")
     before = {path: path.read_bytes() for path in assets_dir().rglob("*.*ml")}
     main(["assets", "--robot", str(tmp_path / "own.toml"), "--out", str(tmp_path / "own")])
+    assert "mjcf/spidar.xml, urdf/spidar.urdf in" in capfd.readouterr().out
     robot = RobotSpec(pitch_to_foot=0.6138)
     assert (tmp_path / "own" / "mjcf" / "spidar.xml").read_text(encoding="utf-8") == mjcf(robot)
     assert (tmp_path / "own" / "urdf" / "spidar.urdf").read_text(encoding="utf-8") == urdf(robot)
