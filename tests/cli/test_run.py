@@ -213,6 +213,9 @@ def test_a_zip_of_another_world_is_refused(model, here, capfd):
     assert "actions Discrete(2)" in line
 
 
+LOADED = '[[payloads]]\nbody = "link2"\nmass = 1.0\nposition = [0.4, 0.0, 0.0]\n'
+
+
 def own_robot(folder, text="pitch_to_foot = 0.6138\n"):
     """A file of a robot."""
     path = folder / "own.toml"
@@ -222,8 +225,8 @@ def own_robot(folder, text="pitch_to_foot = 0.6138\n"):
 
 def test_a_robot_of_ones_own_flies_and_crawls_from_its_file(capfd, here, tmp_path):
     heights = []
-    for robot in ([], ["--robot", own_robot(tmp_path, "max_thrust = 60.0\ndescribed_mass = 20.0\n")]):
-        main(["run", "--seconds", "0.25", "--forms", "form1", *robot])
+    for robot in ([], ["--robot", own_robot(tmp_path, LOADED)]):
+        main(["run", "--seconds", "1", "--forms", "form1", *robot])
         heights.append(capfd.readouterr().out)
     assert heights[0] != heights[1]
     main(["run", "spidar_gym/Crawl-v0", "--seconds", "0.25", "--robot", own_robot(tmp_path)])
