@@ -3,14 +3,12 @@
 import math
 import sys
 from pathlib import Path
-from typing import Annotated
 
-import numpy as np
 import tyro
 
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.ablations import ablations
-from spidar_gym.cli.arguments import FlightPresetArg, JsonArg, choice
+from spidar_gym.cli.arguments import FlightPresetArg, JsonArg
 from spidar_gym.cli.assets import assets
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
 from spidar_gym.cli.console import goes_on, kept, named_steps, progress, published, run_cli, studied
@@ -22,14 +20,14 @@ from spidar_gym.cli.paper import paper_app
 from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
 from spidar_gym.cli.steps import steps
+from spidar_gym.cli.view import view
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
-from spidar_gym.envs.hover.task import SEQUENCES, hover_height
+from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.errors import require_above, require_least, require_name
 from spidar_gym.files import json_text, output_folder
-from spidar_gym.native.plant import Plant
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper import hops as hopping
 from spidar_gym.policies.provenance import versions
@@ -38,7 +36,6 @@ from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import FAULTS, Disturbances
 from spidar_gym.sim.randomize import check_strength
-from spidar_gym.sim.scene import scene
 from spidar_gym.text import format_table
 from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import margin_lines
@@ -147,28 +144,7 @@ def tune(
         print("\n" + format_table(margin_lines(found.loops(last["parameters"])), left=1))
 
 
-@app.command
-def view(form: Annotated[str, choice(FORMS)] = "form1") -> None:
-    """Open MuJoCo's viewer on the robot in a form; needs a display.
-
-    Args:
-        form: Form that the robot starts in.
-    """
-    import mujoco
-    import mujoco.viewer
-
-    from spidar_gym.sim.renderer import require_display
-
-    require_name("form", form, FORMS)
-    require_display()
-    plant = Plant()
-    plant.reset(np.array([0.0, 0.0, hover_height()]), joint_position=FORMS[form])
-    model = scene(visual=True)
-    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-    data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
-    mujoco.viewer.launch(model, data)
-
-
+app.command(view)
 app.command(assets)
 
 
@@ -210,7 +186,7 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
 
 def print_versions() -> None:
     """The versions to name in a report, a line each; of the extras' packages only those that are installed."""
-    for package, number in versions("torch", "stable-baselines3").items():
+    for package, number in versions("torch", "stable-baselines3", "viser").items():
         if number:
             print(package, number)
 

@@ -205,7 +205,7 @@ def _player(
         load_module(split_name("task", given["task"])[0])  # from the folder that one works in
     if env_id == COURSE and policy is None:  # who adds nothing to the rule goes by it
         given = {"action_mode": "residual", **given}
-    env = gymnasium.make(env_id, **given, **_chosen(policy, spec, env_id, given), **shared)
+    env = gymnasium.make(env_id, **given, **chosen_arguments(policy, spec, env_id, given), **shared)
     stack.callback(env.close)
     if policy is not None:
         require_robot(policy, env_id, shared.get("robot", ROBOT))
@@ -278,7 +278,7 @@ def _summary(steps: list[Step], period: float) -> str:
     )
 
 
-def _chosen(policy: Policy | None, spec: str | None, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
+def chosen_arguments(policy: Policy | None, spec: str | None, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
     """What a policy asks `gym.make` for; nobody else chooses that."""
     if policy is None:
         return {}

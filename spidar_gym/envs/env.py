@@ -22,10 +22,10 @@ from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.judge import Judge, find_task, require_task
+from spidar_gym.envs.midway import Disturbable
 from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
-from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
@@ -41,7 +41,7 @@ ProgressT = TypeVar("ProgressT")
 
 
 class SpidarEnv(
-    Readable, Remade, Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+    Readable, Disturbable, Restorable, gymnasium.Env[np.ndarray, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
@@ -394,8 +394,9 @@ class SpidarEnv(
 
     def judge(self, fleet: Fleet | None, before: Judge | None = None) -> Judge | None:
         """Who judges these robots by the task of one's own, if there is one; as `Judge`."""
-        task: Any = self.task
-        return None if self.own_task is None or fleet is None else Judge(self.own_task, fleet, task, before)
+        if self.own_task is None or fleet is None:
+            return None
+        return Judge(self.own_task, fleet, self.task, before)
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""

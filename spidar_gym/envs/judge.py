@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.envs.batch import Robots, VectorTask, check_weights, weighted
-from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.flights import FlightTask
-from spidar_gym.envs.hover.task import HoverTask
+from spidar_gym.envs.options import Task
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine_structs import AUTORESETS
@@ -70,9 +69,7 @@ def task_options(task: object) -> tuple[str, ...]:
 class Judge:
     """A task of a user's own over a fleet: it writes the fleet's arrays as the engine does."""
 
-    def __init__(
-        self, task: VectorTask[Any], fleet: Fleet, own: HoverTask | CrawlTask, before: "Judge | None" = None
-    ) -> None:
+    def __init__(self, task: VectorTask[Any], fleet: Fleet, own: Task, before: "Judge | None" = None) -> None:
         """Take over.
 
         Args:

@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,12 +14,12 @@ from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vec
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import Engine, check_delay
-from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.engine_structs import AIR_STEPS, engine_layouts
 from spidar_gym.native.library import pointer
 from spidar_gym.native.structs import fill, read
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.disturbances import PUSH_SECONDS, Disturbances
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command, Measurement, RobotState
@@ -171,6 +172,42 @@ class Plant:
         pose["motion"] = 0.0 if motion is None else motion
         self._engine.run("sp_reset_plants", None, self._pose)
         return self.state()
+
+    def disturb(self, disturbances: Disturbances, towards: float = 0.0) -> None:
+        """Let something else happen from now on, without a reset; what a rotor had lost comes back.
+
+        Args:
+            disturbances: Their `fault_time` counts from the reset. Pushes begin with one at once.
+            towards: Where the wind blows to, 0 along x, π/2 along y [rad].
+
+        Raises:
+            InvalidValueError: When something random is to happen and the reset was given no generator.
+        """
+        record, weather = self.record, self.record["weather"]
+        if disturbances.has_weather and not any(record["generator"].tobytes()):
+            raise InvalidValueError("rng", None, "a generator at the reset, where there is to be wind or pushes")
+        before = read(Disturbances, record["disturbances"])
+        fill(record["disturbances"], disturbances)
+        if (before.lost_rotor, before.fault) != (disturbances.lost_rotor, disturbances.fault):
+            record["is_stuck"] = 0  # it would go on for a rotor that is no longer named
+        weather["mean_w"] = disturbances.wind * np.array([math.cos(towards), math.sin(towards), 0.0])
+        if not disturbances.wind:
+            weather["gust_w"] = 0.0
+        if not disturbances.push:
+            weather["push_w"], weather["next_push"] = 0.0, math.inf
+        elif not math.isfinite(weather["next_push"]):
+            weather["next_push"] = self.state().time
+        record["has_air"] = bool(record["has_air"]) or disturbances.has_weather
+
+    def shove(self, force_w: Vector3) -> None:
+        """Push the torso for 0.2 s from now on, besides whatever else happens to it [N]."""
+        weather = self.record["weather"]
+        if not self.record["disturbances"]["push"]:
+            # Nobody looks at a push where none may come; none of its own follows, as `next_push` is never.
+            self.record["disturbances"]["push"] = float(np.linalg.norm(force_w))
+        # It begins when the weather is looked at the next time, and its length counts from there.
+        weather["push_w"], weather["push_end"] = force_w, self.state().time + AIR_STEPS * TIMESTEP + PUSH_SECONDS
+        self.record["has_air"] = True
 
     def step(self, command: Command) -> RobotState:
         """Advance by one control period: physics, and what happens in between.

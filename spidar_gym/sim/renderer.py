@@ -36,7 +36,7 @@ def require_display() -> None:
     if not has_display():
         raise SpidarError(
             "no display to open a window on; valid without one: render_mode rgb_array or depth_array, on the command "
-            "line `spidar run --out FILE.mp4`"
+            "line `spidar run --out FILE.mp4` or `spidar view --web`"
         )
 
 

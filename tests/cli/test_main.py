@@ -55,9 +55,8 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    assert len(quantities) == {"run": 13, "paper crawl": 4, "hops": 2, "bench": 1, "eval": 1, "export": 1}.get(
-        " ".join(command), 0
-    )
+    counts = {"run": 13, "view": 12, "paper crawl": 4, "hops": 2, "bench": 1, "eval": 1, "export": 1}
+    assert len(quantities) == counts.get(" ".join(command), 0)
     # A strength has no unit, but a range; friction has neither. Degrees exist on the command line only, and it says so.
     unit = r"\[(s|1/s|rad/s|m/s|N|m|degrees; radians in gymnasium\.make)\]|0 … 1\b|Sliding friction|like the next two"
     assert all(re.search(unit, option) for option in quantities)

@@ -15,7 +15,12 @@ PAGES = {str(path.relative_to(ROOT / "docs")): path.read_text(encoding="utf-8") 
 PAGES["references.md"] = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
 EXPLAINED = ("environments", "concepts", "paper", "studies", "onboard", "development")
 CODE = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-RUN = {page: blocks for page, text in PAGES.items() if page.startswith(EXPLAINED) and (blocks := CODE.findall(text))}
+RUN = {
+    page: blocks
+    for page, text in PAGES.items()
+    if page.startswith(EXPLAINED) and (blocks := CODE.findall(text)) and "<!-- client: " not in text
+}
+"""Pages and their code; that of the learning frameworks `tests/clients` runs, where each of them is installed."""
 FOLDERS = "|".join(("spidar_gym", "tests", "assets", "baselines", "train", "docs"))
 
 

@@ -1,15 +1,19 @@
 """Holds the simulated robot of the library to the readable one, tick by tick, whatever happens to it."""
 
+import copy
 from dataclasses import astuple
 
+import mujoco
 import numpy as np
 import pytest
 import reference.plant
-from support.plants import ASKEW, ODDITIES, command
+from support.plants import ASKEW, HIGH, ODDITIES, VACUUM, command
 
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.plant import Plant
-from spidar_gym.robot import FORMS
+from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import TILES, GroundConfig
 
 FLOORS = {
@@ -108,3 +112,97 @@ def test_a_drawn_robot_is_the_one_that_is_read_back():
 def flat_of(value) -> list:
     """Numbers of nested tuples, one after another."""
     return [x for each in value for x in flat_of(each)] if isinstance(value, tuple) else np.ravel(value).tolist()
+
+
+def hanging(disturbances=None) -> Plant:
+    """A plant without gravity and air, high up, that has a generator."""
+    plant = Plant(PlantConfig(aero=VACUUM))
+    plant.model.opt.gravity[:] = 0.0
+    plant.reset(HIGH, disturbances=disturbances, rng=np.random.default_rng(2))
+    return plant
+
+
+def momentum(plant: Plant) -> np.ndarray:
+    """That of the whole robot, world [Ns]."""
+    data = copy.copy(plant.data)
+    mujoco.mj_forward(plant.model, data)
+    mujoco.mj_subtreeVel(plant.model, data)
+    return ROBOT.total_mass * data.subtree_linvel[plant.model.body("torso").id]
+
+
+def test_wind_begins_where_it_is_told_and_ends():
+    plant = hanging()
+    plant.disturb(Disturbances(wind=6.0), towards=np.pi / 2)
+    for _ in range(40):
+        state = plant.step(command())
+    assert state.velocity_w[1] > 5.0 * abs(state.velocity_w[0]) > 0.0
+    assert np.linalg.norm(plant.record["weather"]["mean_w"] - [0.0, 6.0, 0.0]) < 1e-12
+    plant.disturb(Disturbances())
+    drift = plant.step(command()).velocity_w
+    assert not plant.record["weather"]["gust_w"].any()
+    # What blew is still air now, which a moving robot feels: it is slower a second later.
+    for _ in range(40):
+        state = plant.step(command())
+    assert 0.0 < state.velocity_w[1] < drift[1]
+
+
+def test_pushes_begin_with_one_at_once_and_end_in_the_middle_of_one():
+    plant = hanging()
+    plant.disturb(Disturbances(push=30.0))
+    plant.step(command())
+    assert np.linalg.norm(plant.record["weather"]["push_w"]) == pytest.approx(30.0)
+    plant.disturb(Disturbances())
+    plant.step(command())
+    gained = momentum(plant)
+    assert 0.5 < np.linalg.norm(gained) < 2.0  # of the 6 Ns of a whole push
+    plant.step(command())
+    assert momentum(plant) == pytest.approx(gained, abs=1e-3)
+
+
+def test_pushes_that_go_on_are_not_brought_forward():
+    plant = hanging(Disturbances(push=30.0))
+    due = float(plant.record["weather"]["next_push"])
+    plant.disturb(Disturbances(push=10.0))
+    assert plant.record["weather"]["next_push"] == due
+
+
+@pytest.mark.parametrize("disturbances", [Disturbances(), Disturbances(wind=1.0)])
+def test_a_shove_gives_the_robot_its_force_times_a_fifth_of_a_second_once(disturbances):
+    shoved, left = hanging(), hanging()
+    for plant in (shoved, left):
+        plant.disturb(disturbances)
+    shoved.shove(np.array([0.0, 30.0, 0.0]))
+    for _ in range(16):
+        shoved.step(command())
+        left.step(command())
+    # In wind, who is faster feels another one.
+    assert momentum(shoved) - momentum(left) == pytest.approx([0.0, 6.0, 0.0], abs=0.1 if disturbances.wind else 1e-3)
+    assert not shoved.record["weather"]["push_w"].any()
+
+
+@pytest.mark.parametrize("fault", ["thrust", "vectoring"])
+def test_a_rotor_is_lost_at_once_and_comes_back(fault):
+    plant = hanging()
+    told = command(thrust=10.0, vectoring=0.3)
+    plant.disturb(Disturbances(lost_rotor=3, fault=fault, fault_time=0.0))
+    for _ in range(40):
+        state = plant.step(told)
+    others = np.arange(8) != 2
+    assert state.thrust[others] == pytest.approx(10.0, rel=0.05)
+    assert state.thrust[2] == pytest.approx(0.0 if fault == "thrust" else 10.0, abs=0.5)
+    assert state.vectoring[others] == pytest.approx(0.3, abs=0.05)
+    assert state.vectoring[2] == pytest.approx(0.3 if fault == "thrust" else 0.0, abs=0.05)
+    plant.disturb(Disturbances())
+    for _ in range(40):
+        state = plant.step(told)
+    assert state.thrust == pytest.approx(10.0, rel=0.05)
+    assert state.vectoring == pytest.approx(0.3, abs=0.05)
+    assert state.joint_position == pytest.approx(0.0, abs=0.02)  # nobody else's servo was held
+
+
+def test_wind_without_a_generator_is_refused():
+    plant = Plant()
+    plant.reset(HIGH)
+    with pytest.raises(InvalidValueError, match=r"rng = None .* a generator at the reset"):
+        plant.disturb(Disturbances(wind=1.0))
+    plant.disturb(Disturbances(lost_rotor=1))

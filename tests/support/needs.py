@@ -15,6 +15,7 @@ PROGRAMS = {
         ("rosmaster", "pkg-config", "g++"),
         "docs/onboard/sitl_and_faults.md says which packages",
     ),
+    "browser": (("chromium",), "apt-get install chromium"),
 }
 
 

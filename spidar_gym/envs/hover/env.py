@@ -1,6 +1,7 @@
 """The hover environment: the paper's flight controller, to which the action adds, and forms to fly through."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -28,6 +29,7 @@ from spidar_gym.native.engine_structs import FLIGHT_FAILURES
 from spidar_gym.native.flight import ControlStateView
 from spidar_gym.native.structs import read
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
+from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command, Reference
 
@@ -203,6 +205,11 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._leg_momentum = self._leg_momentum_rate = _STILL
         self._joint_velocity = _NO_JOINTS
         self._update_errors()
+
+    def disturb(self, disturbances: Mapping[str, Any] | Disturbances | None, towards: float = 0.0) -> None:
+        """As `Disturbable.disturb`; the controller is told of what is lost, and of what is back."""
+        super().disturb(disturbances, towards)
+        self._reference = None
 
     @property
     def path(self) -> Path | None:

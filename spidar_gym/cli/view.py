@@ -1,0 +1,134 @@
+"""`spidar view`: the robot in MuJoCo's viewer, or live in a browser."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from spidar_gym.cli.arguments import Flag, choice
+from spidar_gym.cli.evaluate import BASELINES
+from spidar_gym.cli.run import UNDISTURBED, TaskOptions, chosen_arguments
+from spidar_gym.envs.hover.task import hover_height
+from spidar_gym.envs.registry import HOVER, environment
+from spidar_gym.errors import InvalidValueError, SpidarError, require_least, require_name
+from spidar_gym.native.plant import Plant
+from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.policy import policy_arguments, policy_name
+from spidar_gym.policies.source import ROOT
+from spidar_gym.robot import FORMS
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.scene import scene
+from spidar_gym.viz.live.serve import HOST, PORT, is_loopback, keep_time, require_viser, served
+from spidar_gym.viz.live.session import ALONE, Session
+
+
+@dataclass(frozen=True)
+class WebOptions:
+    """What is shown in a browser, and where."""
+
+    policy: str | None = None
+    """module:Class or a learned policy's artifact, which choose their controller; with --trust a model's zip."""
+    trust: Flag = False
+    """Load a zip that Stable-Baselines3 saved, which can run code: only from whom you trust."""
+    seed: int = 0
+    """Seed of the first episode; the next ones follow it."""
+    wake: bool = True
+    """Air between the rotors."""
+    sensors: Flag = False
+    """The controller sees real sensors through the estimator."""
+    randomization: float = 0.0
+    """Strength of the domain randomisation, 0 … 1."""
+    host: str = HOST
+    """Address to listen on: 127.0.0.1 is for this machine alone, 0.0.0.0 lets everybody who reaches it steer."""
+    port: int = PORT
+    """Port to listen on, 1 … 65535; 0 takes any that is free."""
+
+
+TASK, PAGE = TaskOptions(), WebOptions()
+
+
+def view(
+    env_id: tyro.conf.Positional[str] = HOVER,
+    form: Annotated[str, choice(FORMS)] = "form1",
+    web: Flag = False,
+    task: Annotated[TaskOptions, tyro.conf.arg(name="")] = TASK,
+    page: Annotated[WebOptions, tyro.conf.arg(name="")] = PAGE,
+    disturbances: Annotated[Disturbances, tyro.conf.arg(name="")] = UNDISTURBED,
+) -> None:
+    """Open MuJoCo's viewer on the robot in a form, or with --web serve a page that shows it flying or crawling live.
+
+    The viewer needs a display. The page needs the extra web and a browser, here or at the other end of
+    `ssh -L 8080:localhost:8080`, and no OpenGL on this machine: thrusts, jets, contact forces, errors; form, reference,
+    wind, faults, preset and policy change in flight. Ctrl-C ends it.
+
+    Args:
+        env_id: Environment of the page.
+        form: Form that the robot starts in.
+        web: Serve the page; all other options but --form are the page's.
+    """
+    require_name("form", form, FORMS)
+    if not web:
+        _refuse_page(env_id, task, page, disturbances)
+        _open_window(form)
+        return
+    require_viser()
+    environment(env_id)
+    require_least(0, seed=page.seed)
+    options = task.given | {name: getattr(page, name) for name in ("wake", "sensors", "randomization")}
+    if page.policy is not None:  # what it chooses nobody else may have chosen
+        chosen_arguments(load_policy(page.policy, trust=page.trust), page.policy, env_id, task.given)
+    session = Session(
+        env_id, options, policy=page.policy or ALONE, trust=page.trust, seed=page.seed, form=form,
+        disturbances=disturbances,
+    )  # fmt: skip
+    try:
+        with served(session, dict(policies(env_id, page)), host=page.host, port=page.port) as (shown, address):
+            print(f"{address} shows {env_id}; Ctrl-C ends it", flush=True)
+            if not is_loopback(page.host):
+                print(f"spidar: warning: whoever reaches {page.host} can steer it", file=sys.__stderr__)
+            keep_time(shown, lambda: False)
+    finally:
+        session.close()
+
+
+def policies(env_id: str, page: WebOptions) -> Iterator[tuple[str, str]]:
+    """Names of what can act in an environment, and what they stand for: what was asked for, then what is committed."""
+    if page.policy is not None:
+        yield policy_name(load_policy(page.policy, trust=page.trust)), page.policy
+    learned = sorted(str(path) for path in (ROOT / "baselines" / "learned").glob("*/seed0.npz"))
+    for spec in (*BASELINES, *learned):
+        try:
+            policy = load_policy(spec)
+            if spec != page.policy and policy_arguments(policy, env_id) is not None:
+                yield policy_name(policy), spec
+        except SpidarError:  # outside of a checkout there is none
+            continue
+
+
+def _refuse_page(env_id: str, task: TaskOptions, page: WebOptions, disturbances: Disturbances) -> None:
+    """Refuse what is for the page where there is none."""
+    given: dict[str, Any] = {"env_id": env_id} if env_id != HOVER else {}
+    for options, none in ((task, TASK), (page, PAGE), (disturbances, UNDISTURBED)):
+        values = {f.name: getattr(options, f.name) for f in fields(none)}
+        given |= {name: value for name, value in values.items() if value != getattr(none, name)}
+    for name, value in given.items():
+        raise InvalidValueError(name, value, "--web beside it: MuJoCo's viewer shows the robot in a form")
+
+
+def _open_window(form: str) -> None:
+    """Open MuJoCo's viewer."""
+    import mujoco
+    import mujoco.viewer
+
+    from spidar_gym.sim.renderer import require_display
+
+    require_display()
+    plant = Plant()
+    plant.reset(np.array([0.0, 0.0, hover_height()]), joint_position=FORMS[form])
+    model = scene(visual=True)
+    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
+    data.qpos[:], data.act[:], data.ctrl[:] = plant.data.qpos, plant.data.act, plant.data.ctrl
+    mujoco.viewer.launch(model, data)

@@ -1,0 +1,126 @@
+"""Pins the page in a browser, on a desk and on a telephone: it shows the robot, and clicks and keys reach it."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from support.needs import marked
+from support.pages import needs_viser
+
+from spidar_gym.viz.live.serve import keep_time, served
+from spidar_gym.viz.live.session import Session
+
+pytestmark = [marked("browser")(pytest.mark.slow), needs_viser]
+READY = "!!document.body?.innerText.includes('of its weight')"
+DESK, TELEPHONE = (1280, 800), (390, 844)
+RECTANGLES = """[...document.querySelectorAll('button, input')].map(b => [b, b.getBoundingClientRect()])
+  .filter(([b, r]) => r.width > 4 && r.height > 4 && getComputedStyle(b).opacity !== '0')
+  .map(([b, r]) => [b.innerText || b.tagName, r.left, r.top, r.right, r.bottom])"""
+
+
+@pytest.fixture
+def opened():
+    """Opens a browser on a session that flies in real time."""
+    from support.chromium import Chromium
+
+    undo = []
+
+    def open_page(size, **options):
+        session = Session(options={"joint_speed": 1.0, **options})
+        entered = served(session, {}, port=0)
+        page, address = entered.__enter__()
+        ended = threading.Event()
+        loop = threading.Thread(target=keep_time, args=(page, ended.is_set))
+        loop.start()
+        undo.extend([session.close, lambda: entered.__exit__(None, None, None), loop.join, ended.set])
+        browser = Chromium(address, *size)
+        undo.append(browser.close)
+        browser.until(READY)
+        return browser, session, address
+
+    yield open_page
+    while undo:
+        undo.pop()()
+
+
+def flown(session, is_so):
+    """Wait, ten seconds of the robot at most, until something is so."""
+    begin = session.passed
+    while not is_so():
+        assert session.passed < begin + 400
+        time.sleep(0.02)
+
+
+def seen(browser, path):
+    """The picture, (height, width, 3)."""
+    image = pytest.importorskip("PIL.Image")
+    browser.picture(path)
+    return np.asarray(image.open(path).convert("RGB")).astype(int)
+
+
+def orange(picture):
+    """Where the arrows of the thrusts are: rows and columns."""
+    red, green, blue = np.moveaxis(picture, 2, 0)
+    return np.argwhere((red > 150) & (green < 120) & (blue < 90))
+
+
+@pytest.mark.parametrize("size", [DESK, TELEPHONE], ids=["desk", "telephone"])
+def test_the_robot_is_in_the_picture_and_nothing_lies_on_anything(opened, size, tmp_path):
+    browser, _, address = opened(size)
+    # Until it is drawn: the picture grows finer, and the camera moves back once it knows how wide the picture is.
+    for _ in range(60):
+        found = orange(seen(browser, tmp_path / "page.png"))
+        if len(found) > 200:
+            break
+    width, height = size
+    left, right = (304, 956) if size is DESK else (0, width)
+    inside = found[(found[:, 1] > left + 2) & (found[:, 1] < right - 2)]
+    assert len(inside) > 200
+    assert inside[:, 1].min() > left + 5
+    assert inside[:, 1].max() < right - 5
+    assert inside[:, 0].max() < (0.9 if size is DESK else 0.42) * height  # on a telephone above the panel
+    boxes = browser.js(RECTANGLES)
+    assert len(boxes) > 15
+    for k, (name, x0, y0, x1, y1) in enumerate(boxes):
+        assert x0 >= 0
+        assert x1 <= width, name
+        for other, a0, b0, a1, b1 in boxes[k + 1 :]:
+            assert min(x1, a1) - max(x0, a0) < 1 or min(y1, b1) - max(y0, b0) < 1, f"{name} lies on {other}"
+    assert browser.asked == {f"{address}/"}
+
+
+def test_a_click_changes_the_form_in_flight(opened):
+    browser, session, _ = opened(DESK)
+    before = session.env
+    browser.click("③")
+    browser.until("[...document.querySelectorAll('input')].some(b => b.value === '90')")  # the slider follows
+    assert session.form[3] == pytest.approx(np.pi / 2)
+    assert session.env is before
+    flown(session, lambda: session.env.state.joint_position[3] > 1.5)
+    assert (session.over, session.seed) == ("", 0)
+
+
+def test_keys_fly_the_reference(opened):
+    browser, session, _ = opened(DESK)
+    for _ in range(4):
+        browser.hit("R")
+    flown(session, lambda: session.env.helm.place[2] > 0.15)
+    assert session.env.helm.goal[2] == pytest.approx(0.2)
+
+
+def test_the_picture_moves_with_the_robot(opened, tmp_path):
+    browser, session, _ = opened(DESK)
+    for _ in range(60):
+        before = orange(seen(browser, tmp_path / "page.png"))
+        if len(before) > 200:
+            break
+    for _ in range(30):
+        browser.hit("R")
+    flown(session, lambda: session.env.helm.place[2] > 0.3)
+    higher = before
+    for _ in range(60):
+        higher = orange(seen(browser, tmp_path / "page.png"))
+        if len(higher) and higher[:, 0].mean() < before[:, 0].mean() - 20:
+            break
+    assert higher[:, 0].mean() < before[:, 0].mean() - 20
