@@ -1,7 +1,9 @@
 """Flies and crawls robots of one's own: by core and by Python alike, one and many, beside the nominal one; refusals."""
 
 import copy
+import importlib.util
 import pickle
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -214,6 +216,19 @@ def test_a_robot_is_no_option_of_reset():
         env.reset(options={"robot": LONG})
 
 
+def test_the_guides_example_compares_both():
+    path = Path(__file__).parents[2] / "docs" / "examples" / "longer_legs.py"
+    found = importlib.util.spec_from_file_location("longer_legs", path)
+    example = importlib.util.module_from_spec(found)
+    found.loader.exec_module(example)
+    assert example.LONG == LONG
+    position, attitude, flown = example.hover(LONG, 1, horizon_s=2.0)
+    assert 0.0 < position < 50.0
+    assert 0.0 < attitude < 50.0
+    assert flown in (0, 1)
+    assert example.crawl(LONG, 1)[0] == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_of_ones_own_flies_and_crawls_to_the_end(name):
@@ -231,7 +246,7 @@ def test_a_robot_of_ones_own_flies_and_crawls_to_the_end(name):
 @pytest.mark.slow
 def test_the_longer_robot_goes_a_course():
     env = gymnasium.make(
-        COURSE, robot=LONG, action_mode="residual", hold=20, count=1, gates=("wall",), floors=("plain",)
+        COURSE, robot=LONG, action_mode="residual", hold=20, count=(1, 1), gates=("wall",), floors=("plain",)
     )
     env.reset(seed=2)
     over = False
