@@ -7,7 +7,7 @@ imported it does so by `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")`.
 import importlib
 import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -19,7 +19,7 @@ class _Registration(MetaPathFinder):
     """Registers the environments as soon as there is Gymnasium: who allocates thrust on a robot never imports it."""
 
     def find_spec(
-        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+        self, fullname: str, path: Iterable[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Have the environments registered once Gymnasium is imported; whoever else looks finds nothing here."""
         if fullname != "gymnasium":

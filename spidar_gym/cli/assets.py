@@ -1,23 +1,39 @@
 """`spidar assets`: everything that is generated, and the library that is compiled from it."""
 
+from pathlib import Path
+
 from spidar_gym.cli.arguments import Flag
 from spidar_gym.envs.docs import pages
-from spidar_gym.errors import MissingDependencyError, StaleAssetError
-from spidar_gym.files import refresh
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError
+from spidar_gym.files import refresh, whole_file
 from spidar_gym.native.codegen.committed import OSQP, committed_files, leftovers, other_osqp
 from spidar_gym.native.compiler import compile_library
 from spidar_gym.native.library import BUILD, core_path, load_core
 from spidar_gym.native.recipe import GENERATED
 from spidar_gym.onboard.policy import policy_header
-from spidar_gym.robot.description import assets_dir, generated_files
+from spidar_gym.robot import RobotSpec
+from spidar_gym.robot.description import assets_dir, generated_files, robot_files
 
 
-def assets(check: Flag = False) -> None:
+def assets(check: Flag = False, robot: Path | None = None, out: Path | None = None) -> None:
     """Write the generated files: MJCF, URDF, tables, C, in a checkout the environments' pages; compile the library.
 
     Args:
         check: Write nothing; fail when a committed file or the compiled library is stale.
+        robot: TOML file of a robot of one's own: its MJCF and URDF are written into `out`, and nothing else.
+        out: Folder of these.
     """
+    if (robot is None) != (out is None) or (robot is not None and check):
+        raise InvalidValueError(
+            "robot, out, check", (robot, out, check), "--robot FILE and --out FOLDER together, alone"
+        )
+    if robot is not None and out is not None:
+        files = robot_files(RobotSpec.parse(robot))
+        for name, text in files.items():
+            with whole_file(out / name) as path:
+                path.write_text(text, encoding="utf-8")
+        print(f"{', '.join(files)} in {out}")
+        return
     root = assets_dir()
     files = {root / name: text for name, text in generated_files().items()}
     guide = root.parent / "docs"

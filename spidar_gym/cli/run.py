@@ -31,10 +31,18 @@ from spidar_gym.files import output_folder
 from spidar_gym.native.engine_structs import HEADINGS, PATHS
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
-from spidar_gym.policies.policy import Policy, defined_on, policy_arguments, policy_name, require_spaces
+from spidar_gym.policies.policy import (
+    Policy,
+    defined_on,
+    policy_arguments,
+    policy_name,
+    require_robot,
+    require_spaces,
+)
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import Step, rollout
 from spidar_gym.policies.source import ZIP, load_module, split_name
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import TERRAINS
 from spidar_gym.sim.renderer import require_display
@@ -109,6 +117,7 @@ def run(
     seconds: float | None = None,
     wake: bool = True,
     sensors: Flag = False,
+    robot: Path | None = None,
     randomization: float | Path = 0.0,
     disturbances: Annotated[Disturbances, tyro.conf.arg(name="")] = UNDISTURBED,
     camera: CameraArg = FIXED,
@@ -127,6 +136,7 @@ def run(
         seconds: Length of an episode [s]; the environment's own if not given.
         wake: Air between the rotors.
         sensors: The controller sees real sensors through the estimator.
+        robot: TOML file of a robot of one's own, numbers of RobotSpec by name.
         randomization: Strength of the domain randomisation, 0 … 1; or a TOML file of ranges by field.
         out: Video file to write (.mp4).
         show: Open a window.
@@ -139,6 +149,7 @@ def run(
         **own, "horizon_s": horizon * period, "max_episode_steps": horizon, "wake": wake, "sensors": sensors,
         "randomization": randomization, "disturbances": disturbances,
         "render_mode": "human" if show else None,
+        **({} if robot is None else {"robot": RobotSpec.parse(robot)}),
     }  # fmt: skip
     with ExitStack() as stack:
         players = [
@@ -205,6 +216,7 @@ def _player(
     env = gymnasium.make(env_id, **given, **chosen_arguments(policy, spec, env_id, given), **shared)
     stack.callback(env.close)
     if policy is not None:
+        require_robot(policy, env_id, shared.get("robot", ROBOT))
         require_spaces(policy, env_id, env)
     name = f"preset {given['preset']}" if "preset" in given else "controller alone"
     actor = Actor(policy or PresetPolicy(), env.action_space.shape or (), env_id, limit_s=ACT_LIMIT_S)
@@ -250,17 +262,17 @@ def _take(
     qpos = np.array(rows)
     if isinstance(player.inner, HoverEnv):
         errors = (np.array([info[f"{name}_error"] for info in infos]) for name in ("position", "attitude"))
-        traces = viz.flight_traces(qpos, *errors)
+        traces = viz.flight_traces(qpos, *errors, robot=player.inner.robot)
     elif isinstance(player.inner, CourseEnv):
         told = (np.array([info[name] for info in infos]) for name in ("thrust_fraction", "charge"))
         traces = viz.course_traces(qpos, *told)
     else:
         traces = viz.crawl_traces(qpos)
-    time = np.arange(1, len(qpos) + 1) * player.inner.hold / CONTROL_RATE
+    robot, time = player.inner.robot, np.arange(1, len(qpos) + 1) * player.inner.hold / CONTROL_RATE
     thrust = np.array([info["thrust"] for info in infos])
     pace = COURSE_PACE if isinstance(player.inner, CourseEnv) else 1.0
     ground = player.inner.plant.config.ground
-    return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, ground, pace)
+    return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, ground, pace, robot)
 
 
 def _summary(steps: list[Step], period: float) -> str:

@@ -75,7 +75,7 @@ class Options:
         require_name("link", self.link, LINKS)
 
     @property
-    def mission(self) -> dict[str, bool]:
+    def mission(self) -> dict[str, Any]:
         """What of it the mission says."""
         return {"odometry": self.odometry, "residual": self.residual is not None}
 

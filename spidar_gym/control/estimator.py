@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spidar_gym.arrays import Matrix3, RotorVector, Vector3
-from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.so3 import cross, exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
 
-LEVER_B = np.array(ROBOT.flight_controller)
-"""Where motion capture and inertial unit look, in the torso [m]."""
 HISTORY = 32
 """Past samples kept for delayed frames: 160 ms."""
 
@@ -75,17 +73,17 @@ class EstimatorMemory:
 class Estimator:
     """Turns measurements into states; owns the memory of one robot."""
 
-    def __init__(self, config: EstimatorConfig | None = None) -> None:
-        """Take the gains."""
+    def __init__(self, config: EstimatorConfig | None = None, robot: RobotSpec = ROBOT) -> None:
+        """Take the gains, and the robot: where in its torso motion capture and inertial unit look."""
         self.config = config or EstimatorConfig()
         bandwidth = np.repeat([self.config.joint_bandwidth, self.config.vectoring_bandwidth], (N_JOINTS, 2 * N_ROTORS))
-        self._bandwidth = bandwidth
+        self._bandwidth, self._lever_b = bandwidth, np.array(robot.flight_controller)
         self.memory: EstimatorMemory
 
     def reset(self, state: RobotState) -> None:
         """Start from a state that is known, at rest."""
         R = quat_to_matrix(state.quat_wb)
-        position = state.position_w + R @ LEVER_B
+        position = state.position_w + R @ self._lever_b
         memory = EstimatorMemory(state.time, R, position, state.velocity_w.copy(), state.omega_b.copy())
         memory.past_time[-1], memory.past_position_w[-1], memory.past_R_wb[-1] = state.time, position, R
         memory.encoder_time = state.time
@@ -117,9 +115,9 @@ class Estimator:
         angles = memory.angles + (measurement.time - memory.encoder_time) * memory.rates
         return RobotState(
             time=measurement.time,
-            position_w=memory.position_w - memory.R_wb @ LEVER_B,
+            position_w=memory.position_w - memory.R_wb @ self._lever_b,
             quat_wb=matrix_to_quat(memory.R_wb),
-            velocity_w=memory.velocity_w - memory.R_wb @ cross(memory.omega_b, LEVER_B),
+            velocity_w=memory.velocity_w - memory.R_wb @ cross(memory.omega_b, self._lever_b),
             omega_b=memory.omega_b.copy(),
             joint_position=angles[:N_JOINTS],
             joint_velocity=memory.rates[:N_JOINTS].copy(),

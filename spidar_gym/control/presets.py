@@ -1,7 +1,7 @@
 """Presets: which allocation, gains, compensations and gait make a named controller, in flight and on the ground."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.footsteps import GaitConfig
@@ -9,6 +9,7 @@ from spidar_gym.control.flight.centroidal import CentroidalConfig
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.errors import require_name
+from spidar_gym.robot import ROBOT, RobotSpec
 
 # What `spidar tune flight` found in 200 generations: the last line of baselines/searches/flight.json.
 TUNED = ControllerConfig(
@@ -79,10 +80,34 @@ PRESETS: dict[str, ControllerConfig] = {
 """Controllers by name."""
 
 
-def controller_config(preset: str) -> ControllerConfig:
-    """The controller of a preset (`UnknownNameError` lists the valid ones)."""
+ConfigT = TypeVar("ConfigT", ControllerConfig, CrawlerConfig)
+
+
+def for_robot(config: ConfigT, robot: RobotSpec) -> ConfigT:
+    """A controller for a robot: what it leaves at the nominal robot's limits becomes this one's, and so do the legs.
+
+    Gains, margins and the gait's angles and heights stay: they are choices, not numbers of the robot.
+    """
+    own: dict[str, Any] = {
+        name: getattr(robot, name.replace("joint_torque_limit", "max_joint_torque"))
+        for name in ("joint_speed", "joint_torque_limit")
+        if getattr(config, name) == getattr(ROBOT, name.replace("joint_torque_limit", "max_joint_torque"))
+    }
+    if isinstance(config, CrawlerConfig):
+        for name, share in (("foot_friction", 0.6), ("peg_friction", 0.5)):
+            if getattr(config, name) == share * getattr(ROBOT, name):
+                own[name] = share * getattr(robot, name)
+        return replace(config, **own, gait=replace(config.gait, robot=robot))
+    if config.interference.torso_radius == ROBOT.torso_radius:
+        own["interference"] = replace(config.interference, torso_radius=robot.torso_radius)
+    return replace(config, **own)
+
+
+def controller_config(preset: str, robot: RobotSpec = ROBOT) -> ControllerConfig:
+    """The controller of a preset, for a robot (`UnknownNameError` lists the valid ones)."""
     require_name("preset", preset, PRESETS)
-    return PRESETS[preset]
+    config = PRESETS[preset]
+    return config if robot == ROBOT else for_robot(config, robot)
 
 
 SCHEDULES: dict[str, dict[str, Any]] = {
@@ -143,12 +168,23 @@ CRAWL_PRESETS: dict[str, CrawlerConfig] = {
 """Crawlers by name."""
 
 
-def crawler_config(preset: str, schedule: str | None = None) -> CrawlerConfig:
-    """The crawler of a preset, with another schedule if one is given (`UnknownNameError` lists the valid ones)."""
+def crawler_config(preset: str, schedule: str | None = None, robot: RobotSpec = ROBOT) -> CrawlerConfig:
+    """The crawler of a preset, for a robot (`UnknownNameError` lists the valid ones).
+
+    Args:
+        preset: Its name.
+        schedule: Another schedule if one is given.
+        robot: Whose legs it moves.
+
+    Raises:
+        InvalidValueError: For a robot whose legs do not reach what the preset asks of them.
+    """
     require_name("preset", preset, CRAWL_PRESETS)
     config = CRAWL_PRESETS[preset]
+    if robot != ROBOT:
+        config = for_robot(config, robot)
     if schedule is None:
         return config
     require_name("schedule", schedule, SCHEDULES)
-    plain = GaitConfig(rolling=config.gait.rolling)
+    plain = GaitConfig(rolling=config.gait.rolling, robot=robot)
     return replace(config, gait=replace(plain, **SCHEDULES[schedule]))

@@ -71,6 +71,7 @@ def flight_demand(
         lower=bounds.lower,
         upper=bounds.upper,
         lost=lost_thrust,
+        robot=snapshot.robot,
     )
     return demand, lock, bounds
 

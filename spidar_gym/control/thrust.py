@@ -17,7 +17,7 @@ from spidar_gym.control.rotors import ALL_FREE, RotorMemory, flight_demand, fres
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import rate_limit_vectoring, vectoring_to_force
-from spidar_gym.robot import ROBOT
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState, valid_state
 
@@ -36,6 +36,7 @@ class ThrustAllocator:
         period: float = 1.0 / CONTROL_RATE,
         config: ControllerConfig | None = None,
         modes: Mapping[str, Mode] | None = None,
+        robot: RobotSpec = ROBOT,
     ) -> None:
         """Build the model and the solver.
 
@@ -47,6 +48,7 @@ class ThrustAllocator:
                 lock count.
             modes: Modes of one's own, `flight` and `flight_unrestricted`, in place of the allocation's: other weights,
                 limits, blocks (`spidar_gym.control.allocation.modes.find_allocation` has those to begin with).
+            robot: Whose rotors they are.
 
         Raises:
             UnknownNameError: There is no such preset or allocation.
@@ -54,13 +56,13 @@ class ThrustAllocator:
         """
         if not period > 0.0:
             raise InvalidValueError("period", period, "a time above 0 [s]")
-        self._config = config or controller_config(preset)
-        self._model = Model()
+        self._config = config or controller_config(preset, robot)
+        self._model = Model(robot)
         own = dict(find_allocation(self._config.allocation) if modes is None else modes)
         if not {"flight", "flight_unrestricted"} <= own.keys():
             raise InvalidValueError("modes", sorted(own), "flight and flight_unrestricted among them")
         self._allocator = Allocator(own, self._config.allocator)
-        self._turn = ROBOT.max_vectoring_speed * period
+        self._turn = robot.max_vectoring_speed * period
         # The lock's slew is meant for the controller's own ticks.
         self._lock_config = replace(self._config.lock, slew=self._config.lock.slew * (period * CONTROL_RATE))
         self._memory: RotorMemory | None = None

@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spidar_gym.arrays import JointVector
 from spidar_gym.control.course.gates import CEILING
@@ -12,11 +14,17 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.commands import SPEEDS
 from spidar_gym.errors import require_name
-from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import Command, Residual
 
-WRENCH_AUTHORITY = np.array([0.15 * ROBOT.weight] * 3 + [8.0] * 3)
-"""Force of 15 % of the weight [N] and torque [Nm] per axis of the wrench residual."""
+
+def wrench_authority(robot: RobotSpec) -> np.ndarray:
+    """Force of 15 % of the weight [N] and torque [Nm] per axis of the wrench residual."""
+    return np.array([0.15 * robot.weight] * 3 + [8.0] * 3)
+
+
+WRENCH_AUTHORITY = wrench_authority(ROBOT)
+"""That of the nominal robot."""
 JOINT_AUTHORITY = 0.1
 """Offset of a joint target [rad]."""
 SPEED_AUTHORITY = 0.5
@@ -29,15 +37,20 @@ LEG_AUTHORITY = 8.0
 """Force per axis and leg after the allocation [N]."""
 
 
-AUTHORITIES = {
-    "wrench": WRENCH_AUTHORITY,
-    "joint_offset": JOINT_AUTHORITY,
-    "joint_speed_scale": SPEED_AUTHORITY,
-    "forces": FORCE_AUTHORITY,
-    "gait": (SPEED_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY),
-    "leg_forces": LEG_AUTHORITY,
-}
-"""Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
+def authorities(robot: RobotSpec) -> dict[str, ArrayLike]:
+    """Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
+    return {
+        "wrench": wrench_authority(robot),
+        "joint_offset": JOINT_AUTHORITY,
+        "joint_speed_scale": SPEED_AUTHORITY,
+        "forces": FORCE_AUTHORITY,
+        "gait": (SPEED_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY, GAIT_AUTHORITY),
+        "leg_forces": LEG_AUTHORITY,
+    }
+
+
+AUTHORITIES = authorities(ROBOT)
+"""Those of the nominal robot."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +65,6 @@ class Channel:
     """What −1 … 1 becomes, with unit."""
 
 
-WRENCH = Channel(
-    "wrench", 6, f"± {WRENCH_AUTHORITY[0]:.1f} N and ± {WRENCH_AUTHORITY[3]:g} Nm on the desired wrench, torso axes"
-)
 JOINTS = Channel("joint_offset", N_JOINTS, f"± {JOINT_AUTHORITY:g} rad on the joint targets q₁ … q₁₆")
 SPEED = Channel("joint_speed_scale", 1, f"planned joint speed × (1 ± {SPEED_AUTHORITY:g}); the servo's limit stays")
 GAIT = Channel(
@@ -70,8 +80,8 @@ LEG_FORCES = Channel(
 FORCES = Channel("forces", 3 * N_ROTORS, f"± {FORCE_AUTHORITY:g} N on each rotor force, link axes x, y, z of rotor 1 …")
 
 
-def _wrench(action: np.ndarray) -> Residual:
-    return Residual(wrench=WRENCH_AUTHORITY * action)
+def _wrench(action: np.ndarray, robot: RobotSpec) -> Residual:
+    return Residual(wrench=wrench_authority(robot) * action)
 
 
 def _joint(action: np.ndarray) -> Residual:
@@ -81,9 +91,9 @@ def _joint(action: np.ndarray) -> Residual:
     )
 
 
-def _both(action: np.ndarray) -> Residual:
+def _both(action: np.ndarray, robot: RobotSpec) -> Residual:
     joint = _joint(action[6:])
-    return Residual(WRENCH_AUTHORITY * action[:6], joint.joint_offset, joint.joint_speed_scale)
+    return Residual(wrench_authority(robot) * action[:6], joint.joint_offset, joint.joint_speed_scale)
 
 
 def _force(action: np.ndarray) -> Residual:
@@ -121,37 +131,53 @@ class ActionMode:
         return sum(channel.size for channel in self.channels)
 
 
-ACTION_MODES: dict[str, ActionMode] = {
-    "residual_wrench": ActionMode((WRENCH,), _wrench, "added before the allocation; its constraints hold"),
-    "residual_joint": ActionMode((JOINTS, SPEED), _joint, "shapes the joint motion"),
-    "residual": ActionMode((WRENCH, JOINTS, SPEED), _both, "both of them"),
-    "residual_force": ActionMode(
-        (FORCES,), _force,
-        "added after the allocation, then moved to the nearest point of [Zhao2025, Eq. 12, 13, 30-32] and the thrust "
-        "sphere; the wrench may differ",
-    ),
-    "direct": ActionMode(
-        (
-            Channel("thrust", N_ROTORS, f"λ = {ROBOT.max_thrust / 2:g} (1 + a) N"),
-            Channel("phi", N_ROTORS, "φ = π a rad, the nearest turn"),
-            Channel("theta", N_ROTORS, "θ = π a rad, the nearest turn"),
-            Channel("joint_target", N_JOINTS, "q = π/2 a rad, slewed by the servos"),
+@lru_cache(maxsize=64)
+def action_modes(robot: RobotSpec) -> dict[str, ActionMode]:
+    """Action modes by name. All zero is exactly the paper's controller, in every mode but `direct`."""
+    force, *_, torque = wrench_authority(robot)
+    wrench = Channel("wrench", 6, f"± {force:.1f} N and ± {torque:g} Nm on the desired wrench, torso axes")
+    quarter = "π/2" if robot.joint_limit == ROBOT.joint_limit else f"{robot.joint_limit:g}"
+    return {
+        "residual_wrench": ActionMode(
+            (wrench,), partial(_wrench, robot=robot), "added before the allocation; its constraints hold"
         ),
-        None,
-        "no controller at all",
-    ),
-}  # fmt: skip
-"""Action modes by name. All zero is exactly the paper's controller, in every mode but `direct`."""
+        "residual_joint": ActionMode((JOINTS, SPEED), _joint, "shapes the joint motion"),
+        "residual": ActionMode((wrench, JOINTS, SPEED), partial(_both, robot=robot), "both of them"),
+        "residual_force": ActionMode(
+            (FORCES,), _force,
+            "added after the allocation, then moved to the nearest point of [Zhao2025, Eq. 12, 13, 30-32] and the "
+            "thrust sphere; the wrench may differ",
+        ),
+        "direct": ActionMode(
+            (
+                Channel("thrust", N_ROTORS, f"λ = {robot.max_thrust / 2:g} (1 + a) N"),
+                Channel("phi", N_ROTORS, "φ = π a rad, the nearest turn"),
+                Channel("theta", N_ROTORS, "θ = π a rad, the nearest turn"),
+                Channel("joint_target", N_JOINTS, f"q = {quarter} a rad, slewed by the servos"),
+            ),
+            None,
+            "no controller at all",
+        ),
+    }  # fmt: skip
 
 
-CRAWL_MODES: dict[str, ActionMode] = {
-    **ACTION_MODES,
-    "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
-    "residual_gait_force": ActionMode(
-        (GAIT, LEG_FORCES), _gait_force, "shapes the gait and pulls at the legs; as `residual_force` does, by leg"
-    ),
-}
-"""Action modes of the crawl. All zero is exactly the crawler, in every mode but `direct`."""
+ACTION_MODES = action_modes(ROBOT)
+"""Those of the nominal robot."""
+
+
+def crawl_modes(robot: RobotSpec) -> dict[str, ActionMode]:
+    """Action modes of the crawl. All zero is exactly the crawler, in every mode but `direct`."""
+    return {
+        **action_modes(robot),
+        "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
+        "residual_gait_force": ActionMode(
+            (GAIT, LEG_FORCES), _gait_force, "shapes the gait and pulls at the legs; as `residual_force` does, by leg"
+        ),
+    }
+
+
+CRAWL_MODES = crawl_modes(ROBOT)
+"""Those of the nominal robot."""
 
 
 def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) -> ActionMode:
@@ -160,16 +186,16 @@ def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) 
     return modes[name]
 
 
-def direct_command(action: np.ndarray, vectoring: np.ndarray) -> Command:
+def direct_command(action: np.ndarray, vectoring: np.ndarray, robot: RobotSpec = ROBOT) -> Command:
     """Command of a `direct` action; the angles turn the short way round from the present `vectoring` (8, 2) [rad]."""
     thrust, angles, joints = np.split(action, (N_ROTORS, 3 * N_ROTORS))
     wanted = np.pi * angles.reshape(2, N_ROTORS).T
     way = np.remainder(wanted - vectoring + np.pi, 2.0 * np.pi) - np.pi
     return Command(
-        0.5 * ROBOT.max_thrust * (1.0 + thrust),
+        0.5 * robot.max_thrust * (1.0 + thrust),
         vectoring + way,
-        ROBOT.joint_limit * joints,
-        np.full(N_JOINTS, ROBOT.max_joint_torque),
+        robot.joint_limit * joints,
+        np.full(N_JOINTS, robot.max_joint_torque),
     )
 
 
@@ -180,27 +206,33 @@ def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -
     """
     memory = controller.memory
     reach = controller.config.joint_speed / CONTROL_RATE
-    command = direct_command(action, memory.vectoring)
+    command = direct_command(action, memory.vectoring, controller.model.robot)
     step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
     controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
     return command, step * CONTROL_RATE
 
 
-COURSE_MODES: dict[str, ActionMode] = {
-    "waypoint": ActionMode(
-        (
-            Channel("flies", 1, "above 0 in the air, else on the floor"),
-            Channel("way", 2, f"± {WAY:g} m from the torso, world axes x, y; the target stays inside the field"),
-            Channel("height", 1, f"of the CoG in the air, 0 … {CEILING:g} m"),
-            Channel("heading", 1, "on the floor, ± π rad"),
-            Channel("speed", 1, f"of the flight, {SPEEDS[0]:g} … {SPEEDS[1]:g} m/s"),
-            Channel("narrow", 1, "from form 1, legs stretched out, to form 3, legs below"),
-            Channel("sweep", 1, f"front legs to the front and hind legs to the back, ± {SWEEP:g} rad"),
-        ),
-        None,
-        "a target every 0.5 s, which a pilot has the manager of both gaits follow",
+_WAYPOINT = ActionMode(
+    (
+        Channel("flies", 1, "above 0 in the air, else on the floor"),
+        Channel("way", 2, f"± {WAY:g} m from the torso, world axes x, y; the target stays inside the field"),
+        Channel("height", 1, f"of the CoG in the air, 0 … {CEILING:g} m"),
+        Channel("heading", 1, "on the floor, ± π rad"),
+        Channel("speed", 1, f"of the flight, {SPEEDS[0]:g} … {SPEEDS[1]:g} m/s"),
+        Channel("narrow", 1, "from form 1, legs stretched out, to form 3, legs below"),
+        Channel("sweep", 1, f"front legs to the front and hind legs to the back, ± {SWEEP:g} rad"),
     ),
-    "residual": replace(ACTION_MODES["residual"], doc="both of them, on the manager, whom a rule tells where to go"),
-    "direct": ACTION_MODES["direct"],
-}  # fmt: skip
-"""Action modes of the course."""
+    None,
+    "a target every 0.5 s, which a pilot has the manager of both gaits follow",
+)
+
+
+def course_modes(robot: RobotSpec) -> dict[str, ActionMode]:
+    """Action modes of the course."""
+    modes = action_modes(robot)
+    words = "both of them, on the manager, whom a rule tells where to go"
+    return {"waypoint": _WAYPOINT, "residual": replace(modes["residual"], doc=words), "direct": modes["direct"]}
+
+
+COURSE_MODES = course_modes(ROBOT)
+"""Those of the nominal robot."""

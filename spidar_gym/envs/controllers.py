@@ -11,10 +11,12 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import ManagerConfig, Orders
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.model.dynamics import Model
 from spidar_gym.native.crawl import CoreCrawler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Core
 from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.state import Reference
 
 CONTROLS = ("python", "core")
@@ -28,6 +30,7 @@ def make_flight_controller(
     law: type | None = None,
     fleet: Fleet | None = None,
     preview: Callable[[float], Reference] | None = None,
+    robot: RobotSpec = ROBOT,
 ) -> FlightControl:
     """A flight controller.
 
@@ -38,6 +41,7 @@ def make_flight_controller(
         law: A subclass of `FlightController` in place of the paper's; the compiled core has its own.
         fleet: Robots in the engine, of which the first one's controller is looked at.
         preview: What a law is told of what comes: seconds ahead → reference.
+        robot: Whose model it has.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
@@ -45,12 +49,14 @@ def make_flight_controller(
         MissingDependencyError: When the core is not compiled.
     """
     if choose_control(control, allocator, law) == "python":
-        controller: FlightController = (law or FlightController)(config, allocator=allocator or Allocator)
+        controller: FlightController = (law or FlightController)(config, Model(robot), allocator=allocator or Allocator)
         controller.preview = preview
         return controller
     if fleet is None:
-        return CoreFlightController(config)
-    return CoreFlightController(config, record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0])
+        return CoreFlightController(config, Model(robot))
+    return CoreFlightController(
+        config, Model(robot), record=fleet.robots["flight"][0:1].reshape(()), room=fleet.engine.rooms[0]
+    )
 
 
 def choose_control(control: str | None, allocator: type[Allocator] | None = None, law: type | None = None) -> str:

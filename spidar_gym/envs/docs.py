@@ -333,6 +333,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "task": "a task of one's own: a `FlightTask` or a `WalkTask`, its class or its name; of a course there is none",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
+        "robot": "a `RobotSpec` of one's own, its numbers by name, or a TOML file: controller and simulator know it",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
         "wake": "air: jets between the rotors, drag, ground effect",
         "battery": "the largest thrust falls with the voltage of a battery that is full at reset",

@@ -30,7 +30,7 @@ from spidar_gym.envs.readable import Readable
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
-from spidar_gym.robot import ROBOT
+from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import Randomization
@@ -75,6 +75,7 @@ class SpidarEnv(
         control: str,
         task: VectorTask[Any] | type[VectorTask[Any]] | str | None = None,
         idle_thrust: float = 0.0,
+        robot: RobotSpec | str | Path | Mapping[str, Any] | None = None,
         plant: PlantConfig | None = None,
         wake: bool = True,
         battery: bool = False,
@@ -98,6 +99,8 @@ class SpidarEnv(
             task: A task of one's own in place of the built-in one: a `FlightTask` or a `WalkTask`, its class, or the
                 class's name, `module:Class`.
             idle_thrust: Least commanded thrust of a module [N].
+            robot: A robot of one's own, which controller and simulator know: a `RobotSpec`, its numbers by name, or a
+                TOML file of these; the nominal one by default.
             plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
             wake: Whether there is air: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.
@@ -117,10 +120,15 @@ class SpidarEnv(
             InvalidValueError: For a value out of range, and a goal where there is none.
             StaleAssetError: When the model file was edited by hand.
         """
-        self.view = View(render_mode, camera, width, height)
+        nominal = own_robot(plant, robot)
+        self.robot = nominal.robot
+        """The robot as described."""
+        if "robot" in self._arguments:  # what a file said holds for as long as the environment lives
+            self._arguments = self._arguments | {"robot": self.robot}
+        self.view = View(render_mode, camera, width, height, self.robot)
         """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
-        require_within(0.0, ROBOT.max_thrust, "N", idle_thrust=idle_thrust)
+        require_within(0.0, self.robot.max_thrust, "N", idle_thrust=idle_thrust)
         self.own_task: VectorTask[Any] | None = find_task(task)
         """The task of one's own; None where the built-in one is done."""
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
@@ -132,18 +140,17 @@ class SpidarEnv(
         self._mode, self.layout = mode, layout
         self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
-        robot = own_robot(plant)
         self._nominal = replace(
-            robot,
+            nominal,
             joint_speed=joint_speed,
-            idle_thrust=float(idle_thrust) or robot.idle_thrust,
-            sense=bool(robot.sense or sensors),
-            aero=replace(robot.aero, wake=bool(robot.aero.wake and wake)),
-            actuators=replace(robot.actuators, battery=bool(robot.actuators.battery or battery)),
+            idle_thrust=float(idle_thrust) or nominal.idle_thrust,
+            sense=bool(nominal.sense or sensors),
+            aero=replace(nominal.aero, wake=bool(nominal.aero.wake and wake)),
+            actuators=replace(nominal.actuators, battery=bool(nominal.actuators.battery or battery)),
         )
         self._described = plant is None and not self._randomization.draws
         self._control = control
-        self.estimator = Estimator()
+        self.estimator = Estimator(robot=self.robot)
         self.sampled_parameters: dict[str, np.ndarray] = {}
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         self.render_mode = render_mode

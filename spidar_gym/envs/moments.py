@@ -38,10 +38,9 @@ PARTS = (ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, P
 IN_BYTES = (Core, Plant)
 """Those of them that the library remembers for."""
 SETTLED = (
-    "view", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
+    "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
     "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
-    "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms",
-    "failures",
+    "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms", "failures",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}

@@ -5,7 +5,14 @@ from collections.abc import Collection
 from typing import Any, Protocol, runtime_checkable
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
-from spidar_gym.errors import UnknownArgumentError, require_arguments, require_instance, require_least
+from spidar_gym.errors import (
+    InvalidValueError,
+    UnknownArgumentError,
+    require_arguments,
+    require_instance,
+    require_least,
+)
+from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
 
 OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps")
@@ -53,11 +60,30 @@ def require_vector_options(shared: type, env: type, task: type, options: Collect
     require_arguments(options, valid)
 
 
-def own_robot(plant: PlantConfig | None) -> PlantConfig:
-    """The simulated robot that was given, or the nominal one."""
-    plant = PlantConfig() if plant is None else plant
+def own_robot(plant: PlantConfig | None, robot: Any = None) -> PlantConfig:  # noqa: ANN401 - whatever a user gives
+    """The simulated robot.
+
+    Args:
+        plant: One of the user's own; by default it is as described.
+        robot: The description, as `RobotSpec.parse` takes it; the plant's by default, and else the nominal robot.
+
+    Raises:
+        InvalidValueError: For a plant of another robot.
+    """
+    if plant is None:
+        return PlantConfig.of(RobotSpec.parse(robot))
     require_instance(PlantConfig, plant=plant)
+    if robot is not None and plant.robot != RobotSpec.parse(robot):
+        given = f"of a robot of {plant.robot.total_mass:.4g} kg"
+        raise InvalidValueError("plant", given, "one of the robot that is given: PlantConfig.of(robot), changed")
     return plant
+
+
+def described_robot(arguments: dict[str, Any]) -> RobotSpec:
+    """The robot that arguments of an environment mean, which stands in them afterwards (errors as of `own_robot`)."""
+    robot = own_robot(arguments.get("plant"), arguments.get("robot")).robot
+    arguments["robot"] = robot
+    return robot
 
 
 def solver_settings(max_iter: int) -> AllocatorConfig:

@@ -11,7 +11,7 @@ from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.path import Path
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.envs.actions import AUTHORITIES, ActionMode
+from spidar_gym.envs.actions import ActionMode, authorities
 from spidar_gym.envs.course import task as course
 from spidar_gym.envs.crawl import task as crawl
 from spidar_gym.envs.hover import task as hover
@@ -29,7 +29,7 @@ from spidar_gym.native.engine_structs import (
     engine_layouts,
 )
 from spidar_gym.native.structs import fill
-from spidar_gym.robot import FORMS
+from spidar_gym.robot import FORMS, RobotSpec
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.ground import TERRAINS
 from spidar_gym.sim.randomize import Randomization
@@ -38,13 +38,14 @@ OPERATIONS = ("set", "scale", "add")
 """What a drawn number does to the nominal one, in the engine's order."""
 
 
-def action_mode(mode: ActionMode) -> np.ndarray:
+def action_mode(mode: ActionMode, robot: RobotSpec) -> np.ndarray:
     """`sp_action_mode`."""
     record = np.zeros((), engine_layouts()["action_mode"])
     record["size"], record["is_direct"] = mode.size, mode.residual is None
     if mode.residual is not None:
         record["channels"] = sum(1 << CHANNELS.index(channel.name) for channel in mode.channels)
-        authority = [np.broadcast_to(AUTHORITIES[each.name], each.size) for each in mode.channels]
+        known = authorities(robot)
+        authority = [np.broadcast_to(known[each.name], each.size) for each in mode.channels]
         record["authority"][: mode.size] = np.concatenate(authority)
     return record
 
@@ -67,7 +68,7 @@ def common(
     """
     fill(record["plant"], plant)
     fill(record["estimator"], EstimatorConfig())
-    record["mode"] = action_mode(mode)
+    record["mode"] = action_mode(mode, plant.robot)
     record["size"], record["bound"][: len(bound)] = len(bound), bound
     strength, table = randomization.table(plant)
     record["strength"], record["horizon"], record["truncates"] = strength, horizon, truncates

@@ -10,6 +10,7 @@ import numpy as np
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.library import version
+from spidar_gym.robot.description import model_hash
 
 MAGIC = b"spidar robots\n"
 """What saved robots begin with; a line of JSON that says what they are follows, their numbers, and a checksum."""
@@ -87,6 +88,7 @@ def _description(fleet: Fleet, ids: Sequence[int]) -> dict[str, Any]:
     rules["rules"]["autoreset"] = 0
     return {
         "environment": fleet.kind,
+        "robot": model_hash(fleet.engine.robot)[:16],
         "task": fleet.task,
         "version": version(),
         "set of options": hashlib.sha256(_content(rules)).hexdigest()[:16],

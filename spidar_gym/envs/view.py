@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
@@ -17,7 +18,7 @@ RENDER_MODES = ("human", "rgb_array", "depth_array")
 class View:
     """How a robot is looked at."""
 
-    def __init__(self, mode: str | None, camera: str, width: int, height: int) -> None:
+    def __init__(self, mode: str | None, camera: str, width: int, height: int, robot: RobotSpec = ROBOT) -> None:
         """Choose.
 
         Args:
@@ -25,6 +26,7 @@ class View:
             camera: Camera of the pictures.
             width: Width of the pictures [px].
             height: Height of the pictures [px].
+            robot: Which robot it is.
 
         Raises:
             UnknownNameError: For a mode or camera that does not exist; it lists the valid ones.
@@ -36,7 +38,7 @@ class View:
         for name, size, most in (("width", width, MAX_WIDTH), ("height", height, MAX_HEIGHT)):
             if not (isinstance(size, int) and 1 <= size <= most):
                 raise InvalidValueError(name, size, f"a whole number of pixels within 1 … {most}")
-        self.mode, self._camera, self._size = mode, camera, (width, height)
+        self.mode, self._camera, self._size, self._robot = mode, camera, (width, height), robot
         self._renderer: Any = None
         self._ground: GroundConfig | None = None
 
@@ -63,8 +65,8 @@ class View:
         if self._renderer is None:
             is_shown = self.mode == "human"
             self._renderer = (
-                renderer.Window(period, ground) if is_shown else
-                renderer.OffscreenRenderer(self._camera, *self._size, ground)
+                renderer.Window(period, ground, self._robot) if is_shown else
+                renderer.OffscreenRenderer(self._camera, *self._size, ground, self._robot)
             )  # fmt: skip
         elif ground is not self._ground:
             self._renderer.lay(ground)

@@ -8,6 +8,7 @@ rotor. Joint-space quantities hold the torso fixed.
 # The compiled modules below come without stubs.
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -23,8 +24,9 @@ from spidar_gym.robot import (
     N_LEGS,
     N_ROTORS,
     ROBOT,
+    RobotSpec,
 )
-from spidar_gym.robot.description import mjcf_path
+from spidar_gym.robot.description import model_file
 from spidar_gym.so3 import CROSS
 
 
@@ -53,6 +55,8 @@ class Snapshot:
     """Joint torque that holds the links against gravity without thrust, −Σ J_sᵀ m_s g [Nm]."""
     momentum_map: Float[np.ndarray, "6 16"]
     """Linear and angular momentum about the CoG per joint velocity, torso held fixed [kg m, kg m²]."""
+    robot: RobotSpec = ROBOT
+    """Whose they are: what the controller knows of its limits besides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +69,21 @@ class Feet:
     """∂(centre)/∂q, torso held fixed [m/rad]."""
 
 
-class Model:
-    """The robot's kinematics and mass distribution; owns the Pinocchio model and its work space."""
+@lru_cache(maxsize=64)
+def build_model(robot: RobotSpec) -> pin.Model:
+    """Pinocchio's model of a robot, which nobody may write (`StaleAssetError` where the committed MJCF was edited)."""
+    with model_file(robot) as path:
+        return pin.buildModelFromMJCF(str(path))
 
-    def __init__(self) -> None:
-        """Load the committed MJCF (`StaleAssetError` where it was edited)."""
-        self._model = pin.buildModelFromMJCF(str(mjcf_path()))
+
+class Model:
+    """A robot's kinematics and mass distribution; owns Pinocchio's work space."""
+
+    def __init__(self, robot: RobotSpec = ROBOT) -> None:
+        """Load the robot's MJCF (`StaleAssetError` where the committed one was edited)."""
+        self.robot = robot
+        """Whose model it is."""
+        self._model = build_model(robot)
         self._data = self._model.createData()
         self._q = pin.neutral(self._model)
         self._no_velocity = np.zeros(self._model.nv)
@@ -84,7 +97,7 @@ class Model:
         self._link_views = [self._data.oMi[joint(f"joint{i}_pitch")].rotation for i in range(1, N_ROTORS + 1)]
         self._rotor_views = [self._data.oMi[joint(f"gimbal{i}_pitch")].translation for i in range(1, N_ROTORS + 1)]
         self._knee_views = [self._data.oMi[joint(f"joint{2 * leg}_pitch")] for leg in range(1, N_LEGS + 1)]
-        self._foot = np.array([ROBOT.pitch_to_foot, 0.0, 0.0])
+        self._foot = np.array([robot.pitch_to_foot, 0.0, 0.0])
         self._carries = np.array([[[j // 4 == leg] for j in range(N_JOINTS)] for leg in range(N_LEGS)], float)
         self._carries = self._carries.transpose(0, 2, 1)
         # A rotor is moved by the joints between the torso and its link: two for an inner link, all four of the leg
@@ -94,9 +107,9 @@ class Model:
             float,
         )
 
-    def __reduce__(self) -> tuple[type["Model"], tuple[()]]:
-        """A copy is another one: there is nothing to take along, and a copied view would show nobody's memory."""
-        return type(self), ()
+    def __reduce__(self) -> tuple[type["Model"], tuple[RobotSpec]]:
+        """A copy is another model of the same robot: a copied view would show nobody's memory."""
+        return type(self), (self.robot,)
 
     def snapshot(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> Snapshot:
         """All model quantities of one control tick.
@@ -130,6 +143,7 @@ class Model:
             # The rate at which a joint lifts the CoG, times the weight: −Σ J_sᵀ m_s g = mΣ g ∂(height)/∂q.
             gravity_torque=(GRAVITY * R_wb[2]) @ momentum[:3],
             momentum_map=momentum,
+            robot=self.robot,
         )
 
     def stance(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> tuple[Snapshot, Feet]:

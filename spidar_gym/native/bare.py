@@ -27,7 +27,8 @@ class BarePhysics:
         self._substeps = [int(each["config"]["substeps"]) for each in plant]
         ground = plant[0]["config"]["ground"]
         uneven, boxed = bool(ground["tiles"].any()), bool(ground["boxes"].any())
-        self._simulations = [Simulation(scene(visual=False, uneven=uneven, boxed=boxed)) for _ in plant]
+        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=engine.robot)
+        self._simulations = [Simulation(model) for _ in plant]
         names = next(names for names in (BOXED, OWN, FLAT) if len(names) == int(engine.record["piece_count"]))
         self._pieces = [simulation.pieces(names).tolist() for simulation in self._simulations]
         self._shares = np.array_split(np.arange(len(plant)), threads)

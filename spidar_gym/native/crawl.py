@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from spidar_gym.control.crawl.controller import CrawlerConfig
+from spidar_gym.control.crawl.controller import CrawlerConfig, check_legs
 from spidar_gym.control.crawl.footsteps import GaitCommand, Lift, Move, plan_cycles
 from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.crawl.observation import CrawlObservables
@@ -94,9 +94,11 @@ class CoreCrawler(Core[CoreCrawlMemory]):
 
         Raises:
             MissingDependencyError: When the core is not compiled.
+            InvalidValueError: For a gait of another robot's legs than the model's.
         """
-        super().__init__(model, room)
         self.config = config or CrawlerConfig()
+        check_legs(self.config.gait, model)
+        super().__init__(model or Model(self.config.gait.robot), room)
         self._crawl, settings = Struct("crawl", record), Struct("crawler_config")
         self.whole = self._crawl
         fill(settings.record, self.config)

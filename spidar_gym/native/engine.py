@@ -63,12 +63,13 @@ class Engine:
         self.library = load_core()
         self._made = struct, config, robots, threads, alike, floors
         layouts, uneven, boxed = engine_layouts(), config.ground.uneven, config.ground.boxed
-        models = models or [scene(visual=False, uneven=uneven, boxed=boxed)] * threads
+        robot = config.robot
+        models = models or [scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)] * threads
         self.simulations = [Simulation(model) for model in models]
         if uneven or boxed:  # the bounding volumes of tiles and boxes are of where they were before
             for simulation in self.simulations:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-        self.rooms = [Room(self.library) for _ in range(threads)]
+        self.rooms = [Room(self.library, robot) for _ in range(threads)]
         self.robots = np.zeros(robots, layouts[struct])
         names = BOXED if boxed else OWN if uneven or floors else FLAT
         pieces = [simulation.pieces(names) for simulation in self.simulations]
@@ -79,7 +80,7 @@ class Engine:
         for row, simulation, room, piece in zip(self._threads, self.simulations, self.rooms, pieces, strict=True):
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
-        self._pieces, self._world = pieces, world(uneven, boxed)
+        self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
         """`sp_engine`."""

@@ -143,6 +143,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("propeller_radius duct_offset_y duct_z", "f8", (), "of a duct; its exit below the module's centre [m]"),
         ("torso_radius torso_height", "f8", (), "[m]"),
         ("link_station link_width", "f8", (3,), "where a link is looked at, and how wide it is there [m]"),
+        ("link_scale", "f8", (N_ROTORS,), "its length over that of the link whose stations these are"),
+        ("battery_share", "f8", (), "largest thrust of a module over that of the one whose battery was measured"),
         ("imu_position_b", "f8", (3,), "where motion capture and inertial unit look [m]"),
         ("gravity", "f8", (), "[m/s²]"),
         ("encoder_step", "f8", (N_ANGLES,), "a count of each encoder [rad]"),

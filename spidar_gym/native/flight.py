@@ -11,23 +11,24 @@ from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.model.interference import Interference
 from spidar_gym.native.library import Core, LastCommand, Room, Struct, pointer, read_allocation
 from spidar_gym.native.structs import fill
-from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.robot import N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
 
 
 class ControlStateView:
     """A control state in the core's memory, and the controller's dataclass whose arrays show it."""
 
-    def __init__(self, record: np.ndarray | None = None) -> None:
-        """Make one, or look at one inside another struct."""
+    def __init__(self, record: np.ndarray | None = None, robot: RobotSpec = ROBOT) -> None:
+        """Make one of a robot, or look at one inside another struct."""
         self.struct = Struct("control_state", record)
         s, e = self.struct.inner("snapshot", "snapshot"), self.struct.inner("error", "motion_error")
         shapes = {"inertia_c": (3, 3), "R_bl": (8, 3, 3), "J_rotor": (8, 3, 16), "joint_axes": (3, 16),
                   "momentum_map": (6, 16)}  # fmt: skip
-        names = [name for name in Snapshot.__dataclass_fields__ if name != "mass"]
+        names = [name for name in Snapshot.__dataclass_fields__ if name not in ("mass", "robot")]
         arrays = {name: s[name].reshape(shapes.get(name, s[name].shape)) for name in names}
         self.control_state = ControlState(
-            self.struct["R_wb"].reshape(3, 3), Snapshot(mass=ROBOT.total_mass, **arrays), MotionError(**e.views)
+            self.struct["R_wb"].reshape(3, 3), Snapshot(mass=robot.total_mass, robot=robot, **arrays),
+            MotionError(**e.views),
         )  # fmt: skip
         self._mass = s["mass"]
 
@@ -37,7 +38,7 @@ class ControlStateView:
         shown.R_wb[:], self._mass[...] = given.R_wb, given.snapshot.mass
         for own, other in ((shown.snapshot, given.snapshot), (shown.error, given.error)):
             for name in own.__dataclass_fields__:
-                if name != "mass":
+                if name not in ("mass", "robot"):
                     getattr(own, name)[...] = getattr(other, name)
 
 
@@ -88,8 +89,9 @@ class CoreFlightController(Core[CoreMemory]):
         fill(self._settings.record, self.config)
         if record is None:
             self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
-        self._views, self._foreign = (ControlStateView(), ControlStateView()), ControlStateView()
-        self._own = ControlStateView(self._flight.views["control"])
+        spec = self.model.robot
+        self._views, self._foreign = tuple(ControlStateView(robot=spec) for _ in range(2)), ControlStateView(robot=spec)
+        self._own = ControlStateView(self._flight.views["control"], spec)
         self._turn = 0
         self.memory = CoreMemory(self._flight.inner("memory", "flight_memory"))
         self._answered = self._flight.inner("allocation", "allocation")

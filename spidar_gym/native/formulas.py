@@ -19,7 +19,7 @@ from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import load_core, pointer
 from spidar_gym.native.mujoco import Simulation, world
 from spidar_gym.native.structs import fill
-from spidar_gym.robot import ROBOT
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.disturbances import Disturbances
 
@@ -98,6 +98,7 @@ def evaluate_air(
     noise: RotorVector,
     push_w: Vector3,
     config: AeroConfig | None = None,
+    robot: RobotSpec = ROBOT,
 ) -> AirForces:
     """Forces of the air on a robot whose kinematics are done.
 
@@ -108,6 +109,7 @@ def evaluate_air(
         noise: Thrust noise of each module [N].
         push_w: Force of a push at the torso's centre, world [N].
         config: Parameters of the air.
+        robot: Whose scene it is.
     """
     layouts = engine_layouts()
     parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
@@ -115,7 +117,7 @@ def evaluate_air(
     given = [np.ascontiguousarray(each, float) for each in (thrust, wind_w, noise, push_w)]
     names = ("tile0_0", "box0")
     has = [mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, name) >= 0 for name in names]  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-    arguments = (world(*has), simulation.record, parameters, *given, found)
+    arguments = (world(*has, robot), simulation.record, parameters, *given, found)
     _function("sp_evaluate_air")(*map(pointer, arguments))
     return AirForces(
         found["generalized"].copy(), found["thrust_factor"].copy(),

@@ -21,7 +21,7 @@ from spidar_gym.native.constants import MAX_OBSERVATION, PROGRAMS
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.recipe import LIBRARY, NATIVE, SEAL, library_digest
 from spidar_gym.native.robot import robot
-from spidar_gym.robot import N_LEGS, N_ROTORS
+from spidar_gym.robot import N_LEGS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
 BUILD = "spidar assets"
@@ -140,11 +140,11 @@ class Struct:
 class Room:
     """What a thread works in: the robot's numbers, solvers of its own, room for linear algebra."""
 
-    def __init__(self, library: ctypes.CDLL) -> None:
-        """Make one."""
+    def __init__(self, library: ctypes.CDLL, spec: RobotSpec = ROBOT) -> None:
+        """Make one for a robot."""
         size, programs = library.sp_solvers_size(), (len(PROGRAMS),)
         self._solvers = np.zeros(size // 64 + 1, "V64")
-        self._robot = robot()
+        self._robot = robot(spec)
         members = [("robot", "u8"), ("hard", "u8", programs), ("soft", "u8", programs)]
         self.record = np.zeros((), np.dtype([*members, ("workspace", core_layouts()["workspace"])], align=True))
         self.robot, self.pointer = pointer(self._robot), pointer(self.record)
@@ -175,10 +175,10 @@ class Core(Generic[M]):
     """All that it remembers, and what was chosen."""
 
     def __init__(self, model: Model | None, room: Room | None = None) -> None:
-        """Make a room of its own, or work in somebody else's."""
+        """Make a room of its own, or work in somebody else's, which is of the same robot."""
         self.model = model or Model()
         self.library: Any = load_core()
-        self.room = Room(self.library) if room is None else room
+        self.room = Room(self.library, self.model.robot) if room is None else room
         self._state, self._residual, self._command = Struct("robot_state"), Struct("residual"), Struct("command")
         self._observation = np.zeros(MAX_OBSERVATION, np.float32)
         self._seen: RobotState | None = None

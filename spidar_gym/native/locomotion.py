@@ -59,8 +59,8 @@ class CoreManager(Core[LastCommand], Orders):
         Raises:
             MissingDependencyError: When the core is not compiled.
         """
-        super().__init__(model, room)
         self.config = config or ManagerConfig()
+        super().__init__(model or Model(self.config.crawl.gait.robot), room)
         self._manager, settings = Struct("manager", record), Struct("manager_config")
         self.whole = self._manager
         fill(settings.record, self.config)

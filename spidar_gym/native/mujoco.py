@@ -7,7 +7,7 @@ import copy
 import ctypes
 import os
 import weakref
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +36,12 @@ from spidar_gym.robot import (
     PEG_SITES,
     ROBOT,
     ROTOR_SITES,
+    RobotSpec,
 )
 from spidar_gym.sim.air import LINK_STATIONS
 from spidar_gym.sim.ground import BOXES, TILES
 from spidar_gym.sim.scene import quieten, scene
-from spidar_gym.sim.sensors import ENCODER_STEPS, IMU_POSITION_B
+from spidar_gym.sim.sensors import ENCODER_STEPS
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """What of MuJoCo's data a robot takes with it."""
@@ -212,14 +213,14 @@ class Simulation:
         )
 
 
-@cache
-def world(uneven: bool, boxed: bool = False) -> np.ndarray:
-    """`sp_world`: the described robot over a floor, with tiles, with boxes, or without; read only.
+@lru_cache(maxsize=64)
+def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.ndarray:
+    """`sp_world`: a robot over a floor, with tiles, with boxes, or without; read only.
 
     Raises:
         SpidarError: For a robot with more parts than there is room for, or whose actuators are in another order.
     """
-    model = scene(visual=False, uneven=uneven, boxed=boxed)
+    model = scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)
     body, geom = (lambda name: model.body(name).id), (lambda name: model.geom(name).id)
     record = np.zeros((), engine_layouts()["world"])
     servos = [model.actuator(name).id for name in (*ROTOR_SITES, *JOINT_NAMES, *GIMBAL_NAMES)]
@@ -255,13 +256,18 @@ def world(uneven: bool, boxed: bool = False) -> np.ndarray:
         "mass": model.body_mass, "inertia": model.body_inertia, "com": model.body_ipos,
         "torso_axes": model.body_iquat[body("torso")],
         "geom_reach": model.geom_rbound[moving],
-        "ball_radius": [ROBOT.foot_radius] * N_LEGS + [ROBOT.peg_radius] * len(PEG_SITES),
+        "ball_radius": [robot.foot_radius] * N_LEGS + [robot.peg_radius] * len(PEG_SITES),
         "duct_radius": model.geom_size[ducts, 0], "duct_half": model.geom_size[ducts, 1],
-        "weight": ROBOT.weight, "max_joint_torque": ROBOT.max_joint_torque,
-        "propeller_radius": ROBOT.propeller_radius, "duct_offset_y": ROBOT.duct_offset_y, "duct_z": ROBOT.duct_z[0],
-        "torso_radius": ROBOT.torso_radius, "torso_height": ROBOT.torso_height,
+        "weight": robot.weight, "max_joint_torque": robot.max_joint_torque,
+        "propeller_radius": robot.propeller_radius, "duct_offset_y": robot.duct_offset_y, "duct_z": robot.duct_z[0],
+        "torso_radius": robot.torso_radius, "torso_height": robot.torso_height,
+        "link_scale": [
+            robot.pitch_to_foot / ROBOT.pitch_to_foot if i % 2 else robot.pitch_to_yaw / ROBOT.pitch_to_yaw
+            for i in range(N_LINKS)
+        ],
+        "battery_share": robot.max_thrust / ROBOT.max_thrust,
         "link_station": [x for x, _ in LINK_STATIONS], "link_width": [width for _, width in LINK_STATIONS],
-        "imu_position_b": IMU_POSITION_B, "gravity": GRAVITY, "encoder_step": ENCODER_STEPS, "start": start,
+        "imu_position_b": robot.flight_controller, "gravity": GRAVITY, "encoder_step": ENCODER_STEPS, "start": start,
     }  # fmt: skip
     for name, value in values.items():
         if np.ndim(value):

@@ -4,7 +4,7 @@
 # The compiled modules below come without stubs.
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -106,7 +106,7 @@ class Plant:
     def config(self) -> PlantConfig:
         """What was chosen about the robot, or drawn."""
         if self._config is None:
-            self._config = read(PlantConfig, self.record["config"])
+            self._config = replace(read(PlantConfig, self.record["config"]), robot=self._engine.robot)
         return self._config
 
     def reread(self) -> None:
@@ -119,7 +119,9 @@ class Plant:
         return self.config.substeps * TIMESTEP
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot from the next reset on (`InvalidValueError` for another kind of floor)."""
+        """Become another robot from the next reset on (`InvalidValueError` for another spec or kind of floor)."""
+        if config.robot != self._engine.robot:
+            raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the description of the beginning")
         kinds = [(each.uneven, each.boxed) for each in (config.ground, self.config.ground)]
         if kinds[0] != kinds[1]:
             raise InvalidValueError("tiles, boxes", kinds[0], "a floor of the same kind as at the beginning")

@@ -3,21 +3,21 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 
+from spidar_gym.model.dynamics import build_model
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_ROTORS, ROBOT
-from spidar_gym.robot.description import mjcf_path
+from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_ROTORS, ROBOT, RobotSpec
 
 
-@cache
-def robot() -> np.ndarray:
-    """`sp_robot`, read only: the kinematic tree of the described robot, and its limits."""
+@lru_cache(maxsize=64)
+def robot(spec: RobotSpec = ROBOT) -> np.ndarray:
+    """`sp_robot`, read only: the kinematic tree of a robot, and its limits."""
     record = np.zeros((), core_layouts()["robot"])
-    model = pin.buildModelFromMJCF(str(mjcf_path()))
+    model = build_model(spec)
     bodies = {name: joint - 1 for joint, name in enumerate(model.names)}  # Pinocchio's joint 0 is the universe
     names = (*JOINT_NAMES, *GIMBAL_NAMES)
     for joint in range(1, model.njoints):
@@ -34,7 +34,7 @@ def robot() -> np.ndarray:
     record["rotor_body"] = [bodies[f"gimbal{i}_pitch"] for i in range(1, N_ROTORS + 1)]
     record["gravity"] = GRAVITY
     for name in names_of(record)[names_of(record).index("weight") :]:
-        record[name] = getattr(ROBOT, name)
+        record[name] = getattr(spec, name)
     record.setflags(write=False)
     return record
 

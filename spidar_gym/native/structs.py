@@ -21,7 +21,7 @@ from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
-from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, field_docs
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, RobotSpec, field_docs
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
 
@@ -95,6 +95,8 @@ def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
     rows: list[Row] = []
     for field in dataclasses.fields(sample):
         value, doc = getattr(sample, field.name), docs.get(field.name, "")
+        if isinstance(value, RobotSpec):
+            continue  # in C a robot is `sp_robot`
         kind, shape = "i4", ()
         if (struct, field.name) in OPTIONAL:
             rows.append((f"has_{field.name}", "i4", (), "Whether the next field counts."))
@@ -132,6 +134,8 @@ def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and 
     struct = snake(type(value).__name__)
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
+        if isinstance(own, RobotSpec):
+            continue
         if (struct, field.name) in OPTIONAL:
             record[f"has_{field.name}"] = own is not None
             record[field.name][...] = 0.0 if own is None else np.reshape(own, -1)
@@ -145,10 +149,15 @@ def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and 
 
 
 def read(kind: type[T], record: Any) -> T:  # noqa: ANN401 - a numpy record
-    """The dataclass that a record of its struct stands for, its arrays its own; the inverse of `fill`."""
+    """The dataclass that a record of its struct stands for, its arrays its own; the inverse of `fill`.
+
+    Whose it is stays the default: a record knows no `RobotSpec`.
+    """
     struct, sample, values = snake(kind.__name__), kind(), {}
     for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType] - a dataclass, as every caller's
         own = getattr(sample, field.name)
+        if isinstance(own, RobotSpec):
+            continue
         if dataclasses.is_dataclass(own):
             values[field.name] = read(type(own), record[field.name])
         elif isinstance(own, str):

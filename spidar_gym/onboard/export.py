@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import spidar_gym
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import cannot_write, whole_file
 from spidar_gym.native.codegen.committed import osqp_files, osqp_version
 from spidar_gym.native.codegen.header import (
@@ -25,6 +25,7 @@ from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
 from spidar_gym.policies.artifact import read_artifact
+from spidar_gym.robot import ROBOT, RobotSpec
 
 ONBOARD = Path(__file__).resolve().parent
 """Sources of everything that runs on the robot around the core."""
@@ -43,6 +44,7 @@ def export_files(
     residual: Path | None = None,
     rate: float = RATE,
     extra: Mapping[str, bytes] | None = None,
+    robot: RobotSpec = ROBOT,
 ) -> dict[str, bytes]:
     """Path → content of the exported folder, the same at every call.
 
@@ -51,12 +53,15 @@ def export_files(
         residual: Artifact of a learned policy that adds to the controller.
         rate: Largest change of every entry of its action in a second [1/s].
         extra: Further files that are to lie in the folder.
+        robot: Which robot it is for; what was learned is of the nominal one.
 
     Raises:
-        SpidarError: For an artifact that cannot be read, or that adds to no controller.
+        SpidarError: For an artifact that cannot be read, or that adds to no controller; for one, and another robot.
     """
     files: dict[str, bytes] = dict(extra or {})
     artifact, origin = None, None
+    if residual is not None and robot != ROBOT:
+        raise InvalidValueError("residual", str(residual), "none: it was learned on the nominal robot, not on this one")
     if residual is not None:
         artifact = read_artifact(residual)
         origin = {
@@ -72,16 +77,16 @@ def export_files(
     for name in PAGES:
         files[name] = (ONBOARD / name).read_bytes()
     generated = {
-        "constants": constants_header(), "structs": structs_header(), "modes": modes_header(), "model": model_header(),
-        "presets": presets_header(), "policy": policy_header(artifact, rate), "runner": runner_header(),
-        "interface": interface_header(interface_hash()),
+        "constants": constants_header(), "structs": structs_header(), "modes": modes_header(),
+        "model": model_header(robot), "presets": presets_header(robot), "policy": policy_header(artifact, rate),
+        "runner": runner_header(robot), "interface": interface_header(interface_hash()),
     }  # fmt: skip
     files |= {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}
     files |= {f"osqp/{name}": data for name, data in osqp_files().items()}
     if golden:
-        files |= golden_files()
+        files |= golden_files(robot)
     manifest = {
-        "interface": runner_hash(),
+        "interface": runner_hash(robot),
         "versions": {
             "spidar-gym": spidar_gym.__version__,
             "osqp": osqp_version(),
@@ -95,11 +100,12 @@ def export_files(
 
 
 def export(
-    folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None
-) -> list[str]:
+    folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None,
+    robot: RobotSpec = ROBOT,
+) -> list[str]:  # fmt: skip
     """Write the folder, whole or not at all; the names of its files.
 
-    `residual`, `rate` and `extra` are as for `export_files`.
+    `residual`, `rate`, `extra` and `robot` are as for `export_files`.
 
     Raises:
         SpidarError: Where something else is there, or nothing can be written.
@@ -112,7 +118,7 @@ def export(
     if not free:
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
     with whole_file(folder) as made:
-        files = export_files(residual=residual, rate=rate, extra=extra)
+        files = export_files(residual=residual, rate=rate, extra=extra, robot=robot)
         write_files(files, made)
     return sorted(files)
 

@@ -15,6 +15,7 @@ from spidar_gym.native.structs import fill
 from spidar_gym.onboard.runner_structs import MAGIC, LogKind, log_layouts, runner_hash
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import rollout
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, RobotState
 
 FLIGHT_TICKS, CRAWL_TICKS = 200, 500
@@ -37,9 +38,9 @@ def _struct(name: str, value: object = None, **members: Any) -> bytes:  # noqa: 
 class Log:
     """A log that is being written: inputs, and what somebody answered."""
 
-    def __init__(self, kind: LogKind, config: object, struct: str) -> None:
-        """Begin with a configuration, of the struct named."""
-        self._kind, self._inputs, self._outputs = kind, [], []
+    def __init__(self, kind: LogKind, config: object, struct: str, robot: RobotSpec = ROBOT) -> None:
+        """Begin with a configuration, of the struct named, for a robot."""
+        self._kind, self._robot, self._inputs, self._outputs = kind, robot, [], []
         self._front = [_struct(struct, config)]
 
     def start(self, state: RobotState, joint_position: np.ndarray, trim: np.ndarray | None) -> None:
@@ -65,7 +66,7 @@ class Log:
 
     def inputs(self) -> bytes:
         """The file that `runner replay` reads."""
-        magic, interface = (list(word.encode()) for word in (MAGIC, runner_hash()))
+        magic, interface = (list(word.encode()) for word in (MAGIC, runner_hash(self._robot)))
         head = _struct("log_head", magic=magic, interface=interface, kind=self._kind, ticks=len(self._inputs))
         return b"".join([head, *self._front, *self._inputs])
 
@@ -95,33 +96,33 @@ def _finished(log: Log, env: HoverEnv | CrawlEnv, steps: Iterable[object]) -> Lo
     return log
 
 
-def record_flight(ticks: int = FLIGHT_TICKS) -> Log:
+def record_flight(ticks: int = FLIGHT_TICKS, robot: RobotSpec = ROBOT) -> Log:
     """A flight of the readable controller, at the robot's iteration cap."""
     env = HoverEnv(
         preset="tuned", forms="independent", joint_speed=1.0, sensors=True, control="python",
-        max_iter=ONBOARD_ITERATIONS,
+        max_iter=ONBOARD_ITERATIONS, robot=robot,
     )  # fmt: skip
-    log = Log(LogKind.FLIGHT, env.controller.config, "controller_config")
+    log = Log(LogKind.FLIGHT, env.controller.config, "controller_config", robot)
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
     log.start(env.seen, env.progress.goal.joint_target, env.trim)
     return _finished(log, env, steps)
 
 
-def record_crawl(ticks: int = CRAWL_TICKS) -> Log:
+def record_crawl(ticks: int = CRAWL_TICKS, robot: RobotSpec = ROBOT) -> Log:
     """A crawl of the readable controller, at the robot's iteration cap."""
     env = CrawlEnv(
         preset="published", distance=0.2, direction=0.3, turn=0.2, sensors=True, control="python",
-        max_iter=ONBOARD_ITERATIONS,
+        max_iter=ONBOARD_ITERATIONS, robot=robot,
     )  # fmt: skip
-    log = Log(LogKind.CRAWL, env.controller.config, "crawler_config")
+    log = Log(LogKind.CRAWL, env.controller.config, "crawler_config", robot)
     steps = rollout(env, _Recorded(env, log), seed=1, ticks=ticks)
     log.move(env.seen, tuple(env.way))
     return _finished(log, env, steps)
 
 
-def golden_files() -> dict[str, bytes]:
-    """Inputs and the readable controller's outputs, as the export holds them."""
-    logs = {"flight": record_flight(), "crawl": record_crawl()}
+def golden_files(robot: RobotSpec = ROBOT) -> dict[str, bytes]:
+    """Inputs and the readable controller's outputs, as the export of a robot holds them."""
+    logs = {"flight": record_flight(robot=robot), "crawl": record_crawl(robot=robot)}
     return {
         f"golden/{name}.{what}": data
         for name, log in logs.items()

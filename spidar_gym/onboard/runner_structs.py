@@ -25,7 +25,7 @@ from spidar_gym.native.codegen.header import (
 from spidar_gym.native.constants import MAX_ACTION, MAX_WAYPOINTS, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
 
 RUNNER = Path(__file__).resolve().parent / "runner"
@@ -284,7 +284,7 @@ def log_layouts() -> dict[str, np.dtype]:
     return dtypes(RUNNER_STRUCTS, core_layouts())
 
 
-def _header_lines() -> list[str]:
+def _header_lines(robot: RobotSpec) -> list[str]:
     """Text of spidar_runner.h but for its digest."""
     sizes = {
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES,
@@ -293,7 +293,7 @@ def _header_lines() -> list[str]:
     }  # fmt: skip
     bounds = {
         "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
-        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST, "DUCT_REACH": ROBOT.duct_offset_y + ROBOT.duct_radius,
+        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST, "DUCT_REACH": robot.duct_offset_y + robot.duct_radius,
     }  # fmt: skip
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
@@ -318,12 +318,13 @@ def _header_lines() -> list[str]:
     return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]
 
 
-def runner_hash() -> str:
-    """Digest of everything that a compiled runner has to agree on: the core, its own words, structs and sources."""
-    return interface_digest("\n".join([interface_hash(), model_header(), *_header_lines()]).encode(), RUNNER)
+def runner_hash(robot: RobotSpec = ROBOT) -> str:
+    """Digest of everything that a compiled runner has to agree on: the core, robot, own words, structs and sources."""
+    words = [interface_hash(), model_header(robot), *_header_lines(robot)]
+    return interface_digest("\n".join(words).encode(), RUNNER)
 
 
-def runner_header() -> str:
-    """spidar_runner.h."""
-    lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash()}"', *_header_lines()]
+def runner_header(robot: RobotSpec = ROBOT) -> str:
+    """spidar_runner.h, for a robot."""
+    lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash(robot)}"', *_header_lines(robot)]
     return header("SPIDAR_RUNNER", "words, topics and structs of the runner.", lines, ('"spidar_structs.h"',))

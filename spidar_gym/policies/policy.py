@@ -12,8 +12,10 @@ import numpy as np
 
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, shown
+from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.provenance import file_digest
 from spidar_gym.policies.source import PolicyError
+from spidar_gym.robot import ROBOT, RobotSpec
 
 UNSTATED = "unstated"
 """Class of a policy that does not say of which it is."""
@@ -143,6 +145,21 @@ def require_spaces(policy: Policy, env_id: str, env: gymnasium.Env) -> None:
         raise PolicyError(
             f"policy {policy_name(policy)} learned on observations {was}; {env_id} has {now} here; "
             "valid: the environment and the --action-mode that it learned in"
+        )
+
+
+def require_robot(policy: Policy, env_id: str, robot: RobotSpec) -> None:
+    """Refuse a baseline or an artifact that knows the nominal robot alone, where there is another (`PolicyError`).
+
+    A preset flies any robot, and what a policy of a user's own knows is the user's to say.
+    """
+    mine = type(policy).__module__.partition(".")[0] == "baselines" or hasattr(policy, "path")
+    plain = getattr(type(policy), "act", None) is PresetPolicy.act
+    own = any(name in READABLE for name in policy_arguments(policy, env_id) or {})
+    if robot != ROBOT and mine and (own or not plain):
+        raise PolicyError(
+            f"policy {policy_name(policy)} knows the nominal robot alone; valid with a robot of one's own: a preset, "
+            "or a policy that learned on it"
         )
 
 

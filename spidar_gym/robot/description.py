@@ -7,21 +7,23 @@ are primitives of group 2; collision geoms are of group 3 and collide with the f
 
 import hashlib
 import math
+import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
-from functools import cache
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from spidar_gym.errors import StaleAssetError
+from spidar_gym.robot.inertial import Inertial
 from spidar_gym.robot.spec import (
     GIMBAL_NAMES,
     JOINT_NAMES,
     N_LEGS,
     ROBOT,
     ROTOR_SITES,
-    Inertial,
     RobotSpec,
     differences,
     require_kind,
@@ -40,6 +42,8 @@ COLORS = {
     "battery": "0.12 0.33 0.62 1",
     "rubber": "0.85 0.35 0.10 1",
 }
+PAYLOAD = {"payload": "0.86 0.65 0.13 1"}
+"""The colour of what a robot carries."""
 CAMERAS: dict[str, tuple[str, str]] = {
     "chase": ("-2.6 -2.2 1.3", "0 0 -0.15"),
     "side": ("0 -3.4 0.1", "0 0 -0.2"),
@@ -49,6 +53,10 @@ CAMERAS: dict[str, tuple[str, str]] = {
 """Position and target [m] of the cameras, which follow the robot's centre of mass."""
 FOOT_CONTACT = {"condim": "4", "priority": "1", "solref": "0.006 1"}
 """Feet set the friction of their contacts; the settings are those that crept least in a crawling prototype."""
+
+
+def _colors(spec: RobotSpec) -> dict[str, str]:
+    return COLORS | (PAYLOAD if spec.payloads else {})
 
 
 def _text(value: Numbers) -> str:
@@ -78,6 +86,13 @@ def _inertial(body: ET.Element, inertial: Inertial) -> None:
 
 def _visual(body: ET.Element, kind: str, color: str, **attributes: str | Numbers) -> None:
     _add(body, "geom", class_="visual", type=kind, material=color, **attributes)
+
+
+def _carried(body: ET.Element, spec: RobotSpec) -> None:
+    """What a body carries, as boxes; its inertial has their masses already."""
+    for payload in spec.payloads:
+        if payload.body == body.get("name"):
+            _visual(body, "box", "payload", pos=payload.position, size=[edge / 2 for edge in payload.size])
 
 
 def _module(link: ET.Element, i: int, spec: RobotSpec) -> None:
@@ -126,7 +141,7 @@ def _junction(parent: ET.Element, i: int, kind: str, spec: RobotSpec, **placemen
 def _link(junction: ET.Element, i: int, kind: str, spec: RobotSpec) -> ET.Element:
     """Link i behind its pitch axis, with rod, battery and rotor module; returns its body."""
     link = _add(junction, "body", name=f"link{i}", pos=[spec.yaw_to_pitch, 0, 0])
-    _inertial(link, spec.bodies[f"{kind}_link"])
+    _inertial(link, spec.inertial(f"link{i}", f"{kind}_link"))
     _add(link, "joint", name=f"joint{i}_pitch", class_="joint", axis=[0, 1, 0])
     end = spec.pitch_to_yaw if kind == "inner" else spec.pitch_to_foot
     _visual(link, "cylinder", "metal", fromto=[0, -0.026, 0, 0, 0.026, 0], size=0.020)
@@ -136,6 +151,7 @@ def _link(junction: ET.Element, i: int, kind: str, spec: RobotSpec) -> ET.Elemen
     # Turned by −90° about x: the battery's y axis becomes the link's −z axis.
     _visual(link, "box", "battery", pos=battery, size=[length, height, width])
     _module(link, i, spec)
+    _carried(link, spec)
     return link
 
 
@@ -170,12 +186,12 @@ def mjcf(spec: RobotSpec = ROBOT) -> str:
     )  # fmt: skip
     _add(default, "site", group="4", size="0.01")
     asset = _add(root, "asset")
-    for name, rgba in COLORS.items():
+    for name, rgba in _colors(spec).items():
         _add(asset, "material", name=name, rgba=rgba, specular="0.3", shininess="0.4")
 
     torso = _add(_add(root, "worldbody"), "body", name="torso", childclass="spidar")
     _add(torso, "freejoint", name="root")
-    _inertial(torso, spec.bodies["torso"])
+    _inertial(torso, spec.inertial("torso", "torso"))
     for name, (position, target) in CAMERAS.items():
         _add(torso, "camera", name=name, mode="trackcom", pos=position, xyaxes=_camera_axes(position, target))
     half = spec.torso_height / 2
@@ -185,6 +201,7 @@ def mjcf(spec: RobotSpec = ROBOT) -> str:
     _visual(torso, "box", "rod", size=[0.055, 0.045, 0.016], pos=[0, 0, 0.020])
     _visual(torso, "box", "metal", size=[0.044, 0.025, 0.015], pos=[0, 0.0899, 0.018])
     _visual(torso, "box", "rubber", size=[0.030, 0.012, 0.003], pos=[0.100, 0, 0.0055])
+    _carried(torso, spec)
     _add(torso, "site", name="imu", pos=spec.flight_controller)
     for leg in range(N_LEGS):
         inner, outer = 2 * leg + 1, 2 * leg + 2
@@ -277,7 +294,7 @@ def urdf(spec: RobotSpec = ROBOT) -> str:
     """URDF of the robot, as text: the same bodies, joints, inertials and frames as the MJCF, for ROS tools."""
     root = ET.Element("robot", name="spidar")
     root.append(ET.Comment(" Written by `spidar assets` from spidar_gym/robot.py: edit that, not this. "))
-    for name, rgba in COLORS.items():
+    for name, rgba in _colors(spec).items():
         _add(_add(root, "material", name=name), "color", rgba=rgba)
     world = ET.fromstring(mjcf(spec)).find("worldbody")
     assert world is not None
@@ -362,7 +379,12 @@ def assets_readme(spec: RobotSpec = ROBOT) -> str:
 def generated_files() -> dict[str, str]:
     """Every generated asset: path relative to assets/ → text (`InvalidValueError` for a robot of another kind)."""
     require_kind()
-    return {"mjcf/spidar.xml": mjcf(), "urdf/spidar.urdf": urdf(), "README.md": assets_readme()}
+    return {**robot_files(ROBOT), "README.md": assets_readme()}
+
+
+def robot_files(spec: RobotSpec) -> dict[str, str]:
+    """MJCF and URDF of a robot: path → text."""
+    return {"mjcf/spidar.xml": mjcf(spec), "urdf/spidar.urdf": urdf(spec)}
 
 
 def assets_dir() -> Path:
@@ -372,9 +394,9 @@ def assets_dir() -> Path:
     return next((path for path in candidates if (path / "mjcf").is_dir()), candidates[-1])
 
 
-@cache
-def _nominal_mjcf() -> str:
-    return mjcf(ROBOT)
+@lru_cache(maxsize=64)
+def _written(spec: RobotSpec) -> str:
+    return mjcf(spec)
 
 
 def mjcf_path() -> Path:
@@ -385,11 +407,28 @@ def mjcf_path() -> Path:
     """
     path = assets_dir() / "mjcf" / "spidar.xml"
     text = path.read_text(encoding="utf-8") if path.is_file() else None
-    if text != _nominal_mjcf():
+    if text != _written(ROBOT):
         raise StaleAssetError(path, cause=differences(ROBOT) if text == mjcf(RobotSpec()) else "")
     return path
 
 
-def model_hash() -> str:
-    """SHA-256 of the robot's model file."""
-    return hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
+def model_text(spec: RobotSpec) -> str:
+    """The MJCF that is loaded of a robot: of the nominal one the committed file (`StaleAssetError` as `mjcf_path`)."""
+    return mjcf_path().read_text(encoding="utf-8") if spec == ROBOT else _written(spec)
+
+
+@contextmanager
+def model_file(spec: RobotSpec) -> Iterator[Path]:
+    """The same as a file, for who reads nothing else; of another robot it is gone afterwards."""
+    if spec == ROBOT:
+        yield mjcf_path()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "spidar.xml"
+        path.write_text(model_text(spec), encoding="utf-8")
+        yield path
+
+
+def model_hash(spec: RobotSpec = ROBOT) -> str:
+    """SHA-256 of a robot's model file."""
+    return hashlib.sha256(model_text(spec).encode()).hexdigest()

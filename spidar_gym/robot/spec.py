@@ -8,13 +8,19 @@ as flown for the paper; [Dynamixel] the servo maker's manual; [estimate] ours. P
 import ast
 import inspect
 import math
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.so3 import rotation_x, skew
+from spidar_gym.robot.inertial import Inertial, merge
+from spidar_gym.robot.payload import Payload
+from spidar_gym.robot.valid import check, own_masses, read_spec
 
 N_LEGS = 4
 N_LINKS = 8
@@ -44,50 +50,6 @@ FORMS: dict[str, np.ndarray] = {
 """The paper's joint configurations ① (flat), ② (outer links vertical), ③ (rotors stacked), shape (16,) [rad]."""
 
 
-@dataclass(frozen=True)
-class Inertial:
-    """Mass distribution of a rigid part in some frame."""
-
-    mass: float
-    """Mass [kg]."""
-    com: tuple[float, float, float]
-    """Centre of mass [m]."""
-    inertia: tuple[float, float, float, float, float, float]
-    """xx, yy, zz, xy, xz, yz of the inertia tensor about the centre of mass, axes of the frame [kg m²]."""
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """Inertia tensor about the centre of mass, shape (3, 3) [kg m²]."""
-        xx, yy, zz, xy, xz, yz = self.inertia
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-    def placed(self, position: tuple[float, float, float], roll: float = 0.0) -> "Inertial":
-        """The same part seen from a frame in which its own frame sits at `position` [m], turned by `roll` about x."""
-        R = rotation_x(roll)
-        x, y, z = (np.array(position) + R @ self.com).tolist()
-        return Inertial(self.mass, (x, y, z), _six(R @ self.matrix @ R.T))
-
-    def scaled(self, factor: float) -> "Inertial":
-        """The same shape with `factor` times the density."""
-        return Inertial(self.mass * factor, self.com, _six(factor * self.matrix))
-
-
-def _six(I: np.ndarray) -> tuple[float, float, float, float, float, float]:
-    return float(I[0, 0]), float(I[1, 1]), float(I[2, 2]), float(I[0, 1]), float(I[0, 2]), float(I[1, 2])
-
-
-def merge(*parts: Inertial) -> Inertial:
-    """One rigid body of several parts given in one frame (parallel axes)."""
-    mass = sum(part.mass for part in parts)
-    com = np.sum([part.mass * np.array(part.com) for part in parts], axis=0) / mass
-    I = np.zeros((3, 3))
-    for part in parts:
-        S = skew(np.array(part.com) - com)
-        I += part.matrix - part.mass * S @ S
-    x, y, z = com.tolist()
-    return Inertial(mass, (x, y, z), _six(I))
-
-
 PARTS: dict[str, Inertial] = {
     "torso": Inertial(1.17803, (0.0, 0.0, 0.027), (0.009512, 0.009512, 0.017150, 0.0, 0.0, 0.0)),
     "flight_controller": Inertial(0.03542, (0.0129, 0.0045, -0.0227), (2.25e-5, 2.25e-5, 3.46e-5, 0.0, 0.0, 0.0)),
@@ -110,11 +72,13 @@ class RobotSpec:
     """Geometry, mass and actuators of SPIDAR; lengths [m], angles [rad].
 
     Frames of torso, junctions and links at q = 0: x away from the torso along the leg, y to the left, z up. Positive
-    pitch lowers the leg.
+    pitch lowers the leg. A value is a robot: the default is the one that was described, any other may be handed to
+    environments, models and the export. It has four legs, eight links and a rotor in each, whatever its numbers.
     """
 
-    total_mass: float = 16.0
-    """Mass of the whole robot [kg] [Zhao2025, Tab. 1]; the parts add up to 15.21 kg and are scaled to it."""
+    described_mass: float = 16.0
+    """Mass of the robot as described, with links of the described lengths, its own parts and no payload [kg]
+    [Zhao2025, Tab. 1]; the parts add up to 15.21 kg and are scaled to it. `total_mass` is that of this robot."""
     yaw_axis_xy: float = 0.12233
     """± x and ± y of the inner yaw axes in the torso [JSK]; leg l points at azimuth 45° + 90° (l − 1)."""
     yaw_axis_z: float = -0.0155
@@ -122,9 +86,10 @@ class RobotSpec:
     yaw_to_pitch: float = 0.0515
     """From a yaw axis to the pitch axis of the same junction [JSK]."""
     pitch_to_yaw: float = 0.523
-    """From the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]."""
+    """From the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link is
+    stretched along it, and so heavier."""
     pitch_to_foot: float = 0.5115
-    """From the outer pitch axis to the centre of the foot sphere [JSK]."""
+    """From the outer pitch axis to the centre of the foot sphere [JSK]; a longer outer link likewise."""
     foot_radius: float = 0.04
     """Radius of the foot sphere [JSK]."""
     rod_radius: float = 0.0125
@@ -202,32 +167,77 @@ class RobotSpec:
     peg_friction: float = 0.6
     """Sliding friction of pegs and ducts [estimate]: 0.4 … 0.8."""
 
-    bodies: dict[str, Inertial] = field(init=False)
-    """Mass distribution of the seven kinds of moving body, scaled to `total_mass`; derived from `PARTS`."""
+    part_masses: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
+    """Masses of parts of this robot in place of those of `PARTS` [kg], by name, as they are: `total_mass` follows.
+    A mapping becomes sorted pairs."""
+    payloads: tuple[Payload, ...] = ()
+    """What it carries, besides: bodies that are fixed to torso or links."""
 
     def __post_init__(self) -> None:
-        """Merge the parts that do not move against each other."""
-        peg = PARTS["peg"].placed((0.0, 0.0, self.peg_top))
-        lumps = {
-            "torso": merge(
-                PARTS["torso"],
-                PARTS["flight_controller"].placed(self.flight_controller),
-                PARTS["computer"].placed(self.computer, math.pi / 2),
-            ),
-            "inner_junction": merge(PARTS["inner_junction"], peg),
-            "inner_link": merge(PARTS["inner_link"], PARTS["battery"].placed(self.inner_battery, -math.pi / 2)),
-            "outer_junction": merge(PARTS["outer_junction"], peg),
-            "outer_link": merge(
-                PARTS["outer_link"],
-                PARTS["battery"].placed(self.outer_battery, -math.pi / 2),
-                PARTS["foot"].placed((self.pitch_to_foot, 0.0, 0.0)),
-            ),
-            "roll_module": PARTS["roll_module"],
-            "pitch_module": PARTS["pitch_module"],
-        }
-        count = {"torso": 1, "roll_module": N_ROTORS, "pitch_module": N_ROTORS}
-        factor = self.total_mass / sum(count.get(name, N_LEGS) * lump.mass for name, lump in lumps.items())
-        object.__setattr__(self, "bodies", {name: lump.scaled(factor) for name, lump in lumps.items()})
+        """Refuse what is no robot that can hover, lie and stand (`InvalidValueError`); numbers become floats."""
+        for f in fields(self):
+            if isinstance(given := getattr(self, f.name), int | np.integer | np.floating):
+                object.__setattr__(self, f.name, float(given))
+            elif isinstance(given, list | np.ndarray):
+                object.__setattr__(self, f.name, tuple(given))
+        object.__setattr__(self, "part_masses", own_masses(self.part_masses, PARTS))
+        check(self, {f.name: f.default for f in fields(self)})
+
+    @classmethod
+    def parse(cls, given: "RobotSpec | str | Path | Mapping[str, Any] | None") -> "RobotSpec":
+        """The robot that a user means.
+
+        Args:
+            given: A robot; numbers by field, the others as described; a TOML file of these, with tables `[part_masses]`
+                and `[[payloads]]`; or None for the nominal robot.
+
+        Raises:
+            UnknownNameError: For a field that does not exist; it lists those that do.
+            InvalidValueError: For a robot that is none.
+            SpidarError: For a file that cannot be read, or is no TOML.
+        """
+        if given is None:
+            return ROBOT
+        if isinstance(given, RobotSpec):
+            return given
+        return cls(**read_spec(given, {f.name: f.default for f in fields(cls)}, PARTS))
+
+    @cached_property
+    def bodies(self) -> dict[str, Inertial]:
+        """Mass distribution of the seven kinds of moving body without payload, in the robot's own density."""
+        return {name: lump.scaled(self._density) for name, lump in self._lumps.items()}
+
+    def inertial(self, body: str, kind: str) -> Inertial:
+        """Mass distribution of a body, with what it carries.
+
+        Args:
+            body: Its name: `torso`, `junction1`, `link1` …
+            kind: Of the seven, one of `bodies`.
+        """
+        carried = [payload.inertial for payload in self.payloads if payload.body == body]
+        return merge(self.bodies[kind], *carried) if carried else self.bodies[kind]
+
+    @property
+    def _density(self) -> float:
+        """What scales the described parts to the described mass."""
+        return self.described_mass / _sum(_merged(self, PARTS))
+
+    @cached_property
+    def _lumps(self) -> dict[str, Inertial]:
+        """The seven kinds of moving body of this robot's own parts, before the scaling."""
+        own = dict(PARTS)
+        for name, length in (("inner_link", "pitch_to_yaw"), ("outer_link", "pitch_to_foot")):
+            if (stretch := getattr(self, length) / getattr(RobotSpec, length)) != 1.0:
+                own[name] = own[name].stretched(stretch)
+        for name, mass in own_masses(self.part_masses, PARTS):
+            own[name] = own[name].scaled(mass / (own[name].mass * self._density))
+        return _merged(self, own)
+
+    @cached_property
+    def total_mass(self) -> float:
+        """Mass of the whole robot, payload included [kg]."""
+        own = self.described_mass * (_sum(self._lumps) / _sum(_merged(self, PARTS)))
+        return own + sum(payload.mass for payload in self.payloads)
 
     @property
     def weight(self) -> float:
@@ -260,6 +270,35 @@ class RobotSpec:
         return math.pi / 4 + leg * math.pi / 2
 
 
+def _merged(spec: RobotSpec, parts: Mapping[str, Inertial]) -> dict[str, Inertial]:
+    """Seven kinds of moving body: the parts that do not move against each other, merged."""
+    peg = parts["peg"].placed((0.0, 0.0, spec.peg_top))
+    battery, turned = parts["battery"], -math.pi / 2
+    return {
+        "torso": merge(
+            parts["torso"],
+            parts["flight_controller"].placed(spec.flight_controller),
+            parts["computer"].placed(spec.computer, math.pi / 2),
+        ),
+        "inner_junction": merge(parts["inner_junction"], peg),
+        "inner_link": merge(parts["inner_link"], battery.placed(spec.inner_battery, turned)),
+        "outer_junction": merge(parts["outer_junction"], peg),
+        "outer_link": merge(
+            parts["outer_link"],
+            battery.placed(spec.outer_battery, turned),
+            parts["foot"].placed((spec.pitch_to_foot, 0.0, 0.0)),
+        ),
+        "roll_module": parts["roll_module"],
+        "pitch_module": parts["pitch_module"],
+    }
+
+
+def _sum(bodies: Mapping[str, Inertial]) -> float:
+    """Mass of all bodies of a robot [kg]."""
+    count = {"torso": 1, "roll_module": N_ROTORS, "pitch_module": N_ROTORS}
+    return sum(count.get(name, N_LEGS) * body.mass for name, body in bodies.items())
+
+
 ROBOT = RobotSpec()
 """The nominal robot."""
 
@@ -284,7 +323,7 @@ def differences(spec: RobotSpec) -> str:
     other = ", ".join(
         f"{f.name} = {getattr(spec, f.name)!r} instead of {getattr(described, f.name)!r}"
         for f in fields(RobotSpec)
-        if f.init and getattr(spec, f.name) != getattr(described, f.name)
+        if getattr(spec, f.name) != getattr(described, f.name)
     )
     return (
         f"is of the robot that RobotSpec describes, but ROBOT in memory has {other}: give RobotSpec these numbers in "
@@ -309,4 +348,4 @@ def field_docs(cls: type) -> dict[str, str]:
 def spec_rows(spec: RobotSpec = ROBOT) -> list[tuple[str, str, str]]:
     """(name, value, documentation) of every number of `spec`, for the generated tables."""
     docs = field_docs(RobotSpec)
-    return [(f.name, f"{getattr(spec, f.name)}", docs[f.name]) for f in fields(spec) if f.init]
+    return [(f.name, f"{getattr(spec, f.name)}", docs[f.name]) for f in fields(spec) if f.default != ()]

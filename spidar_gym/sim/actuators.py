@@ -9,7 +9,7 @@ import numpy as np
 
 from spidar_gym.arrays import constant
 from spidar_gym.errors import InvalidValueError, require_arrays
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 
 NOISE_BANDWIDTH = 10.0
 """Corner frequency of the thrust noise [Hz]."""
@@ -82,3 +82,12 @@ class ActuatorConfig:
                 raise InvalidValueError(f.name, getattr(self, f.name), "a number of at least 0")
             if f.name in positive and (value <= 0.0).any():
                 raise InvalidValueError(f.name, getattr(self, f.name), "a number above 0")
+
+    @classmethod
+    def of(cls, robot: RobotSpec) -> "ActuatorConfig":
+        """The actuators of a robot as described."""
+        return cls(
+            max_thrust=robot.max_thrust, thrust_lag=robot.thrust_lag, joint_kp=robot.joint_kp, joint_kd=robot.joint_kd,
+            max_joint_torque=robot.max_joint_torque, joint_friction=robot.joint_friction,
+            joint_damping=robot.joint_damping, vectoring_kp=robot.vectoring_kp,
+        )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from spidar_gym.arrays import constant
 from spidar_gym.errors import InvalidValueError, require_arrays
-from spidar_gym.robot import N_LINKS, ROBOT
+from spidar_gym.robot import N_LINKS, ROBOT, RobotSpec
 
 
 @dataclass(frozen=True)
@@ -44,3 +44,8 @@ class BodyConfig:
                 raise InvalidValueError(name, getattr(self, name), "numbers above 0")
         if not self.payload_mass >= 0.0:
             raise InvalidValueError("payload_mass", self.payload_mass, "a number from 0 on, in kg")
+
+    @classmethod
+    def of(cls, robot: RobotSpec) -> "BodyConfig":
+        """A robot as described."""
+        return cls(total_mass=robot.total_mass, foot_friction=robot.foot_friction, peg_friction=robot.peg_friction)

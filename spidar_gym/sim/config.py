@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 
 from spidar_gym.errors import InvalidValueError, is_finite, require_flag, require_instance, require_least
-from spidar_gym.robot import ROBOT
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
@@ -33,6 +33,15 @@ class PlantConfig:
     """Noise of the sensors."""
     ground: GroundConfig = field(default_factory=GroundConfig)
     """The floor."""
+    robot: RobotSpec = ROBOT
+    """Which robot it is; the numbers above are how far it is from that; `PlantConfig.of` begins with none."""
+
+    @classmethod
+    def of(cls, robot: RobotSpec) -> "PlantConfig":
+        """A robot as described."""
+        return cls(
+            joint_speed=robot.joint_speed, body=BodyConfig.of(robot), actuators=ActuatorConfig.of(robot), robot=robot
+        )
 
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated."""
@@ -43,5 +52,5 @@ class PlantConfig:
                 require_instance(f.default_factory, **{f.name: getattr(self, f.name)})
         if not (is_finite(self.joint_speed) and self.joint_speed > 0.0):
             raise InvalidValueError("joint_speed", self.joint_speed, "a number above 0 [rad/s]")
-        if not (is_finite(self.idle_thrust) and 0.0 <= self.idle_thrust <= ROBOT.max_thrust):
-            raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {ROBOT.max_thrust:g} N")
+        if not (is_finite(self.idle_thrust) and 0.0 <= self.idle_thrust <= self.robot.max_thrust):
+            raise InvalidValueError("idle_thrust", self.idle_thrust, f"a number within 0 … {self.robot.max_thrust:g} N")

@@ -14,7 +14,7 @@ import numpy as np
 
 from spidar_gym.border import BorderError, read_file
 from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_name
-from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS
+from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.sim.config import PlantConfig
 
 
@@ -87,7 +87,20 @@ TABLE: tuple[Row, ...] = (
     Row("sensors.latency", "set", 0.005, 0.030, "s", PHYSICS),
     Row("sensors.factor", "set", 0.5, 1.5, "1", "estimate"),
 )
-"""Everything that varies, for flight and ground; nominal is the default of the field."""
+"""Everything that varies, for flight and ground, of the nominal robot; nominal is the default of the field."""
+
+
+def table_of(robot: RobotSpec) -> tuple[Row, ...]:
+    """The table for a robot: ranges of its own numbers are as wide, seen from them, as from the nominal robot's."""
+    return tuple(_of(row, robot) for row in TABLE)
+
+
+def _of(row: Row, robot: RobotSpec) -> Row:
+    name = row.field.rpartition(".")[2]
+    nominal = getattr(ROBOT, name, 0.0)
+    if row.operation != "set" or not nominal or (share := getattr(robot, name) / nominal) == 1.0:
+        return row
+    return replace(row, low=share * row.low, high=share * row.high)
 
 
 @dataclass(frozen=True)
@@ -135,10 +148,11 @@ class Randomization:
         Args:
             nominal: The robot in the middle.
         """
+        table = TABLE if nominal.robot == ROBOT else table_of(nominal.robot)
         if not self.ranges:
-            return self.strength, TABLE
+            return self.strength, table
         own = {name: (low, high) for name, low, high in self.ranges}
-        return 1.0, tuple(replace(row, **_bounds(row, own.get(row.field), self.strength, nominal)) for row in TABLE)
+        return 1.0, tuple(replace(row, **_bounds(row, own.get(row.field), self.strength, nominal)) for row in table)
 
 
 def _bounds(row: Row, own: tuple[float, float] | None, strength: float, nominal: PlantConfig) -> dict[str, float]:

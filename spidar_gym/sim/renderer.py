@@ -19,6 +19,7 @@ import numpy as np
 from mujoco.rendering.classic import gl_context
 
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.opengl import INSTALL_GL, require_opengl
@@ -58,12 +59,12 @@ def offscreen_library() -> Iterator[None]:
 
 
 class Drawn:
-    """The robot over a floor, as it is drawn: model and data of its own."""
+    """A robot over a floor, as it is drawn: model and data of its own."""
 
-    def __init__(self, ground: GroundConfig | None, *, film: bool) -> None:
+    def __init__(self, ground: GroundConfig | None, robot: RobotSpec = ROBOT, *, film: bool) -> None:
         """Lay the floor, a plane by default; with `film` it looks as in films and figures."""
         ground = ground or GroundConfig()
-        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film, boxed=ground.boxed))
+        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film, boxed=ground.boxed, robot=robot))
         self._data = mujoco.MjData(self._model)
         self.lay(ground)
 
@@ -82,12 +83,14 @@ class Drawn:
 class OffscreenRenderer(Drawn):
     """Pictures of the robot from one of its cameras."""
 
-    def __init__(self, camera: str, width: int, height: int, ground: GroundConfig | None = None) -> None:
+    def __init__(
+        self, camera: str, width: int, height: int, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT
+    ) -> None:
         """Open an OpenGL context over a floor (`MissingDependencyError` says what to install where there is none)."""
         require_name("camera", camera, CAMERAS)
         if width > MAX_WIDTH or height > MAX_HEIGHT:
             raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}")
-        super().__init__(ground, film=False)
+        super().__init__(ground, robot, film=False)
         self._camera = camera
         with offscreen_library():
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
@@ -120,10 +123,10 @@ class OffscreenRenderer(Drawn):
 class Window(Drawn):
     """MuJoCo's interactive viewer, which shows one configuration a `period` [s] of real time."""
 
-    def __init__(self, period: float, ground: GroundConfig | None = None) -> None:
+    def __init__(self, period: float, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT) -> None:
         """Open the window over a floor (`SpidarError` where there is no screen)."""
         require_display()
-        super().__init__(ground, film=True)
+        super().__init__(ground, robot, film=True)
         self._period, self._due = period, 0.0
         self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
         self._viewer.opt.geomgroup[3] = 0

@@ -4,11 +4,12 @@
 # The compiled modules below come without stubs.
 
 import logging
-from functools import cache
+from functools import lru_cache
 
 import mujoco
 
-from spidar_gym.robot.description import mjcf_path
+from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.robot.description import model_text
 from spidar_gym.sim.ground import BOXES, NOWHERE, TILE, TILE_DEPTH, TILES
 
 # MuJoCo would write its warnings into a file of the working folder.
@@ -28,15 +29,17 @@ def quieten(data: mujoco.MjData) -> None:
     data.warning.number[_UNSTABLE] = 1
 
 
-@cache
-def scene(visual: bool, uneven: bool = False, film: bool = False, boxed: bool = False) -> mujoco.MjModel:
-    """The robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step.
+@lru_cache(maxsize=64)
+def scene(
+    visual: bool, uneven: bool = False, film: bool = False, boxed: bool = False, robot: RobotSpec = ROBOT
+) -> mujoco.MjModel:
+    """A robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step.
 
     With `uneven` there are tiles on the floor, with `boxed` boxes: `GroundConfig.apply` lays them. With `film` it looks
     as in films and figures; the plain look is what the environments' pictures have, which may be observations, and it
     stays.
     """
-    spec = mujoco.MjSpec.from_file(str(mjcf_path()))
+    spec = mujoco.MjSpec.from_string(model_text(robot))
     if not visual:
         for geom in list(spec.geoms):
             if geom.contype == 0 and geom.conaffinity == 0:

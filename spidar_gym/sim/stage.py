@@ -16,7 +16,7 @@ import numpy as np
 from mujoco.rendering.classic import gl_context
 
 from spidar_gym.errors import require_name
-from spidar_gym.robot import ROBOT, ROTOR_SITES
+from spidar_gym.robot import ROBOT, ROTOR_SITES, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.renderer import Drawn, offscreen_library
@@ -50,14 +50,14 @@ def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
     return found
 
 
-def cog(qpos: np.ndarray) -> np.ndarray:
+def cog(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
     """Centre of gravity in each configuration (n, 39): (n, 3), world [m]."""
-    return np.array([data.subtree_com[1].copy() for data in _placed(scene(visual=False), qpos)])
+    return np.array([data.subtree_com[1].copy() for data in _placed(scene(visual=False, robot=robot), qpos)])
 
 
-def extent(qpos: np.ndarray) -> np.ndarray:
+def extent(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
     """Points (k, 3) round the robot in some configurations (n, 39), and on the floor under its torso [m]."""
-    model = scene(visual=True, film=True)
+    model = scene(visual=True, film=True, robot=robot)
     shown = _robot(model)
     reach = model.geom_rbound[shown][:, None]
     found = []
@@ -119,8 +119,9 @@ class Stage(Drawn):
     """Pictures of the robot, `width` × `height`, from one camera."""
 
     def __init__(
-        self, camera: str | mujoco.MjvCamera, width: int, height: int, ground: GroundConfig | None = None
-    ) -> None:
+        self, camera: str | mujoco.MjvCamera, width: int, height: int, ground: GroundConfig | None = None,
+        robot: RobotSpec = ROBOT,
+    ) -> None:  # fmt: skip
         """Open an OpenGL context over a floor (`MissingDependencyError` says what to install where there is none).
 
         Args:
@@ -128,8 +129,10 @@ class Stage(Drawn):
             width: Of the pictures [px].
             height: … [px].
             ground: The floor.
+            robot: Which robot it is.
         """
-        super().__init__(ground, film=True)
+        super().__init__(ground, robot, film=True)
+        self._robot = robot
         self._size = width, height
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
         self._camera, self._stands = camera, not isinstance(camera, str)
@@ -251,14 +254,14 @@ class Stage(Drawn):
         centre, side, up = self._data.site_xpos[site], frame[:, 1], frame[:, 2]
         tip = centre + THRUST_LENGTH * newtons * up
         self._add_arrow(0.02, centre, tip, ARROW_COLOR)
-        speed = math.sqrt(max(newtons, 0.0) / ROBOT.hover_thrust)
+        speed = math.sqrt(max(newtons, 0.0) / self._robot.hover_thrust)
         balls = [[*tip, 0.05]]
-        for y in (ROBOT.duct_offset_y, -ROBOT.duct_offset_y):
-            exit_ = centre + y * side + ROBOT.duct_z[0] * up
+        for y in (self._robot.duct_offset_y, -self._robot.duct_offset_y):
+            exit_ = centre + y * side + self._robot.duct_z[0] * up
             balls.append([*(exit_ - JET_LENGTH * up), 0.15 * JET_LENGTH])
             for k in range(JET_PIECES):
                 near, far = JET_LENGTH * k / JET_PIECES, JET_LENGTH * (k + 1) / JET_PIECES
-                radius = max(ROBOT.propeller_radius, 0.15 * near)
+                radius = max(self._robot.propeller_radius, 0.15 * near)
                 color = np.array([*JET_COLOR, 0.16 * min(speed, 1.5) * (1.0 - near / JET_LENGTH)], np.float32)
                 if float(exit_[2] - far * up[2]) > 0.0:
                     self._add(mujoco.mjtGeom.mjGEOM_CYLINDER, radius, exit_ - near * up, exit_ - far * up, color)

@@ -16,7 +16,7 @@ from spidar_gym.envs.course.task import CourseTask
 from spidar_gym.envs.crawl.task import PAPER_WAY
 from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
-from spidar_gym.robot import FORMS
+from spidar_gym.robot import FORMS, ROBOT, RobotSpec
 
 PREPARE = 8.0
 """From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
@@ -90,10 +90,10 @@ def hover_mission(preset: str = "as_flown", seconds: float = 10.0, *, odometry: 
 
 def crawl_mission(
     preset: str = "published", way: Pose2 = PAPER_WAY, *, odometry: bool = False,
-    residual: bool = False,
+    residual: bool = False, robot: RobotSpec = ROBOT,
 ) -> Mission:  # fmt: skip
     """The paper's crawl, or another way (`InvalidValueError` for one out of reach)."""
-    config = crawler_config(preset)
+    config = crawler_config(preset, robot=robot)
     cycles = plan_cycles(config.gait, Move(way))
     lines = [f"crawl {preset}", *_switches(odometry, residual), f"move {way.x:.6f} {way.y:.6f} {way.yaw:.6f} {cycles}"]
     # Whoever waits longer than twice the nominal time waits for nothing.

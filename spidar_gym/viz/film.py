@@ -14,6 +14,7 @@ from spidar_gym.errors import MissingDependencyError
 from spidar_gym.files import whole_file
 from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, UNRESTRICTED, FlightLog
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.opengl import require_opengl
 from spidar_gym.sim.stage import FIXED, Stage, between, cog, extent, standing
@@ -60,6 +61,8 @@ class Take:
     """The floor."""
     pace: float = 1.0
     """How many times as fast as in reality it is shown."""
+    robot: RobotSpec = ROBOT
+    """Who flies or crawls."""
 
 
 def tick_at(take: Take, time: float) -> int:
@@ -139,13 +142,13 @@ class Film:
         strip = Strip(takes, *SIZE[:1], STRIP)
         camera: Any = self._camera
         if camera == FIXED:
-            points = np.concatenate([extent(take.qpos[::SAMPLED]) for take in takes])
+            points = np.concatenate([extent(take.qpos[::SAMPLED], take.robot) for take in takes])
             window = 0.04, 0.96, (STRIP + 10) / height, 1.0 - TOP / height
             camera = standing(points, width / height, window)
         stages: list[Stage] = []
         try:
             for take in takes:
-                stages.append(Stage(camera, width, height, take.ground))
+                stages.append(Stage(camera, width, height, take.ground, take.robot))
             for number in frames(range(length(takes))):
                 time = takes[0].pace * (number + 1) / FPS
                 frame = np.hstack([_picture(take, stage, time) for take, stage in zip(takes, stages, strict=True)])
@@ -193,16 +196,19 @@ def flight_phase(time: float) -> str:
     return "hover in form ①" if time <= start else "① → ② → ③" if time <= end else "hover in form ③"
 
 
-def flight_traces(qpos: np.ndarray, position_error: np.ndarray, attitude_error: np.ndarray) -> dict[str, np.ndarray]:
+def flight_traces(
+    qpos: np.ndarray, position_error: np.ndarray, attitude_error: np.ndarray, robot: RobotSpec = ROBOT
+) -> dict[str, np.ndarray]:
     """Height and errors of a flight, whose rows are ticks.
 
     Args:
         qpos: Configurations (n, 39).
         position_error: (n, 3) [m].
         attitude_error: (n, 3) [rad].
+        robot: Who flies.
     """
     return {
-        "height of the CoG [m]": cog(qpos)[:, 2],
+        "height of the CoG [m]": cog(qpos, robot)[:, 2],
         "position error [mm]": 1e3 * np.linalg.norm(position_error, axis=1),
         "attitude error [mrad]": 1e3 * np.linalg.norm(attitude_error, axis=1),
     }

@@ -13,8 +13,8 @@ from spidar_gym.envs.docs import pages
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.native import library, recipe
 from spidar_gym.native.codegen import committed
-from spidar_gym.robot import description
-from spidar_gym.robot.description import generated_files
+from spidar_gym.robot import RobotSpec, description
+from spidar_gym.robot.description import assets_dir, generated_files, mjcf, urdf
 
 NATIVE = ("spidar_structs.h", "spidar_policy.h", "osqp/auxil.c")
 """Some of the generated C."""
@@ -127,3 +127,16 @@ def test_an_edited_c_file_is_noticed_and_compiled(tmp_path, capfd, monkeypatch):
         assert library.expected_digest().encode() in own.read_bytes()
     finally:
         library.expected_digest.cache_clear()
+
+
+def test_the_files_of_a_robot_of_ones_own_go_into_a_folder_and_nothing_else_is_written(capfd, tmp_path):
+    (tmp_path / "own.toml").write_text("pitch_to_foot = 0.6138\n", encoding="utf-8")
+    before = {path: path.read_bytes() for path in assets_dir().rglob("*.*ml")}
+    main(["assets", "--robot", str(tmp_path / "own.toml"), "--out", str(tmp_path / "own")])
+    assert "mjcf/spidar.xml, urdf/spidar.urdf in" in capfd.readouterr().out
+    robot = RobotSpec(pitch_to_foot=0.6138)
+    assert (tmp_path / "own" / "mjcf" / "spidar.xml").read_text(encoding="utf-8") == mjcf(robot)
+    assert (tmp_path / "own" / "urdf" / "spidar.urdf").read_text(encoding="utf-8") == urdf(robot)
+    assert {path: path.read_bytes() for path in assets_dir().rglob("*.*ml")} == before
+    for words in (["--robot", "own.toml"], ["--out", "own"], ["--robot", "own.toml", "--out", "own", "--check"]):
+        assert "--robot FILE and --out FOLDER together" in refused(capfd, "assets", *words)

@@ -225,3 +225,42 @@ def test_a_zip_of_another_world_is_refused(model, here, capfd):
     *_, line = capfd.readouterr().err.splitlines()
     assert line.startswith("spidar: policy pole learned on observations (4,)")
     assert "actions Discrete(2)" in line
+
+
+LOADED = '[[payloads]]\nbody = "link2"\nmass = 1.0\nposition = [0.4, 0.0, 0.0]\n'
+
+
+def own_robot(folder, text="pitch_to_foot = 0.6138\n"):
+    """A file of a robot."""
+    path = folder / "own.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_a_robot_of_ones_own_flies_and_crawls_from_its_file(capfd, here, tmp_path):
+    heights = []
+    for robot in ([], ["--robot", own_robot(tmp_path, LOADED)]):
+        main(["run", "--seconds", "1", "--forms", "form1", *robot])
+        heights.append(capfd.readouterr().out)
+    assert heights[0] != heights[1]
+    main(["run", "spidar_gym/Crawl-v0", "--seconds", "0.25", "--robot", own_robot(tmp_path)])
+    assert "episode 1 (seed 0): 0.2 s" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("legs = 6\n", "a robot has 4 legs"),
+        ("max_thrust = 5.0\n", "max_thrust = 5.0 is not valid; expected at least 24.52 N"),
+        ("max_thrust\n", "cannot be read"),
+    ],
+)
+def test_a_file_of_no_robot_is_refused_in_one_line(capfd, tmp_path, text, words):
+    assert words in refused(capfd, "run", "--robot", own_robot(tmp_path, text))
+
+
+def test_what_was_learned_on_the_nominal_robot_flies_no_other(capfd, tmp_path):
+    words = refused(capfd, "run", "--seconds", "0.1", "--policy", LEARNED, "--robot", own_robot(tmp_path))
+    assert "knows the nominal robot alone; valid with a robot of one's own: a preset" in words
+    words = refused(capfd, "run", "--seconds", "0.1", "--policy", "baselines.pinv:Pinv", "--robot", own_robot(tmp_path))
+    assert "knows the nominal robot alone" in words

@@ -11,7 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from support.cores import CAP, Allocating
 from support.needs import needs_compiler
-from support.states import hardest_demand, model, random_demands
+from support.robots import OTHER
+from support.states import hardest_demand, random_demands
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator, AllocatorConfig
@@ -19,13 +20,14 @@ from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.estimator import Estimator, EstimatorConfig
 from spidar_gym.control.presets import RETUNED
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError, UnknownNameError
-from spidar_gym.model.dynamics import Snapshot
+from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, load_core, pointer
 from spidar_gym.native.recipe import seal
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import fill
+from spidar_gym.robot import ROBOT
 from spidar_gym.so3 import exp
 
 HOVER, CRAWL = "spidar_gym/Hover-v0", "spidar_gym/Crawl-v0"
@@ -40,13 +42,14 @@ def make(name=HOVER, **options):
     return gymnasium.make(name, **options).unwrapped
 
 
-def test_the_tree_is_that_of_pinocchio(library):
-    rng, seen, worst = np.random.default_rng(0), Struct("snapshot"), 0.0
+@pytest.mark.parametrize("spec", [ROBOT, OTHER], ids=["nominal", "own"])
+def test_the_tree_is_that_of_pinocchio(library, spec):
+    rng, seen, worst, known = np.random.default_rng(0), Struct("snapshot"), 0.0, Model(spec)
     for _ in range(200):
         q, vectoring, R = rng.uniform(-1.5, 1.5, 16), rng.uniform(-3.0, 3.0, (8, 2)), exp(rng.normal(size=3))
-        library.sp_snapshot_at(pointer(robot()), pointer(q), pointer(R), pointer(vectoring), seen.pointer)
-        snapshot, feet = model().stance(q, R, vectoring)
-        expected = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
+        library.sp_snapshot_at(pointer(robot(spec)), pointer(q), pointer(R), pointer(vectoring), seen.pointer)
+        snapshot, feet = known.stance(q, R, vectoring)
+        expected = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__ if name != "robot"}
         expected |= {"feet_b": feet.position_b, "J_foot": feet.J}
         for name, value in expected.items():
             worst = max(worst, float(np.abs(np.reshape(value, -1) - np.reshape(seen[name], -1)).max()))

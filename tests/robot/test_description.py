@@ -145,14 +145,14 @@ def test_model_path_is_refused_after_an_edit_or_a_loss(tmp_path, monkeypatch):
 
 
 def test_a_robot_replaced_in_memory_is_named_as_the_cause(monkeypatch):
-    monkeypatch.setattr(description, "ROBOT", replace(ROBOT, total_mass=20.0))
-    description._nominal_mjcf.cache_clear()
+    monkeypatch.setattr(description, "ROBOT", replace(ROBOT, described_mass=20.0))
+    description._written.cache_clear()
     try:
         with pytest.raises(StaleAssetError) as refusal:
             description.mjcf_path()
     finally:
-        description._nominal_mjcf.cache_clear()
-    assert "total_mass = 20.0 instead of 16.0" in str(refusal.value)
+        description._written.cache_clear()
+    assert "described_mass = 20.0 instead of 16.0" in str(refusal.value)
     assert "by hand" not in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
@@ -199,9 +199,10 @@ def test_bodies_in_mujoco_have_the_mass_distribution_of_the_robot_description(mu
 
 
 def test_robot_of_another_mass_and_reach_is_written_as_such():
-    spec = replace(ROBOT, total_mass=20.0, pitch_to_foot=0.6)
+    spec = replace(ROBOT, described_mass=20.0, pitch_to_foot=0.6)
     changed = Mujoco(description.mjcf(spec))
-    assert abs(changed.mass - 20.0) < 1e-9
+    assert abs(changed.mass - spec.total_mass) < 1e-9
+    assert spec.total_mass > 20.0  # the longer links are heavier
     changed.move(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(32))
     feet = changed.frames(("foot1", "foot3"))[0]
     assert abs(np.linalg.norm(feet[0] - feet[1]) + 2 * spec.foot_radius - spec.diameter) < 1e-9

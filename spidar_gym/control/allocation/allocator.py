@@ -12,10 +12,8 @@ from spidar_gym.arrays import FootForces, JointVector, RotorForces, RotorVector,
 from spidar_gym.control.allocation.cone import sphere_optimum
 from spidar_gym.control.allocation.modes import PROJECTION
 from spidar_gym.control.allocation.problem import (
-    FORCE_SCALE,
     INFINITY,
     N_FORCES,
-    WRENCH_SCALE,
     Demand,
     Mode,
     QuadraticProgram,
@@ -24,7 +22,7 @@ from spidar_gym.control.allocation.problem import (
 )
 from spidar_gym.control.allocation.solver import MORE_ROUNDS, OTHER_RHO, RHO, Workspace, closed_form, patterns
 from spidar_gym.errors import InvalidValueError, UnknownNameError
-from spidar_gym.robot import N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_LEGS, N_ROTORS
 
 SIDE_TOLERANCE = 1e-5
 """A row this close to its bound may be active, in scaled units."""
@@ -165,7 +163,7 @@ class Allocator:
                 optimum = self._within_spheres(rows, program, optimum)
             if optimum.x is None:
                 return self._hold(demand, previous_l, optimum.iterations, start)
-            allocation = self._answer(demand, FORCE_SCALE * optimum.x, *optimum[1:], start)
+            allocation = self._answer(demand, demand.robot.max_thrust * optimum.x, *optimum[1:], start)
             return allocation if guess is None else replace(allocation, active=_sides(program, optimum.x))
 
     def mode(self, name: str) -> Mode:
@@ -188,9 +186,10 @@ class Allocator:
             forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold to rounding only
         norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
         thrust = np.array(norms)
-        if max(norms) > ROBOT.max_thrust:
-            forces = forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(thrust, LEAST_NORM))[:, None]
-            thrust = np.minimum(thrust, ROBOT.max_thrust)
+        most = demand.robot.max_thrust
+        if max(norms) > most:
+            forces = forces * np.minimum(1.0, most / np.maximum(thrust, LEAST_NORM))[:, None]
+            thrust = np.minimum(thrust, most)
         f = np.concatenate((forces.reshape(-1), feet)) if len(feet) else forces.reshape(-1)
         wrench = demand.thrust_map @ f
         return Allocation(
@@ -258,8 +257,8 @@ class Allocator:
     def _hold(self, demand: Demand, previous_l: RotorForces, iterations: int, start: float) -> Allocation:
         """The previous forces, bounded; of the feet nothing is known."""
         feet = demand.thrust_map.shape[1] - N_FORCES
-        held = np.concatenate((_bounded(previous_l).reshape(-1), np.zeros(feet)))
-        unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / WRENCH_SCALE
+        held = np.concatenate((_bounded(previous_l, demand.robot.max_thrust).reshape(-1), np.zeros(feet)))
+        unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / demand.robot.weight
         slack = float(unmet) if np.isfinite(unmet) else INFINITY
         return self._answer(demand, held, AllocationStatus.HELD, iterations, slack, start)
 
@@ -283,7 +282,7 @@ class Allocator:
         start = time.perf_counter()
         with np.errstate(all="ignore"):
             try:
-                program = replace(assemble(PROJECTION, demand), q=-forces_l.reshape(-1) / FORCE_SCALE)
+                program = replace(assemble(PROJECTION, demand), q=-forces_l.reshape(-1) / demand.robot.max_thrust)
             except ValueError:
                 return self._hold(demand, previous_l, 0, start)
             optimum = self._cube_optimum(PROJECTION, program)
@@ -292,7 +291,7 @@ class Allocator:
                 optimum = Optimum(x, AllocationStatus.SOLVED, optimum.iterations + steps)
             if optimum.x is None:
                 return replace(self._hold(demand, previous_l, optimum.iterations, start), slack=0.0)
-            return self._answer(demand, FORCE_SCALE * optimum.x, *optimum[1:], start)
+            return self._answer(demand, demand.robot.max_thrust * optimum.x, *optimum[1:], start)
 
 
 def _largest_thrust(x: np.ndarray) -> float:
@@ -301,11 +300,11 @@ def _largest_thrust(x: np.ndarray) -> float:
     return math.sqrt(max([f[i] * f[i] + f[i + 1] * f[i + 1] + f[i + 2] * f[i + 2] for i in range(0, N_FORCES, 3)]))
 
 
-def _bounded(forces_l: RotorForces) -> RotorForces:
+def _bounded(forces_l: RotorForces, most: float) -> RotorForces:
     """The forces with zeros for what is not finite, within the sphere."""
     finite = np.where(np.isfinite(forces_l), forces_l, 0.0)
     norm = np.linalg.norm(finite, axis=1)
-    return finite * np.minimum(1.0, ROBOT.max_thrust / np.maximum(norm, LEAST_NORM))[:, None]
+    return finite * np.minimum(1.0, most / np.maximum(norm, LEAST_NORM))[:, None]
 
 
 def _finite(program: QuadraticProgram) -> bool:

@@ -7,18 +7,15 @@ from typing import ClassVar
 import numpy as np
 
 from spidar_gym.control.allocation.problem import (
-    FORCE_SCALE,
     INFINITY,
     N_FORCES,
     N_UNKNOWNS,
-    TORQUE_SCALE,
-    WRENCH_SCALE,
     Constraint,
     Cost,
     Demand,
 )
 from spidar_gym.model.dynamics import Snapshot
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS
 
 
 def torque_map(snapshot: Snapshot) -> np.ndarray:
@@ -54,7 +51,7 @@ class JointTorqueEffort(Cost):
         if not demand.lifted.all():
             T = T * np.repeat(demand.lifted, 4)[:, None]
         P += self.weight * (T.T @ T)
-        q -= (self.weight / FORCE_SCALE) * (demand.gravity_torque @ T)
+        q -= (self.weight / demand.robot.max_thrust) * (demand.gravity_torque @ T)
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,9 @@ class WrenchBalance(Constraint):
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Six equalities, in units of the weight."""
-        np.multiply(demand.thrust_map, FORCE_SCALE / WRENCH_SCALE, out=A)
-        np.divide(demand.wrench, WRENCH_SCALE, out=l)
+        robot = demand.robot
+        np.multiply(demand.thrust_map, robot.max_thrust / robot.weight, out=A)
+        np.divide(demand.wrench, robot.weight, out=l)
         u[:] = l
 
 
@@ -79,15 +77,17 @@ class ThrustBox(Constraint):
     its rows are constant.
     """
 
-    limit: float = ROBOT.max_thrust
-    """λ̄ [N]."""
+    limit: float = math.inf
+    """λ̄ [N]; the robot's own if not given."""
     pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, N_UNKNOWNS, dtype=bool)
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """24 bounds, one for each unknown; zero for the rotors that are lost."""
         A.reshape(-1)[:: A.shape[1] + 1] = 1.0
-        u[:] = self.limit / FORCE_SCALE
-        l[:] = -self.limit / FORCE_SCALE
+        unit = demand.robot.max_thrust
+        limit = self.limit if math.isfinite(self.limit) else unit
+        u[:] = limit / unit
+        l[:] = -limit / unit
         if demand.lost.any():
             gone = np.repeat(demand.lost, 3)
             l[gone] = u[gone] = 0.0
@@ -97,8 +97,8 @@ class ThrustBox(Constraint):
 class JointTorqueLimit(Constraint):
     """−τ̄_q ≤ τ_q ≤ τ̄_q with the quasi-static τ_q = g − T f [Zhao2025, Eq. 11, 13]."""
 
-    limit: float = ROBOT.max_joint_torque
-    """τ̄_q [Nm]."""
+    limit: float = math.inf
+    """τ̄_q [Nm]; the robot's own if not given."""
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.array(
         # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one;
@@ -112,9 +112,10 @@ class JointTorqueLimit(Constraint):
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """The rows g − τ̄ ≤ T f ≤ g + τ̄, in units of the servo's limit."""
-        np.multiply(demand.torque_map, FORCE_SCALE / TORQUE_SCALE, out=A)
-        bound = self.limit / TORQUE_SCALE
-        np.divide(demand.gravity_torque, TORQUE_SCALE, out=l)
+        unit = demand.robot.max_joint_torque
+        np.multiply(demand.torque_map, demand.robot.max_thrust / unit, out=A)
+        bound = (self.limit if math.isfinite(self.limit) else unit) / unit
+        np.divide(demand.gravity_torque, unit, out=l)
         np.add(l, bound, out=u)
         l -= bound
         if not demand.lifted.all():

@@ -8,16 +8,14 @@ import numpy as np
 
 from spidar_gym.arrays import Wrench
 from spidar_gym.control.allocation.problem import (
-    FORCE_SCALE,
     INFINITY,
     N_FORCES,
     N_UNKNOWNS,
-    WRENCH_SCALE,
     Constraint,
     Cost,
     Demand,
 )
-from spidar_gym.robot import N_LEGS, ROBOT
+from spidar_gym.robot import N_LEGS, ROBOT, RobotSpec
 from spidar_gym.so3 import skew
 
 LEAST_THRUST = 1.0
@@ -55,7 +53,7 @@ class FootEffort(Cost):
         P.reshape(-1)[N_FORCES * (n + 1) :: n + 1] += self.weight
 
 
-def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, Wrench]:
+def contact_wrench_bounds(friction: float, min_normal: float, robot: RobotSpec = ROBOT) -> tuple[Wrench, Wrench]:
     """w̲ and w̄ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36].
 
     The pegs stand at (± a, ± a, −d). Let their normal forces add up to N ≥ N_min.
@@ -72,8 +70,9 @@ def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, W
     Args:
         friction: Planned friction μ of the pegs.
         min_normal: N_min [N].
+        robot: Whose pegs they are.
     """
-    a, d = ROBOT.yaw_axis_xy, ROBOT.peg_depth
+    a, d = robot.yaw_axis_xy, robot.peg_depth
     f_xy = friction * min_normal / (2.0 * math.sqrt(2.0))
     tau_xy = 0.5 * a * min_normal - d * f_xy
     tau_z = 0.25 * friction * min_normal * a * math.sqrt(2.0)
@@ -81,8 +80,9 @@ def contact_wrench_bounds(friction: float, min_normal: float) -> tuple[Wrench, W
     return low, np.array([f_xy, f_xy, math.inf, tau_xy, tau_xy, tau_z])
 
 
-MAX_PEG_FRICTION = math.sqrt(2.0) * ROBOT.yaw_axis_xy / ROBOT.peg_depth
-"""Planned friction of pegs at which a force along the floor would tip the torso and τ̄_xy be 0."""
+def most_peg_friction(robot: RobotSpec) -> float:
+    """Planned friction of pegs at which a force along the floor would tip the torso and τ̄_xy be 0."""
+    return math.sqrt(2.0) * robot.yaw_axis_xy / robot.peg_depth
 
 
 @dataclass(frozen=True)
@@ -102,14 +102,15 @@ class ContactWrenchRange(Constraint):
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Six rows in {B}: X w − w̄ ≤ X Q f ≤ X w − w̲, X taking a wrench from {CoG} to {B}."""
-        low, high = contact_wrench_bounds(self.friction, self.min_normal)
+        robot = demand.robot
+        low, high = contact_wrench_bounds(self.friction, self.min_normal, robot)
         lever = skew(demand.com_b)
         Q, w = demand.thrust_map, demand.wrench
         A[:3], A[3:] = Q[:3], Q[3:] + lever @ Q[:3]
-        A *= FORCE_SCALE / WRENCH_SCALE
+        A *= robot.max_thrust / robot.weight
         weight = np.concatenate((w[:3], w[3:] + lever @ w[:3]))
-        np.divide(weight - low, WRENCH_SCALE, out=u)
-        l[:] = np.where(np.isinf(high), -INFINITY, (weight - np.where(np.isinf(high), 0.0, high)) / WRENCH_SCALE)
+        np.divide(weight - low, robot.weight, out=u)
+        l[:] = np.where(np.isinf(high), -INFINITY, (weight - np.where(np.isinf(high), 0.0, high)) / robot.weight)
 
 
 @dataclass(frozen=True)
@@ -144,15 +145,18 @@ class FrictionPyramid(Constraint):
                 A[5 * leg + row, x + 2] = self.friction
                 l[5 * leg + row] = 0.0
             A[5 * leg + 4, x + 2] = 1.0
-            l[5 * leg + 4] = self.min_normal / FORCE_SCALE
+            l[5 * leg + 4] = self.min_normal / demand.robot.max_thrust
 
 
-def effort_weights(thrust: np.ndarray, previous: np.ndarray, share: float) -> np.ndarray:
+def effort_weights(
+    thrust: np.ndarray, previous: np.ndarray, share: float, hover_thrust: float = ROBOT.hover_thrust
+) -> np.ndarray:
     """Weights e_i for `PowerEffort` of the next tick, filtered: e ← e + share (√(λ₀ / max(λ, 1 N)) − e), λ₀ = mg/8.
 
     Args:
         thrust: λ last allocated (8,) [N].
         previous: Weights of the last tick (8,).
         share: How much of the change is taken; 0 leaves them, so that all ones is the paper's cost.
+        hover_thrust: λ₀ [N].
     """
-    return previous + share * (np.sqrt(ROBOT.hover_thrust / np.maximum(thrust, LEAST_THRUST)) - previous)
+    return previous + share * (np.sqrt(hover_thrust / np.maximum(thrust, LEAST_THRUST)) - previous)

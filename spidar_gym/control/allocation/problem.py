@@ -6,7 +6,7 @@ are scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), bec
 on scaling more than on anything else, and because the solver's own scaling would make a tick depend on the one before.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar, Protocol, runtime_checkable
@@ -15,18 +15,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spidar_gym.arrays import JointVector, LegMask, Matrix3, RotorMask, RotorVector, Vector3, Wrench, constant
-from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 
 N_FORCES = 3 * N_ROTORS
 """Unknowns of a mode in which the feet carry nothing."""
 N_UNKNOWNS = N_FORCES + 3 * N_LEGS
 """Unknowns of a mode in which they do."""
 FORCE_SCALE = ROBOT.max_thrust
-"""Unit of the unknowns [N]."""
-WRENCH_SCALE = ROBOT.total_mass * GRAVITY
-"""Unit of wrench rows [N and Nm]."""
+"""Unit of the unknowns [N], of the nominal robot; of any `demand.robot.max_thrust`."""
+WRENCH_SCALE = ROBOT.weight
+"""Unit of wrench rows [N and Nm], of the nominal robot; of any `demand.robot.weight`."""
 TORQUE_SCALE = ROBOT.max_joint_torque
-"""Unit of joint torque rows [Nm]."""
+"""Unit of joint torque rows [Nm], of the nominal robot; of any `demand.robot.max_joint_torque`."""
 INFINITY = 1e30
 """A bound that is none, in the solver's convention."""
 
@@ -68,6 +68,8 @@ class Demand:
     """Axes of the floor, seen from the torso."""
     effort: RotorVector = field(default_factory=lambda: _ALIKE)
     """Weight of each rotor's ‖f‖² where power is to be saved."""
+    robot: RobotSpec = ROBOT
+    """Whose forces they are: its limits are the units of unknowns and rows, and what blocks bound."""
 
 
 _ROTORS, _JOINTS = np.zeros(N_ROTORS), np.zeros(N_JOINTS)
@@ -76,7 +78,7 @@ NO_DEMAND = Demand(
     gravity_torque=_JOINTS, locked=_ROTORS > 0, phi=_ROTORS, restricted=_ROTORS > 0, lower=_ROTORS, upper=_ROTORS,
     lost=_ROTORS > 0,
 )  # fmt: skip
-"""A demand of zeros: what constant blocks are handed, which do not read it."""
+"""A demand of zeros: what constant blocks are handed, which read nothing of it but the robot."""
 
 
 @runtime_checkable
@@ -84,7 +86,7 @@ class Cost(Protocol):
     """A term ½‖W x − r‖² of the objective."""
 
     constant: ClassVar[bool] = False
-    """Whether it is the same at every tick; then it is added once."""
+    """Whether it is the same at every tick of a robot; then it is added once."""
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """Add WᵀW to P, shape (n, n), and −Wᵀr to q, shape (n,)."""
@@ -99,7 +101,7 @@ class Constraint(Protocol):
     soft: ClassVar[bool] = False
     """Whether the fallback may violate these rows at a price."""
     constant: ClassVar[bool] = False
-    """Whether they are the same at every tick; then they are written once."""
+    """Whether they are the same at every tick of a robot; then they are written once."""
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
         """Write the rows into A, shape (m, n), l and u, shape (m,), which come idle: zero and unbounded."""
@@ -156,17 +158,26 @@ class Mode:
         return np.vstack([block.pattern[:, : self.size] for block in self.constraints])
 
     @cached_property
-    def idle(self) -> tuple[np.ndarray, ...]:
-        """P, q, A, l, u with what never changes; the rest is zero and unbounded."""
+    def _idle(self) -> dict[RobotSpec, tuple[np.ndarray, ...]]:
+        """By robot, what `idle` has found."""
+        return {}
+
+    def idle(self, robot: RobotSpec = ROBOT) -> tuple[np.ndarray, ...]:
+        """P, q, A, l, u with what never changes for a robot; the rest is zero and unbounded."""
+        if robot not in self._idle:
+            self._idle[robot] = self._write_idle(replace(NO_DEMAND, robot=robot))
+        return self._idle[robot]
+
+    def _write_idle(self, nothing: Demand) -> tuple[np.ndarray, ...]:
         m, n = len(self.pattern), self.size
         P, q, A = np.zeros((n, n)), np.zeros(n), np.zeros((m, n))
         l, u = np.full(m, -INFINITY), np.full(m, INFINITY)
         for cost in self.costs:
             if cost.constant:
-                cost.add(NO_DEMAND, P, q)
+                cost.add(nothing, P, q)
         for block, rows in zip(self.constraints, self.slices, strict=True):
             if block.constant:
-                block.write(NO_DEMAND, A[rows], l[rows], u[rows])
+                block.write(nothing, A[rows], l[rows], u[rows])
         return P, q, A, l, u
 
     @cached_property
@@ -193,7 +204,7 @@ class Mode:
 
 def assemble(mode: Mode, demand: Demand) -> QuadraticProgram:
     """The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them."""
-    P, q, A, l, u = (array.copy() for array in mode.idle)
+    P, q, A, l, u = (array.copy() for array in mode.idle(demand.robot))
     costs, constraints = mode.varying
     for cost in costs:
         cost.add(demand, P, q)

@@ -10,7 +10,7 @@ from spidar_gym.control.course.gates import KINDS, Course
 from spidar_gym.control.course.target import Target
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.locomotion.orders import PHASES
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState
 
@@ -22,7 +22,7 @@ FAR = 20.0
 """Distances are told up to this [m]."""
 
 
-def course_layout(action_size: int) -> tuple[Field, ...]:
+def course_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
     """The observation's pieces in order; positions and velocities are in world axes, as a target is."""
     gates = tuple(
         Field(f"gate{k + 1}", len(KINDS) + 4, FAR, "1, m or rad",
@@ -42,7 +42,7 @@ def course_layout(action_size: int) -> tuple[Field, ...]:
         Field("joint_command", N_JOINTS, 2.0, "rad", "q^d of the last command"),
         Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+        Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command"),
         Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
         Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
         Field("phase", len(PHASES), 1.0, "", f"of the manager: 1 of {', '.join(PHASES)}"),
@@ -80,13 +80,13 @@ class CourseObservables:
     """The last action."""
 
 
-def observe_course(seen: CourseObservables, *, bound: np.ndarray) -> np.ndarray:
+def observe_course(seen: CourseObservables, *, bound: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
     """The observation in the order of `course_layout`, clipped to ± `bound` (one per number), float32."""
     state, course, goal, target = seen.state, seen.course, seen.course.goal, seen.target
     x, y, z = state.position_w.tolist()
     R_wb = quat_to_matrix(state.quat_wb)
     yaw = math.atan2(R_wb[1, 0], R_wb[0, 0])
-    over = course.floor_at(goal.x) + ROBOT.peg_depth - z
+    over = course.floor_at(goal.x) + robot.peg_depth - z
     whither = (0.0,) * 5 if target is None else (1.0, float(target.flies), target.x - x, target.y - y, target.z - z)
     gates = np.zeros((AHEAD, len(KINDS) + 4))
     for row, gate in zip(gates, [g for g in course.gates if x < g.end + SEEN], strict=False):

@@ -10,7 +10,7 @@ import numpy as np
 from spidar_gym.arrays import JointVector, Matrix3
 from spidar_gym.control.allocation.allocator import LEAST_NORM, Allocation, AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.blocks import torque_map
-from spidar_gym.control.allocation.contact import MAX_PEG_FRICTION, effort_weights
+from spidar_gym.control.allocation.contact import effort_weights, most_peg_friction
 from spidar_gym.control.allocation.modes import ground_modes
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS, Demand, Mode
 from spidar_gym.control.crawl.footsteps import GaitCommand, GaitConfig
@@ -87,8 +87,8 @@ class CrawlerConfig:
         for name in ("joint_speed", "rate_hz", "torque_limit", "joint_torque_limit", "foot_friction", "peg_friction"):
             if numbers[name] == 0.0:
                 raise InvalidValueError(name, 0.0, "a number above 0")
-        if self.peg_friction >= MAX_PEG_FRICTION:
-            raise InvalidValueError("peg_friction", self.peg_friction, f"a number below {MAX_PEG_FRICTION:.2f}")
+        if self.peg_friction >= (most := most_peg_friction(self.gait.robot)):
+            raise InvalidValueError("peg_friction", self.peg_friction, f"a number below {most:.2f}")
 
     @property
     def modes(self) -> dict[str, Mode]:
@@ -109,9 +109,10 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
     """The phase machine."""
 
     def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
-        """Build gait and allocation."""
+        """Build gait and allocation (`InvalidValueError` for a gait of another robot's legs than the model's)."""
         self.config = c = config or CrawlerConfig()
-        super().__init__(model, rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
+        check_legs(c.gait, model)
+        super().__init__(model or Model(c.gait.robot), rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
         self.allocator = Allocator(self.modes(), c.allocator)
         self.gait = self.gait_type(c.gait, joint_speed=c.joint_speed, dt=self.dt)
         self.memory = fresh_crawl_memory(np.zeros((N_ROTORS, 2)), np.zeros(N_JOINTS))
@@ -163,19 +164,20 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
         if gap > 0.0:
             forces = forces + gap * force_gap
         thrust = np.sqrt(np.einsum("ij,ij->i", forces, forces))
-        if thrust.max() > ROBOT.max_thrust:
-            forces = forces * np.minimum(1.0, ROBOT.max_thrust / np.maximum(thrust, LEAST_NORM))[:, None]
-            thrust = np.minimum(thrust, ROBOT.max_thrust)
-        vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
-        joints = plan + config.feed_forward / ROBOT.joint_kp * torque + residual.joint_offset
+        robot = self.model.robot
+        if thrust.max() > robot.max_thrust:
+            forces = forces * np.minimum(1.0, robot.max_thrust / np.maximum(thrust, LEAST_NORM))[:, None]
+            thrust = np.minimum(thrust, robot.max_thrust)
+        vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, robot.max_vectoring_speed * self.dt)
+        joints = plan + config.feed_forward / robot.joint_kp * torque + residual.joint_offset
         if config.setpoint_filter > 0.0:
             joints = memory.joint_position + (1.0 - math.exp(-self.dt / config.setpoint_filter)) * (
                 joints - memory.joint_position
             )
-        joints = np.minimum(np.maximum(joints, -ROBOT.joint_limit), ROBOT.joint_limit)
+        joints = np.minimum(np.maximum(joints, -robot.joint_limit), robot.joint_limit)
         effort = memory.effort
         if config.power:
-            effort = effort_weights(allocation.thrust, effort, EFFORT_SHARE)
+            effort = effort_weights(allocation.thrust, effort, EFFORT_SHARE, robot.hover_thrust)
         self.last_step = CrawlRecord(allocation, forces, mode, self.gait.phase, demand)
         self.memory = CrawlMemory(
             lock, vectoring, forces, torque, joints, mode, force_gap, torque_gap, gap, effort, active
@@ -239,9 +241,17 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
             wrench=wrench, thrust_map=Q, torque_map=T, gravity_torque=gravity, locked=lock.active, phi=lock.phi,
             restricted=ALL_FREE, lower=np.zeros(N_ROTORS), upper=np.zeros(N_ROTORS),
             lost=~lifted[_ROTOR_LEG] if mode == "leg" else ALL_FREE, lifted=lifted, com_b=snapshot.com_b, R_bf=R_bf,
-            effort=memory.effort,
+            effort=memory.effort, robot=snapshot.robot,
         )  # fmt: skip
         return demand, lock
+
+
+def check_legs(gait: GaitConfig, model: Model | None) -> None:
+    """Refuse a gait whose legs are not those of the model (`InvalidValueError`)."""
+    if model is not None and model.robot != gait.robot:
+        raise InvalidValueError(
+            "gait.robot", f"{gait.robot.total_mass:.4g} kg", "the robot of the model: presets.for_robot(config, robot)"
+        )
 
 
 def with_feet(
@@ -261,11 +271,12 @@ def with_feet(
     """
     wide_Q, wide_T = np.empty((6, N_UNKNOWNS)), np.empty((N_JOINTS, N_UNKNOWNS))
     wide_Q[:, :N_FORCES], wide_T[:, :N_FORCES] = Q, T
-    lever = (feet.position_b - snapshot.com_b - ROBOT.foot_radius * R_bf[:, 2]) @ CROSS
+    radius = snapshot.robot.foot_radius
+    lever = (feet.position_b - snapshot.com_b - radius * R_bf[:, 2]) @ CROSS
     wide_Q[:3, N_FORCES:] = np.tile(R_bf, N_LEGS)
     wide_Q[3:, N_FORCES:] = (lever.reshape(N_LEGS, 3, 3) @ R_bf).transpose(1, 0, 2).reshape(3, 3 * N_LEGS)
     # The ball turns with its link: ∂(touching point)/∂q = J_c − r [axis × n].
-    turn = np.cross(snapshot.joint_axes.T, -ROBOT.foot_radius * R_bf[:, 2]).T
+    turn = np.cross(snapshot.joint_axes.T, -radius * R_bf[:, 2]).T
     J = feet.J + turn * (np.abs(feet.J).sum(axis=1, keepdims=True) > 0.0)
     wide_T[:, N_FORCES:] = np.einsum("lij,ik->jlk", J, R_bf).reshape(N_JOINTS, 3 * N_LEGS)
     return wide_Q, wide_T

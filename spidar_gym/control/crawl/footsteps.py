@@ -7,10 +7,8 @@ from spidar_gym.arrays import FootForces, JointVector
 from spidar_gym.control.crawl.kinematics import foot_positions, leg_angles
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.errors import InvalidValueError, require_name, require_not_negative
-from spidar_gym.robot import ROBOT
+from spidar_gym.robot import ROBOT, RobotSpec
 
-FLOOR_Z = -ROBOT.peg_depth
-"""Height of the floor seen from a torso that lies on its pegs [m]."""
 STRIDES = ("centred", "home")
 """`centred`: feet go to home ± ½ stride round the torso; `home`: from home to home + stride, as in the lab's code."""
 MOST_STRIDE = 20.0
@@ -69,23 +67,26 @@ class GaitConfig:
     """Whether the kinematics know that the feet are balls, which roll as their legs turn."""
     timeout: float = 10.0
     """A phase that has not ended by then ends [s]."""
+    robot: RobotSpec = ROBOT
+    """Whose legs they are."""
 
     def __post_init__(self) -> None:
         """Refuse a start pose out of reach and what is no length or time."""
         require_name("stride scheme", self.stride, STRIDES)
-        positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride", "rolling")}
+        positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride", "rolling", "robot")}
         require_not_negative(**positive)
         for name in ("max_distance", "max_turn", "lift_height", "timeout"):
             if getattr(self, name) == 0.0:
                 raise InvalidValueError(name, 0.0, "a number above 0")
-        if leg_angles(self.home_b) is None or leg_angles(self.home_b - (0.0, 0.0, self.lift_height)) is None:
+        home = self.home_b
+        if any(leg_angles(home - (0.0, 0.0, z), self.robot) is None for z in (0.0, self.lift_height)):
             raise InvalidValueError("inner, outer", (self.inner, self.outer), "a pose whose feet reach the floor")
 
     @property
     def home_b(self) -> FootForces:
         """Where the feet stand under a torso on its pegs, torso axes [m]."""
-        home = foot_positions(self.inner, self.outer)
-        home[:, 2] = FLOOR_Z + ROBOT.foot_radius
+        home = foot_positions(self.inner, self.outer, self.robot)
+        home[:, 2] = -self.robot.peg_depth + self.robot.foot_radius
         return home
 
 
@@ -131,7 +132,7 @@ def stride_fits(config: GaitConfig, way: Pose2, lift_height: float | None = None
     for end in ends:
         feet = end.move(home)
         for z in (-config.press, height):
-            if leg_angles(feet - (0.0, 0.0, z)) is None:
+            if leg_angles(feet - (0.0, 0.0, z), config.robot) is None:
                 return False
     return True
 
@@ -172,6 +173,6 @@ def plan_cycles(config: GaitConfig, move: Move) -> int:
 
 def lying_pose(config: GaitConfig) -> JointVector:
     """Joint angles of the robot at rest: torso on its pegs, feet at home on the floor [rad]."""
-    angles = leg_angles(config.home_b)
+    angles = leg_angles(config.home_b, config.robot)
     assert angles is not None
     return angles

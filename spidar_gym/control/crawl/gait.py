@@ -15,7 +15,7 @@ from spidar_gym.control.crawl.kinematics import INNER, OUTER, YAW, feet_at, leg_
 from spidar_gym.control.crawl.phases import CYCLE, LIFT, STAND, GaitMemory, Step
 from spidar_gym.control.crawl.pose2 import Pose2, torso_pose2
 from spidar_gym.errors import InvalidValueError, require_not_negative
-from spidar_gym.robot import N_JOINTS, N_LEGS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_LEGS
 from spidar_gym.so3 import rotation_z
 from spidar_gym.state import NO_RESIDUAL, Residual
 
@@ -290,7 +290,7 @@ class Gait:
             while way.distance + abs(way.yaw) > 1e-6 and not stride_fits(config, way):
                 way = way.arc(SHORTEN)
             feet = way.arc(0.5 if centred else 1.0).move(self.home_b) - (0.0, 0.0, config.press)
-            angles = leg_angles(feet)
+            angles = leg_angles(feet, config.robot)
             landing = memory.plan if angles is None else angles
         angle = config.raise_angle * residual.raise_scale if step.angle is None else step.angle
         highest = landing.copy()
@@ -304,7 +304,7 @@ class Gait:
         """Where the feet stand and where the torso goes [Zhao2025, Sec. Crawling Gait]."""
         memory, config = self.memory, self.config
         memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
-        memory.feet_f = feet_at(memory.joints)
+        memory.feet_f = feet_at(memory.joints, config.robot)
         memory.share, memory.height, memory.trim = 0.0, 0.0, np.zeros(3)
         memory.expected, memory.yaw = np.zeros(3), 0.0
         memory.lift = (config.lift_height if step.height is None else step.height) * residual.lift_scale
@@ -319,7 +319,7 @@ class Gait:
         pose = memory.way.arc(share)
         x, y, yaw = memory.trim.tolist()
         pose = Pose2(pose.x + x, pose.y + y, pose.yaw + yaw)
-        return leg_angles(pose.inverse().move(memory.feet_f) - (0.0, 0.0, height))
+        return leg_angles(pose.inverse().move(memory.feet_f) - (0.0, 0.0, height), self.config.robot)
 
     def _push(self, speed: float) -> None:
         """Move the torso's plan on, as fast as the joints follow."""
@@ -358,11 +358,11 @@ class Gait:
 
     def _roll(self, turn: JointVector) -> None:
         """A leg that turns down by an angle rolls its ball outwards by the radius times that."""
-        memory = self.memory
+        memory, robot = self.memory, self.config.robot
         turned = memory.way.arc(memory.share).yaw
         for leg in range(N_LEGS):
-            out = ROBOT.foot_radius * float(turn[4 * leg + 1] + turn[4 * leg + 3])
-            heading = ROBOT.leg_azimuth(leg) + float(memory.plan[4 * leg]) + turned
+            out = robot.foot_radius * float(turn[4 * leg + 1] + turn[4 * leg + 3])
+            heading = robot.leg_azimuth(leg) + float(memory.plan[4 * leg]) + turned
             memory.feet_f[leg, :2] += out * math.cos(heading), out * math.sin(heading)
 
     def _track(self) -> None:
@@ -400,7 +400,7 @@ def nominal_time(
 ) -> float:
     """How long commands take a `kind` of gait where joints and torso go exactly as planned, on flat ground [s]."""
     gait = kind(config, joint_speed=joint_speed, dt=dt)
-    lying = np.array([0.0, 0.0, ROBOT.peg_depth])
+    lying = np.array([0.0, 0.0, config.robot.peg_depth])
     gait.reset(lying, np.eye(3), lying_pose(config))
     gait.command(commands)
     position, yaw, q, ticks = lying, 0.0, gait.memory.plan, 0

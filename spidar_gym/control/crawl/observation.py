@@ -10,12 +10,12 @@ from spidar_gym.control.crawl.memory import CrawlMemory
 from spidar_gym.control.crawl.phases import PHASES, GaitMemory
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState
 
 
-def crawl_layout(action_size: int) -> tuple[Field, ...]:
+def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
     """The observation's pieces in order; the previous action makes its length depend on the action mode."""
     return (
         Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left"),
@@ -31,7 +31,7 @@ def crawl_layout(action_size: int) -> tuple[Field, ...]:
         Field("joint_way", N_JOINTS, 4.0, "rad", "end of the step or of the torso's way − planned joint angles"),
         Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+        Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command"),
         Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
         Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
         Field("phase", len(PHASES), 1.0, "", "1 for the present phase of " + ", ".join(PHASES)),

@@ -12,12 +12,12 @@ import numpy as np
 from spidar_gym.arrays import JointVector, Matrix3, RotorForces, Vector3, Wrench
 from spidar_gym.errors import InvalidValueError, require_not_negative
 from spidar_gym.model.dynamics import Snapshot
-from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_ROTORS
 from spidar_gym.so3 import exp, quat_to_matrix
 from spidar_gym.state import Reference
 
-MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE = 0.5 * ROBOT.weight, 10.0
-"""An observed external wrench is clipped to ± this [N], [Nm]: a wrong belief must not take over."""
+MAX_EXTERNAL_SHARE, MAX_EXTERNAL_TORQUE = 0.5, 10.0
+"""An observed external wrench is clipped to ± this share of the weight, [Nm]: a wrong belief must not take over."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +262,7 @@ def observe_wrench(
     if config.observer_order == 2:
         passed = memory.residual_w + share * (residual - memory.residual_w)
     external = memory.external_w + share * (passed - memory.external_w)
-    bound = np.repeat([MAX_EXTERNAL_FORCE, MAX_EXTERNAL_TORQUE], 3)
+    bound = np.repeat([MAX_EXTERNAL_SHARE * snapshot.robot.weight, MAX_EXTERNAL_TORQUE], 3)
     external = np.minimum(np.maximum(external, -bound), bound)
     return replace(memory, external_w=external, residual_w=passed, delivered_w=delivered, observed_momentum=momentum)
 

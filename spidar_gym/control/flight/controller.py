@@ -222,7 +222,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             forces = lead_forces(
                 forces, snapshot, state.omega_b, compensation.servo_velocity, lead=options.vectoring_lead
             )
-        vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, ROBOT.max_vectoring_speed * self.dt)
+        vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, self.model.robot.max_vectoring_speed * self.dt)
         self.last_step = FlightRecord(control_state, wrench, allocation, speed, bounds.restricted, demand)
         unallocated = allocation.unallocated_wrench
         self.memory = FlightMemory(
@@ -336,7 +336,8 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         the joint speed, which is also what the servos allow.
         """
         config, command, dt = self.config, self.memory.joint_position, self.dt
-        target = np.minimum(np.maximum(target, -ROBOT.joint_limit), ROBOT.joint_limit)
+        limit = self.model.robot.joint_limit
+        target = np.minimum(np.maximum(target, -limit), limit)
         if config.compensation.joint_ramp > 0.0:
             speed = config.joint_speed * min(1.0, max(0.0, speed_scale))
             return ramp_joints(

@@ -3,14 +3,14 @@
 Everything here is measured or known on the real robot: no contact force, no wake, no parameter of the simulator.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spidar_gym.arrays import JointVector, RotorVector, Vector3
 from spidar_gym.control.flight.memory import ControlState, FlightMemory
 from spidar_gym.control.flight.path import AHEAD, AHEAD_STEP, PathPreview
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import RobotState
 
 NO_NEXT_FORM = 60.0
@@ -34,14 +34,19 @@ class Field:
     """What they mean, with the frame."""
 
 
-def layout(action_size: int) -> tuple[Field, ...]:
+def layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
     """The observation's pieces in order; the previous action makes its length depend on the action mode."""
-    return (*_FLIGHT, _previous(action_size))
+    return (*_flight(robot), _previous(action_size))
 
 
-def path_layout(action_size: int) -> tuple[Field, ...]:
+def path_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
     """The same along a path, of which the next second is told too."""
-    return (*_FLIGHT, *_PATH, _previous(action_size))
+    return (*_flight(robot), *_PATH, _previous(action_size))
+
+
+def _flight(robot: RobotSpec) -> tuple[Field, ...]:
+    """What is told of every flight; thrusts have the robot's largest as their bound."""
+    return tuple(replace(f, bound=robot.max_thrust) if f.name == "thrust_command" else f for f in _FLIGHT)
 
 
 def _previous(action_size: int) -> Field:

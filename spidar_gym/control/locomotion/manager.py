@@ -29,7 +29,7 @@ from spidar_gym.control.locomotion.commands import (
 )
 from spidar_gym.control.locomotion.orders import ManagerConfig, Orders
 from spidar_gym.model.dynamics import Model
-from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.robot import N_ROTORS
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState, valid_state
 
@@ -78,7 +78,7 @@ class Manager(Orders):
     def __init__(self, config: ManagerConfig | None = None, model: Model | None = None) -> None:
         """Make both."""
         self.config = config or ManagerConfig()
-        self.model = model or Model()
+        self.model = model or Model(self.config.crawl.gait.robot)
         self.flight = FlightController(self.config.flight, self.model)
         self.crawler = Crawler(self.config.crawl, self.model)
         self.dt = self.flight.dt
@@ -226,7 +226,7 @@ class Manager(Orders):
     def _begin_spool(self, state: RobotState) -> None:
         """Let the rotors take over from the floor, from the share that they have already."""
         R_wb, memory, last = quat_to_matrix(state.quat_wb), self.memory, self._last()
-        share = min(1.0, memory.thrust / ROBOT.weight)
+        share = min(1.0, memory.thrust / self.model.robot.weight)
         memory.begin_w, memory.quat_wb = self._com(state), state.quat_wb.copy()
         memory.floor, memory.yaw = float(memory.begin_w[2]), math.atan2(R_wb[1, 0], R_wb[0, 0])
         memory.form = last.joint_position.copy()  # feet on the floor push nobody about
@@ -309,7 +309,7 @@ class Manager(Orders):
         memory.velocity = min(config.descent_speed, memory.velocity + config.descent_ease * dt)
         memory.begin_w = memory.begin_w - np.array([0.0, 0.0, memory.velocity * dt])
         above = float(self._com(state)[2] - memory.begin_w[2])
-        pushed = float(self.flight.memory.compensation.external_w[2]) > config.touch_force * ROBOT.weight
+        pushed = float(self.flight.memory.compensation.external_w[2]) > config.touch_force * self.model.robot.weight
         slow = state.velocity_w[2] > -config.touch_speed * config.descent_speed
         is_on_its_way = memory.velocity >= config.descent_speed
         is_like_a_floor = is_on_its_way and slow and (above > config.touch_error or pushed)
@@ -407,7 +407,7 @@ class Manager(Orders):
             return command
         slew, before = self.config.most_slew, memory.thrust
         share = min(max(total, before - slew), before + slew) / total
-        return replace(command, thrust=np.minimum(ROBOT.max_thrust, command.thrust * share))
+        return replace(command, thrust=np.minimum(self.model.robot.max_thrust, command.thrust * share))
 
 
 def _inverse_ease(share: float) -> float:

@@ -22,7 +22,7 @@ from spidar_gym.control.locomotion.commands import (
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, require_above
 from spidar_gym.model.dynamics import Model
-from spidar_gym.robot import N_ROTORS, ROBOT
+from spidar_gym.robot import N_ROTORS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
 PHASES = ("lie", "crawl", "spool", "climb", "hover", "form", "fly", "descend", "unload", "cut")
@@ -166,10 +166,12 @@ class Orders(ABC):
         """Refuse a flight so low that its form touches the floor it took off from, or through what is too narrow."""
         if not isinstance(command, FlyTo):
             return
-        form = self.lying if command.form is None else command.form
+        form, robot = self.lying if command.form is None else command.form, self.model.robot
+        if (np.abs(form) > robot.joint_limit + 1e-9).any():
+            raise InvalidValueError("form", form.tolist(), f"angles within ± {robot.joint_limit:.4g} rad")
         snapshot = self.model.snapshot(form, np.eye(3), np.zeros((N_ROTORS, 2)))
         feet = self.model.contacts(form)[0]
-        lowest = float(feet[:, 2].min()) - float(snapshot.com_b[2]) - ROBOT.foot_radius
+        lowest = float(feet[:, 2].min()) - float(snapshot.com_b[2]) - robot.foot_radius
         least = self.floor - self._lying_height - lowest + self.config.clearance
         if command.position_w[2] < least:
             raise InvalidValueError("z", command.position_w[2], f"at least {least:.2f} m in this form")
@@ -186,13 +188,13 @@ class Orders(ABC):
     def _lying_height(self) -> float:
         """Height of the centre of mass over a floor on which the robot lies [m]."""
         snapshot = self.model.snapshot(self.lying, np.eye(3), np.zeros((N_ROTORS, 2)))
-        return float(snapshot.com_b[2]) + ROBOT.peg_depth
+        return float(snapshot.com_b[2]) + self.model.robot.peg_depth
 
 
 def form_radius(model: Model, form: JointVector) -> float:
     """Radius of the upright cylinder round the torso's axis that holds a form, propellers included [m]."""
-    snapshot = model.snapshot(form, np.eye(3), np.zeros((N_ROTORS, 2)))
+    snapshot, robot = model.snapshot(form, np.eye(3), np.zeros((N_ROTORS, 2))), model.robot
     rotors = snapshot.rotor_c + snapshot.com_b
-    reach = np.hypot(rotors[:, 0], rotors[:, 1]).max() + ROBOT.duct_offset_y + ROBOT.duct_radius
+    reach = np.hypot(rotors[:, 0], rotors[:, 1]).max() + robot.duct_offset_y + robot.duct_radius
     feet = model.contacts(form)[0]
-    return float(max(reach, np.hypot(feet[:, 0], feet[:, 1]).max() + ROBOT.foot_radius))
+    return float(max(reach, np.hypot(feet[:, 0], feet[:, 1]).max() + robot.foot_radius))

@@ -14,20 +14,19 @@ from spidar_gym.control.course.rule import course_rule
 from spidar_gym.control.course.target import Target, take_target
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
-from spidar_gym.control.presets import controller_config, crawler_config
-from spidar_gym.envs.actions import COURSE_MODES, act_directly, find_action_mode
+from spidar_gym.control.presets import controller_config, crawler_config, for_robot
+from spidar_gym.envs.actions import act_directly, course_modes, find_action_mode
 from spidar_gym.envs.controllers import CONTROLS, make_manager
 from spidar_gym.envs.course.task import COURSE_REWARD_TERMS, DECIDE, CourseProgress, CourseTask, parse_course
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.options import own_robot, split_options
+from spidar_gym.envs.options import described_robot, own_robot, split_options
 from spidar_gym.envs.rules import course_rules
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import InvalidValueError, require_instance, require_least, require_name
 from spidar_gym.native.course import read_course, read_target
 from spidar_gym.native.engine_structs import COURSE_FAILURES
 from spidar_gym.native.locomotion import CoreManager
-from spidar_gym.robot import ROBOT
 from spidar_gym.sim.course import boxes
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.sim.ground import GroundConfig, with_boxes
@@ -86,14 +85,19 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         if "course" in own:
             own["course"] = parse_course(own["course"])
         self.task = task = CourseTask(**own)
-        mode = find_action_mode(action_mode, COURSE_MODES)
+        described = described_robot(shared)
+        mode = find_action_mode(action_mode, course_modes(described))
         self._is_waypoint = action_mode == "waypoint"
         if hold is None:
             hold = DECIDE if self._is_waypoint else 1
         require_least(1, hold=hold)
         self.hold = hold
-        base = manager or ManagerConfig(flight=controller_config(preset), crawl=crawler_config(gait))
+        base = manager or ManagerConfig(
+            flight=controller_config(preset, described), crawl=crawler_config(gait, robot=described)
+        )
         require_instance(ManagerConfig, manager=base)
+        if base.crawl.gait.robot != described:
+            base = replace(base, flight=for_robot(base.flight, described), crawl=for_robot(base.crawl, described))
         flight, crawl = (
             replace(base.flight, joint_speed=task.joint_speed),
             replace(base.crawl, joint_speed=task.crawl_speed),
@@ -101,14 +105,14 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         self._config = replace(base, flight=flight, crawl=crawl)
         require_name("control", control, CONTROLS)
         self._given: Course | None = None
-        robot = own_robot(shared.pop("plant", None))
+        robot = own_robot(shared.pop("plant", None), described)
         if robot.ground.uneven or robot.ground.boxed or robot.ground.slope:
             raise InvalidValueError("plant", "a floor of its own", "an even one: the course is built on it")
         # A floor with boxes has to be one from the beginning; which they are is drawn at every reset.
         robot = replace(robot, ground=_built(task.draw(np.random.Generator(np.random.PCG64(0)))))
         super().__init__(
-            mode, course_layout(mode.size), joint_speed=max(task.joint_speed, task.crawl_speed), control=control,
-            plant=robot, **shared,
+            mode, course_layout(mode.size, described), joint_speed=max(task.joint_speed, task.crawl_speed),
+            control=control, plant=robot, **shared,
         )  # fmt: skip
 
     def _make_controller(self) -> Any:  # noqa: ANN401 - either manager
@@ -184,7 +188,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         self._nominal = replace(self._nominal, ground=_built(course))
         self.plant.configure(replace(self.plant.config, ground=self._nominal.ground))
         self._draw_robot(rng)
-        self._place(rng, np.array([0.0, 0.0, ROBOT.peg_depth]), _LEVEL, self.controller.lying, spent_wh=spent)
+        self._place(rng, np.array([0.0, 0.0, self.robot.peg_depth]), _LEVEL, self.controller.lying, spent_wh=spent)
         self._sense()
         self._now["course"] = course
         self.controller.reset(self.seen)
@@ -208,7 +212,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         state = self.state
         R_wb = quat_to_matrix(state.quat_wb)
         self._tilt = math.acos(max(-1.0, min(1.0, float(R_wb[2, 2]))))
-        self.progress.update(self.course, state, R_wb, self.plant.energy_wh)
+        self.progress.update(self.course, state, R_wb, self.plant.energy_wh, self.robot)
 
     def _control_period(self) -> str:
         if self.progress.ticks != self.ticks:
@@ -235,7 +239,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             time_left=1.0 - self.ticks / self.horizon,
             previous_action=self._action,
         )
-        return observe_course(observables, bound=self._bound)
+        return observe_course(observables, bound=self._bound, robot=self.robot)
 
     def _task_info(self, failure: str) -> dict[str, Any]:
         progress = self.progress
@@ -253,7 +257,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             "hit_n": progress.hit,
             "most_hit_n": progress.most_hit,
             "tilt_rad": self._tilt,
-            "thrust_fraction": thrust / ROBOT.weight,
+            "thrust_fraction": thrust / self.robot.weight,
             "phase": self.controller.phase,
             "gate": sum(float(self.state.position_w[0]) > gate.end for gate in self.course.gates),
             "lies": progress.lies,

@@ -22,7 +22,7 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.rewards import tolerance
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_within
-from spidar_gym.robot import ROBOT
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.state import RobotState
 
@@ -247,15 +247,17 @@ class CourseProgress:
     charge: float = 1.0
     """What is left of the battery's usable energy, 0 … 1."""
 
-    def update(self, course: Course, state: RobotState, R_wb: Matrix3, energy_wh: float) -> None:
+    def update(
+        self, course: Course, state: RobotState, R_wb: Matrix3, energy_wh: float, robot: RobotSpec = ROBOT
+    ) -> None:
         """Measure how far the goal is, whether the robot lies, and what is left of the battery."""
         position_w, velocity_w = state.position_w, state.velocity_w
         yaw = math.remainder(self.goal.yaw - math.atan2(R_wb[1, 0], R_wb[0, 0]), 2.0 * math.pi)
         self.error = np.array([self.goal.x - position_w[0], self.goal.y - position_w[1], yaw])
         self.distance = math.sqrt(self.error[0] ** 2 + self.error[1] ** 2) + TURN_LENGTH * abs(yaw)
-        height = float(position_w[2]) - course.floor_at(float(position_w[0])) - ROBOT.peg_depth
+        height = float(position_w[2]) - course.floor_at(float(position_w[0])) - robot.peg_depth
         is_still = math.sqrt(float(velocity_w @ velocity_w)) < AT_REST
-        self.lies = height < LIES and is_still and float(state.thrust.sum()) < CARRIED * ROBOT.weight
+        self.lies = height < LIES and is_still and float(state.thrust.sum()) < CARRIED * robot.weight
         self.charge = 1.0 - (self.spent_wh + energy_wh) / (USABLE * CAPACITY_WH)
 
     def advance(self, phase: str, hit: float) -> None:

@@ -17,19 +17,19 @@ from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl
-from spidar_gym.control.presets import crawler_config
-from spidar_gym.envs.actions import CRAWL_MODES, act_directly, find_action_mode
+from spidar_gym.control.presets import crawler_config, for_robot
+from spidar_gym.envs.actions import act_directly, crawl_modes, find_action_mode
 from spidar_gym.envs.controllers import choose_crawl_control, gait_type, make_crawler
 from spidar_gym.envs.crawl.task import CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import CrawlGoal
-from spidar_gym.envs.options import own_robot, solver_settings, split_options
+from spidar_gym.envs.options import described_robot, own_robot, solver_settings, split_options
 from spidar_gym.envs.rules import crawl_rules
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
-from spidar_gym.robot import GRAVITY, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
 
@@ -81,21 +81,25 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         """
         own, shared = split_options(SpidarEnv, CrawlEnv, CrawlTask, options)
         self.task = task = CrawlTask(**own)
-        mode = find_action_mode(action_mode, CRAWL_MODES)
-        config = crawler_config(preset, task.schedule) if controller is None else controller
+        described = described_robot(shared)
+        mode = find_action_mode(action_mode, crawl_modes(described))
+        config = crawler_config(preset, task.schedule, described) if controller is None else controller
         require_instance(CrawlerConfig, controller=config)
+        if config.gait.robot != described:
+            config = for_robot(config, described)
         config = replace(config, allocator=solver_settings(max_iter))
         if task.joint_speed is not None:
             config = replace(config, joint_speed=task.joint_speed)
         control = choose_crawl_control(control, law)
         self._config, self._law = config, law
-        robot = own_robot(shared.pop("plant", None))
+        robot = own_robot(shared.pop("plant", None), described)
         if task.friction is not None:
             robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
         # A floor of tiles has to be one from the beginning; the heights are drawn at every reset.
         robot = replace(robot, ground=task.ground(np.random.Generator(np.random.PCG64(0)), robot.ground))
         super().__init__(
-            mode, crawl_layout(mode.size), joint_speed=config.joint_speed, control=control, plant=robot, **shared,
+            mode, crawl_layout(mode.size, described), joint_speed=config.joint_speed, control=control, plant=robot,
+            **shared,
         )  # fmt: skip
 
     def _make_controller(self) -> CrawlControl:
@@ -162,7 +166,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         q = lying_pose(config.gait)
         # Over the highest tile under torso or feet; from there it settles.
         below = ground.height(np.vstack((config.gait.home_b, np.eye(3) * 0.12, np.eye(3) * -0.12)))
-        height = ROBOT.peg_depth + float(below.max())
+        height = self.robot.peg_depth + float(below.max())
         self._place(rng, ground.R_wf @ np.array([0.0, 0.0, height]), matrix_to_quat(ground.R_wf), q)
         if ground.uneven:
             still = Command(
@@ -210,6 +214,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             self.state.joint_torque,
             limit,
             self._tilt,
+            self.robot.weight,
         )
         progress.timeouts = controller.gait.timeouts
         if controller.done and not progress.finished:
@@ -245,12 +250,12 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             "peg_slip_m": float(progress.peg_slip.max()),
             "duct_clearance_m": min(touch.duct_clearance, progress.duct_clearance),
             "saturation_share": progress.saturation / progress.counted,
-            "thrust_fraction": float(thrust.sum()) / ROBOT.weight,
+            "thrust_fraction": float(thrust.sum()) / self.robot.weight,
             "thrust_fraction_mean": progress.thrust / progress.counted,
             "thrust_fraction_peak": progress.thrust_peak,
             "tilt_rad": self._tilt,
             "timeouts": progress.timeouts,
-            "cost_of_transport": 3600.0 * plant.energy_wh / (ROBOT.total_mass * GRAVITY * way),
+            "cost_of_transport": 3600.0 * plant.energy_wh / (self.robot.weight * way),
             **{f"reward_{name}": value for name, value in terms.items()},
             "shortfalls": ", ".join(progress.shortfalls()),
             "is_success": failure == "" and not progress.shortfalls(),

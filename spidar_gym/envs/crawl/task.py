@@ -301,9 +301,9 @@ class CrawlProgress:
 
     def advance(
         self, touch: Touch, phase: str, swinging: np.ndarray, thrust: float, joint_torque: np.ndarray,
-        torque_limit: float, tilt: float,
+        torque_limit: float, tilt: float, weight: float = ROBOT.weight,
     ) -> None:  # fmt: skip
-        """Count one tick; `swinging` are the legs (4,) whose feet are on their way."""
+        """Count one tick; `swinging` are the legs (4,) whose feet are on their way, `weight` is the robot's [N]."""
         self.ticks += 1
         dt = 1.0 / CONTROL_RATE
         self.swing_ticks = self.swing_ticks + swinging
@@ -314,7 +314,7 @@ class CrawlProgress:
         self.duct_contact = self.duct_contact or touch.ducts
         if not self.finished:
             self.saturation += float((np.abs(joint_torque) >= torque_limit - SATURATED).mean())
-            share = thrust / ROBOT.weight
+            share = thrust / weight
             self.thrust += share
             self.thrust_peak = max(self.thrust_peak, share)
         if phase in ("spool", "raise", "swing", "lower"):

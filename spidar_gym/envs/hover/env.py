@@ -13,14 +13,14 @@ from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.flight.observation import NO_NEXT_FORM, Field, FlightObservables, layout
 from spidar_gym.control.flight.path import Path
 from spidar_gym.control.interface import FlightControl
-from spidar_gym.control.presets import controller_config
-from spidar_gym.envs.actions import act_directly, find_action_mode
+from spidar_gym.control.presets import controller_config, for_robot
+from spidar_gym.envs.actions import act_directly, action_modes, find_action_mode
 from spidar_gym.envs.controllers import choose_control, make_flight_controller
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import Goal, HoverGoal
-from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress
-from spidar_gym.envs.options import solver_settings, split_options
+from spidar_gym.envs.hover.task import REWARD_TERMS, FlightStart, FormGoal, HoverTask, Progress, hover_height
+from spidar_gym.envs.options import described_robot, solver_settings, split_options
 from spidar_gym.envs.path.task import PathTask
 from spidar_gym.envs.rules import hover_rules, most_goals, read_knots, sequence
 from spidar_gym.envs.single import keeps_page
@@ -29,7 +29,7 @@ from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.engine_structs import FLIGHT_FAILURES
 from spidar_gym.native.flight import ControlStateView
 from spidar_gym.native.structs import read
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command, Reference
@@ -89,11 +89,16 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
             InvalidValueError: For a value out of range.
         """
         own, shared = split_options(SpidarEnv, HoverEnv, self.task_type, options)
+        robot = described_robot(shared)
+        if robot != ROBOT:
+            own = dict[str, Any](joint_speed=robot.joint_speed, altitude=hover_height(robot)) | own
         self.task = self.task_type(**own)
         joint_speed = self.task.joint_speed
-        mode = find_action_mode(action_mode)
-        base = controller_config(preset) if controller is None else controller
+        mode = find_action_mode(action_mode, action_modes(robot))
+        base = controller_config(preset, robot) if controller is None else controller
         require_instance(ControllerConfig, controller=base)
+        if controller is not None and robot != ROBOT:
+            base = for_robot(base, robot)
         self._config = replace(base, joint_speed=joint_speed, allocator=solver_settings(max_iter))
         self._allocator, self._law = allocator, law
         control = choose_control(control, allocator, law)
@@ -102,17 +107,18 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._goals: list[FormGoal] | None = None
         self.trim: np.ndarray | None = None
         """Wrench with which the integrals began [N, Nm]; None for the described robot."""
-        super().__init__(mode, self.layout_of(mode.size), joint_speed=joint_speed, control=control, **shared)
+        super().__init__(mode, self.layout_of(mode.size, robot), joint_speed=joint_speed, control=control, **shared)
 
     @staticmethod
-    def layout_of(action_size: int) -> tuple[Field, ...]:
-        """What a policy sees, by the size of its action."""
-        return layout(action_size)
+    def layout_of(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
+        """What a policy sees, by the size of its action and the robot that it flies."""
+        return layout(action_size, robot)
 
     def _make_controller(self) -> FlightControl:
         return make_flight_controller(
-            self._config, self._control, self._allocator, self._law, self.fleet, preview=self.reference_ahead
-        )
+            self._config, self._control, self._allocator, self._law, self.fleet, preview=self.reference_ahead,
+            robot=self.robot,
+        )  # fmt: skip
 
     @property
     def truth(self) -> ControlState:
@@ -195,7 +201,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         position_w = place + start.position - R_wb @ com_b
         # The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less.
         motion = np.concatenate((start.velocity - R_wb @ np.cross(start.omega, com_b), start.omega))
-        thrust = np.full(N_ROTORS, ROBOT.hover_thrust)
+        thrust = np.full(N_ROTORS, self.robot.hover_thrust)
         self._place(rng, position_w, matrix_to_quat(R_wb), q, vectoring, thrust, motion=motion)
         self._sense()
         # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
@@ -266,9 +272,9 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         control_state = self.controller.compute_state(state, self.reference())
         snapshot, R_wb = control_state.snapshot, control_state.R_wb
         described = thrust_map(snapshot.R_bl, snapshot.rotor_c) @ (
-            vectoring_to_force(np.full(N_ROTORS, ROBOT.hover_thrust), state.vectoring).reshape(-1)
+            vectoring_to_force(np.full(N_ROTORS, self.robot.hover_thrust), state.vectoring).reshape(-1)
         )
-        described[:3] -= ROBOT.weight * R_wb[2]
+        described[:3] -= self.robot.weight * R_wb[2]
         force_w, torque_b = self.plant.net_wrench()
         force_b = force_w @ R_wb
         real = np.concatenate([force_b, torque_b - np.cross(snapshot.com_b, force_b)])

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -15,7 +15,7 @@ from spidar_gym.control.flight.path import Path
 from spidar_gym.envs.rewards import norm, tolerance
 from spidar_gym.errors import InvalidValueError, require_array, require_flag, require_keys, require_name, require_within
 from spidar_gym.model.dynamics import Model
-from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT
+from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 
 CLEARANCE = 0.5
 """Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
@@ -36,6 +36,7 @@ RANGES = {
     # All forms are drawn before the episode begins, a day's in a second.
     "horizon_s": (1e-3, 86400.0, "s"),
     "perturbation": (0.0, 1e3, "1"),
+    "altitude": (0.0, 1e3, "m"),
 }
 """Least and largest number of each argument, and its unit."""
 START = {
@@ -45,13 +46,13 @@ START = {
 """Keys of a given start: no number in it is larger [rad, m, rad, N or Nm, whatever, m/s, rad/s]."""
 
 
-@cache
-def hover_height() -> float:
+@lru_cache(maxsize=64)
+def hover_height(robot: RobotSpec = ROBOT) -> float:
     """Height of the CoG that leaves the feet of form ③ `CLEARANCE` above the floor [m]."""
-    model, q, level = Model(), FORMS["form3"], np.zeros((N_ROTORS, 2))
+    model, q, level = Model(robot), FORMS["form3"], np.zeros((N_ROTORS, 2))
     com_z = model.snapshot(q, np.eye(3), level).com_b[2]
     feet_z = model.contacts(q)[0][:N_LEGS, 2].min()
-    return float(CLEARANCE + ROBOT.foot_radius + com_z - feet_z)
+    return float(CLEARANCE + robot.foot_radius + com_z - feet_z)
 
 
 @dataclass(frozen=True)
@@ -189,11 +190,15 @@ class HoverTask:
     """Whether rotors are restricted; False is the paper's baseline method."""
     unrestricted: Sequence[Sequence[float]] = ()
     """Windows of time `(start, end)` in which no rotor is restricted [s], as in the paper's flight."""
+    altitude: float | None = None
+    """Height of the CoG [m]; if not given, that which leaves the feet of form ③ half a metre above the floor."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be flown."""
         require_name("form sequence", self.forms, SEQUENCES)
         for name, bounds in RANGES.items():
+            if name == "altitude" and self.altitude is None:
+                continue
             require_within(*bounds, **{name: getattr(self, name)})
             object.__setattr__(self, name, float(getattr(self, name)))
         require_flag(avoid_interference=self.avoid_interference)
@@ -207,7 +212,7 @@ class HoverTask:
     @cached_property
     def position_w(self) -> Vector3:
         """Desired position of the CoG [m]."""
-        return np.array([0.0, 0.0, hover_height()])
+        return np.array([0.0, 0.0, hover_height() if self.altitude is None else self.altitude])
 
     def schedule(self, rng: np.random.Generator) -> list[FormGoal]:
         """The episode's forms in order; the first one is the initial form, reached at time 0."""

@@ -3,6 +3,7 @@
 from spidar_gym.control.flight.observation import Field, path_layout
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.path.task import PathTask
+from spidar_gym.robot import ROBOT, RobotSpec
 
 
 class PathEnv(HoverEnv):
@@ -13,6 +14,6 @@ class PathEnv(HoverEnv):
     no_goal = "its goal moves on at every tick, so nothing that was achieved can stand in its place"
 
     @staticmethod
-    def layout_of(action_size: int) -> tuple[Field, ...]:
+    def layout_of(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
         """The hover's, and the next second of the path."""
-        return path_layout(action_size)
+        return path_layout(action_size, robot)

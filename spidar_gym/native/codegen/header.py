@@ -16,7 +16,7 @@ import numpy as np
 
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, controller_config, crawler_config
 from spidar_gym.native.constants import (
     ENUMERATIONS,
     NUMBERS,
@@ -31,8 +31,8 @@ from spidar_gym.native.constants import (
 from spidar_gym.native.core_structs import CORE_STRUCTS
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import WORDS, CStruct, border_structs
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
-from spidar_gym.robot.description import mjcf_path
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT, RobotSpec
+from spidar_gym.robot.description import model_hash
 
 CORE = Path(__file__).resolve().parents[1] / "core"
 """Sources of the core."""
@@ -59,6 +59,8 @@ def initializer(value: Any, indent: int = 1) -> str:  # noqa: ANN401 - any confi
     struct, pad, parts = snake(type(value).__name__), "    " * indent, []
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
+        if isinstance(own, RobotSpec):
+            continue  # it is `sp_robot`
         if dataclasses.is_dataclass(own):
             text = initializer(own, indent + 1)
         elif isinstance(own, str):
@@ -180,13 +182,12 @@ def interface_hash() -> str:
     return interface_digest(text.encode(), CORE)
 
 
-def model_header() -> str:
-    """spidar_model.h: the robot's numbers, frozen for the robot itself."""
-    digest = hashlib.sha256(mjcf_path().read_bytes()).hexdigest()
+def model_header(spec: RobotSpec = ROBOT) -> str:
+    """spidar_model.h: a robot's numbers, frozen for the robot itself."""
     lines = [
-        f'#define SP_MODEL_SHA256 "{digest}"',
+        f'#define SP_MODEL_SHA256 "{model_hash(spec)}"',
         "",
-        f"static const sp_robot SP_ROBOT = {record_initializer(robot())};",
+        f"static const sp_robot SP_ROBOT = {record_initializer(robot(spec))};",
         "",
         *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
         *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
@@ -211,10 +212,16 @@ def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a
     return "{\n" + ",\n".join(parts) + "\n" + "    " * (indent - 1) + "}"
 
 
-def presets_header() -> str:
-    """spidar_presets.h: the presets, with the iteration cap that a tick on the robot has time for."""
+def presets_header(spec: RobotSpec = ROBOT) -> str:
+    """spidar_presets.h: the presets for a robot, with the iteration cap that a tick on it has time for.
+
+    Raises:
+        InvalidValueError: For a robot whose legs do not reach what a preset asks of them.
+    """
     lines: list[str] = []
-    for kind, presets in (("controller", PRESETS), ("crawler", CRAWL_PRESETS)):
+    flights = {name: controller_config(name, spec) for name in PRESETS}
+    crawls = {name: crawler_config(name, robot=spec) for name in CRAWL_PRESETS}
+    for kind, presets in (("controller", flights), ("crawler", crawls)):
         for name, config in presets.items():
             capped = replace(config, allocator=replace(config.allocator, max_iter=ONBOARD_ITERATIONS))
             lines += [f"static const sp_{kind}_config SP_PRESET_{name.upper()} = {initializer(capped)};", ""]
@@ -222,5 +229,6 @@ def presets_header() -> str:
         lines += [f"#define SP_{kind.upper()}_PRESETS(X) {table}",
                   f'#define SP_{kind.upper()}_NAMES "{", ".join(presets)}"', ""]  # fmt: skip
     lines.append(f"static const sp_estimator_config SP_ESTIMATOR = {initializer(EstimatorConfig())};")
-    lines += ["", f"static const sp_manager_config SP_MANAGER = {initializer(ManagerConfig())};"]
+    both = ManagerConfig(flight=flights["tuned"], crawl=crawls["robust_overlapped"])
+    lines += ["", f"static const sp_manager_config SP_MANAGER = {initializer(both)};"]
     return header("SPIDAR_PRESETS", "the presets, the very numbers of the simulator.", lines, ('"spidar_structs.h"',))

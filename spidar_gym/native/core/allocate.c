@@ -99,7 +99,7 @@ static void hold_forces(const sp_robot *robot, const sp_mode *mode, const sp_dem
     a->status = SP_HELD;
     answer(robot, mode, d, held, a);
     for (int r = 0; r < 6; r++) {
-        double miss = fabs(d->wrench[r] - sp_row(d->thrust_map + r * mode->n, held, mode->n)) / SP_WRENCH_SCALE;
+        double miss = fabs(d->wrench[r] - sp_row(d->thrust_map + r * mode->n, held, mode->n)) / robot->weight;
         if (!(miss <= unmet)) unmet = miss;
     }
     a->slack = sp_finite(&unmet, 1) ? unmet : SP_INFINITY;
@@ -204,7 +204,7 @@ void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *pre
         hold_forces(robot, mode, demand, previous_l, a);
         return;
     }
-    for (int k = 0; k < p->n; k++) f[k] = SP_FORCE_SCALE * x[k];
+    for (int k = 0; k < p->n; k++) f[k] = robot->max_thrust * x[k];
     answer(robot, mode, demand, f, a);
     if (guess != NULL) {
         sides(p, x, guessed);
@@ -226,7 +226,7 @@ void sp_project(const sp_demand *demand, const double *wish_l, const double *pre
     a->slack = 0.0;
     a->rows = 0;
     sp_assemble(robot, projection, demand, p);
-    for (int k = 0; k < SP_FORCES; k++) p->q[k] = -wish_l[k] / SP_FORCE_SCALE;
+    for (int k = 0; k < SP_FORCES; k++) p->q[k] = -wish_l[k] / robot->max_thrust;
     int found = cube_optimum(projection, p, NULL, 0, config, room, x, a);
     if (a->status == SP_PROJECTED) { /* here the spheres are part of what is asked */
         found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
@@ -237,6 +237,6 @@ void sp_project(const sp_demand *demand, const double *wish_l, const double *pre
         a->slack = 0.0;
         return;
     }
-    for (int k = 0; k < SP_FORCES; k++) f[k] = SP_FORCE_SCALE * x[k];
+    for (int k = 0; k < SP_FORCES; k++) f[k] = robot->max_thrust * x[k];
     answer(robot, projection, demand, f, a);
 }

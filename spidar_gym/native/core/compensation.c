@@ -88,7 +88,7 @@ static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compe
             if (i == 2 && !c->observer_beyond) residual += s->mass * robot->gravity;
             if (c->observer_order == 2) residual = m->residual_w[i] + share * (residual - m->residual_w[i]);
             m->residual_w[i] = residual;
-            double bound = i < 3 ? SP_MAX_EXTERNAL_FORCE : SP_MAX_EXTERNAL_TORQUE;
+            double bound = i < 3 ? SP_MAX_EXTERNAL_SHARE * robot->weight : SP_MAX_EXTERNAL_TORQUE;
             m->external_w[i] = sp_clip(m->external_w[i] + share * (residual - m->external_w[i]), -bound, bound);
         }
     }

@@ -1,6 +1,7 @@
 /* The allocation as a quadratic program: modes as data, blocks of costs and rows, the certified closed form.
  *
- * Unknowns x = f / λ̄; wrench rows in units of the weight, torque rows in units of the servo's limit.
+ * Unknowns x = f / λ̄; wrench rows in units of the weight, torque rows in units of the servo's limit, all of them the
+ * robot's.
  */
 #include "spidar_core.h"
 #include "spidar_math.h"
@@ -23,7 +24,7 @@ void sp_ground_mode(int32_t kind, const sp_crawler_config *c, sp_mode *mode)
     }
 }
 
-static void add_cost(const sp_cost *cost, const sp_demand *d, int n, double *P, double *q)
+static void add_cost(const sp_robot *robot, const sp_cost *cost, const sp_demand *d, int n, double *P, double *q)
 {
     double w = cost->weight;
     switch (cost->kind) {
@@ -43,7 +44,7 @@ static void add_cost(const sp_cost *cost, const sp_demand *d, int n, double *P, 
             for (int a = 0; a < n; a++) {
                 if (T[a] == 0.0) continue;
                 for (int b = 0; b < n; b++) P[a * n + b] += w * T[a] * T[b];
-                q[a] -= w / SP_FORCE_SCALE * d->gravity_torque[j] * T[a];
+                q[a] -= w / robot->max_thrust * d->gravity_torque[j] * T[a];
             }
         }
         break;
@@ -51,29 +52,36 @@ static void add_cost(const sp_cost *cost, const sp_demand *d, int n, double *P, 
     }
 }
 
+/* A block's own limit, or the robot's where it has none. */
+static double limit_of(const sp_rows *rows, double robots) { return sp_finite(&rows->a, 1) ? rows->a : robots; }
+
 static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_demand *d, int n, double *A, double *l, double *u)
 {
+    const double force = robot->max_thrust, weight = robot->weight, torque = robot->max_joint_torque;
+    double limit;
     switch (rows->kind) {
     case SP_WRENCH_BALANCE:
         for (int r = 0; r < 6; r++) {
-            for (int c = 0; c < n; c++) A[r * n + c] = d->thrust_map[r * n + c] * (SP_FORCE_SCALE / SP_WRENCH_SCALE);
-            l[r] = u[r] = d->wrench[r] / SP_WRENCH_SCALE;
+            for (int c = 0; c < n; c++) A[r * n + c] = d->thrust_map[r * n + c] * (force / weight);
+            l[r] = u[r] = d->wrench[r] / weight;
         }
         break;
     case SP_THRUST_BOX:
+        limit = limit_of(rows, force) / force;
         for (int i = 0; i < SP_FORCES; i++) {
             A[i * n + i] = 1.0;
-            u[i] = d->lost[i / 3] ? 0.0 : rows->a / SP_FORCE_SCALE;
-            l[i] = d->lost[i / 3] ? 0.0 : -rows->a / SP_FORCE_SCALE;
+            u[i] = d->lost[i / 3] ? 0.0 : limit;
+            l[i] = d->lost[i / 3] ? 0.0 : -limit;
         }
         break;
     case SP_JOINT_TORQUE_LIMIT:
+        limit = limit_of(rows, torque) / torque;
         for (int j = 0; j < SP_JOINTS; j++) {
             if (!d->lifted[j / 4]) continue;
-            for (int c = 0; c < n; c++) A[j * n + c] = d->torque_map[j * n + c] * (SP_FORCE_SCALE / SP_TORQUE_SCALE);
-            double g = d->gravity_torque[j] / SP_TORQUE_SCALE, bound = rows->a / SP_TORQUE_SCALE;
-            u[j] = g + bound;
-            l[j] = g - bound;
+            for (int c = 0; c < n; c++) A[j * n + c] = d->torque_map[j * n + c] * (force / torque);
+            double g = d->gravity_torque[j] / torque;
+            u[j] = g + limit;
+            l[j] = g - limit;
         }
         break;
     case SP_VECTORING_LOCK: /* cos φ f_y + sin φ f_z = 0 [Zhao2025, Eq. 32] */
@@ -105,15 +113,15 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
             double f[3] = {d->thrust_map[c], d->thrust_map[n + c], d->thrust_map[2 * n + c]};
             sp_cross(d->com_b, f, lever);
             for (int r = 0; r < 3; r++) {
-                A[r * n + c] = f[r] * (SP_FORCE_SCALE / SP_WRENCH_SCALE);
-                A[(3 + r) * n + c] = (d->thrust_map[(3 + r) * n + c] + lever[r]) * (SP_FORCE_SCALE / SP_WRENCH_SCALE);
+                A[r * n + c] = f[r] * (force / weight);
+                A[(3 + r) * n + c] = (d->thrust_map[(3 + r) * n + c] + lever[r]) * (force / weight);
             }
         }
         sp_cross(d->com_b, d->wrench, lever);
         for (int r = 0; r < 3; r++) w[r] = d->wrench[r], w[3 + r] = d->wrench[3 + r] + lever[r];
         for (int r = 0; r < 6; r++) {
-            u[r] = (w[r] - low[r]) / SP_WRENCH_SCALE;
-            l[r] = r == 2 ? -SP_INFINITY : (w[r] + low[r]) / SP_WRENCH_SCALE;
+            u[r] = (w[r] - low[r]) / weight;
+            l[r] = r == 2 ? -SP_INFINITY : (w[r] + low[r]) / weight;
         }
         break;
     }
@@ -126,7 +134,7 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
                 l[5 * leg + k] = 0.0;
             }
             A[(5 * leg + 4) * n + x + 2] = 1.0;
-            l[5 * leg + 4] = rows->b / SP_FORCE_SCALE;
+            l[5 * leg + 4] = rows->b / force;
         }
         break;
     default: break;
@@ -142,7 +150,7 @@ void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *de
     sp_zero(p->q, n);
     sp_zero(p->A, m * n);
     for (int i = 0; i < m; i++) p->l[i] = -SP_INFINITY, p->u[i] = SP_INFINITY;
-    for (int i = 0; i < SP_MODE_COSTS; i++) add_cost(&mode->costs[i], demand, n, p->P, p->q);
+    for (int i = 0; i < SP_MODE_COSTS; i++) add_cost(robot, &mode->costs[i], demand, n, p->P, p->q);
     for (int i = 0; i < SP_MODE_ROWS; i++) {
         write_rows(robot, &mode->rows[i], demand, n, p->A + row * n, p->l + row, p->u + row);
         row += SP_ROWS_COUNTS[mode->rows[i].kind];

@@ -136,7 +136,7 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
     }
     for (int k = 0; k < SP_ROTORS; k++)
         for (int i = 0; i < STATIONS_A_LINK; i++, s++) {
-            place(s, sim, world->link_body[k], origin, world->link_station[i], 0.0, wind_w);
+            place(s, sim, world->link_body[k], origin, world->link_scale[k] * world->link_station[i], 0.0, wind_w);
             s->owner = k;
         }
     const double rim = 0.7 * radius, places[TORSO_STATIONS][2] = {{0, 0}, {rim, 0}, {0, rim}, {-rim, 0}, {0, -rim}};
@@ -174,6 +174,7 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         double rod[3] = {s->R[0], s->R[3], s->R[6]}, along = sp_dot(s->air, rod), V[3];
         for (int i = 0; i < 3; i++) V[i] = s->air[i] - along * rod[i];
         double drag = half * SP_BLUFF * SP_LINK_SEGMENT * world->link_width[k % STATIONS_A_LINK] * sp_norm(V);
+        drag *= world->link_scale[k / STATIONS_A_LINK];
         for (int i = 0; i < 3; i++) s->F[i] = drag * V[i];
     }
     double share = half * SP_BLUFF / TORSO_STATIONS, edge = share * 2.0 * radius * world->torso_height;

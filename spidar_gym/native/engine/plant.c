@@ -177,7 +177,7 @@ static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command 
     const sp_disturbances *d = &p->disturbances;
     sp_pending *sent = &p->pending[(p->pending_first + p->pending_count++) % SP_MAX_PENDING];
     double most = c->max_thrust, *target = sent->target;
-    if (c->battery) most = sp_min(most, sp_battery_thrust(sp_voltage(p->spent_wh + p->energy_wh, p->power)));
+    if (c->battery) most = sp_min(most, world->battery_share * sp_battery_thrust(sp_voltage(p->spent_wh + p->energy_wh, p->power)));
     for (int i = 0; i < SP_ROTORS; i++) {
         target[i] = sp_min(command->thrust[i], most / gain(p, i));
         if (p->config.idle_thrust > 0.0) target[i] = sp_max(target[i], p->config.idle_thrust);

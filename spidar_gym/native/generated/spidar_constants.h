@@ -36,11 +36,8 @@
 #define SP_NARROW 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.control.rotors.NARROW */
 #define SP_MISSED_FORCE 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.flight.centroidal.MISSED_FORCE */
 #define SP_MISSED_TORQUE 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.centroidal.MISSED_TORQUE */
-#define SP_MAX_EXTERNAL_FORCE 0x1.39eb851eb851fp+6 /* 78.48, spidar_gym.control.flight.compensation.MAX_EXTERNAL_FORCE */
+#define SP_MAX_EXTERNAL_SHARE 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.compensation.MAX_EXTERNAL_SHARE */
 #define SP_MAX_EXTERNAL_TORQUE 0x1.4000000000000p+3 /* 10.0, spidar_gym.control.flight.compensation.MAX_EXTERNAL_TORQUE */
-#define SP_FORCE_SCALE 0x1.5000000000000p+5 /* 42.0, spidar_gym.control.allocation.problem.FORCE_SCALE */
-#define SP_WRENCH_SCALE 0x1.39eb851eb851fp+7 /* 156.96, spidar_gym.control.allocation.problem.WRENCH_SCALE */
-#define SP_TORQUE_SCALE 0x1.c000000000000p+2 /* 7.0, spidar_gym.control.allocation.problem.TORQUE_SCALE */
 #define SP_INFINITY 0x1.93e5939a08ceap+99 /* 1e+30, spidar_gym.control.allocation.problem.INFINITY */
 #define SP_DUAL_TOLERANCE 0x1.ad7f29abcaf48p-24 /* 1e-07, spidar_gym.control.allocation.solver.DUAL_TOLERANCE */
 #define SP_RHO 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.allocation.solver.RHO */

@@ -258,6 +258,8 @@ typedef struct {
     double propeller_radius, duct_offset_y, duct_z; /* of a duct; its exit below the module's centre [m] */
     double torso_radius, torso_height; /* [m] */
     double link_station[3], link_width[3]; /* where a link is looked at, and how wide it is there [m] */
+    double link_scale[8]; /* its length over that of the link whose stations these are */
+    double battery_share; /* largest thrust of a module over that of the one whose battery was measured */
     double imu_position_b[3]; /* where motion capture and inertial unit look [m] */
     double gravity; /* [m/s²] */
     double encoder_step[32]; /* a count of each encoder [rad] */

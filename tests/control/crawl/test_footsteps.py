@@ -9,7 +9,6 @@ import pytest
 from support.states import model
 
 from spidar_gym.control.crawl.footsteps import (
-    FLOOR_Z,
     STRIDES,
     GaitConfig,
     Move,
@@ -23,7 +22,7 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import N_LEGS, ROBOT
 
-LENGTHS = [f.name for f in fields(GaitConfig) if f.name not in ("inner", "outer", "stride", "rolling")]
+LENGTHS = [f.name for f in fields(GaitConfig) if f.name not in ("inner", "outer", "stride", "rolling", "robot")]
 CONFIGS = [
     GaitConfig(),
     GaitConfig(stride="home"),
@@ -67,8 +66,8 @@ def test_at_home_the_feet_touch_the_floor_that_the_torso_lies_on_where_the_start
     contacts = model().contacts(lying_pose(config))[0]
     feet, pegs = contacts[:N_LEGS], contacts[N_LEGS : 2 * N_LEGS]
     np.testing.assert_allclose(feet, config.home_b, atol=1e-9)
-    np.testing.assert_allclose(pegs[:, 2], FLOOR_Z, atol=1e-9)
-    np.testing.assert_allclose(feet[:, 2] - ROBOT.foot_radius, FLOOR_Z, atol=1e-9)
+    np.testing.assert_allclose(pegs[:, 2], -ROBOT.peg_depth, atol=1e-9)
+    np.testing.assert_allclose(feet[:, 2] - ROBOT.foot_radius, -ROBOT.peg_depth, atol=1e-9)
     start = model().contacts(np.tile([0.0, config.inner, 0.0, config.outer], N_LEGS))[0][:N_LEGS]
     np.testing.assert_allclose(feet[:, :2], start[:, :2], atol=1e-9)
 

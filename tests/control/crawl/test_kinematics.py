@@ -10,20 +10,19 @@ from support.states import model
 
 from spidar_gym.control.crawl.footsteps import GaitConfig, lying_pose
 from spidar_gym.control.crawl.kinematics import (
-    HIP_Z,
     INNER,
-    LOWER,
     OUTER,
-    UPPER,
     YAW,
     feet_at,
     foot_positions,
     leg_angles,
+    leg_lengths,
 )
 from spidar_gym.robot import FORMS, JOINT_NAMES, N_LEGS, ROBOT
 from spidar_gym.sim.scene import scene
 
 QUARTER = math.pi / 2
+UPPER, LOWER = leg_lengths(ROBOT)
 
 
 @cache
@@ -99,7 +98,7 @@ def test_feet_that_no_angles_within_90_degrees_reach_have_none():
     """Against a grid of all that the first leg can do."""
     inner, outer = np.meshgrid(np.linspace(-QUARTER, QUARTER, 500), np.linspace(0.0, QUARTER, 250))
     out = UPPER * np.cos(inner) + LOWER * np.cos(inner + outer)
-    z = HIP_Z - UPPER * np.sin(inner) - LOWER * np.sin(inner + outer)
+    z = ROBOT.yaw_axis_z - UPPER * np.sin(inner) - LOWER * np.sin(inner + outer)
     rng, seen = np.random.default_rng(3), {True: 0, False: 0}
     for _ in range(200):
         foot = rng.uniform((0.0, -1.1), (1.1, 1.1))
@@ -127,7 +126,7 @@ def test_reach_ends_where_the_knee_is_straight_or_a_joint_is_at_90_degrees(edge)
 
     for inside in (True, False):
         if edge == "knee straight":
-            feet = with_first_foot(UPPER + LOWER - (1e-6 if inside else -1e-6), HIP_Z)
+            feet = with_first_foot(UPPER + LOWER - (1e-6 if inside else -1e-6), ROBOT.yaw_axis_z)
         else:
             q = lying_pose(GaitConfig())
             q[[0, 1, 3]] = first_leg(inside)

@@ -1,0 +1,185 @@
+"""Which numbers make a robot: read from what a user gives, and refused in one line that says what would be valid."""
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from spidar_gym.border import BorderError, read_file
+from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_instance, require_keys, require_name
+from spidar_gym.robot.payload import Payload, numbers
+
+MOST_BYTES = 2**16
+"""No file of a robot is larger."""
+LIFTED = 0.8
+"""A robot weighs at most this share of what its rotors lift: the rest steers."""
+KIND = {"legs": 4, "links": 8, "rotors": 8, "joints": 16}
+"""What every robot has."""
+NOT_NEGATIVE = (
+    "idle_thrust",
+    "joint_armature",
+    "joint_damping",
+    "joint_friction",
+    "vectoring_armature",
+    "vectoring_kd",
+)
+ANY_SIGN = ("yaw_axis_z", "peg_top")
+PLACES = ("pitch_axis_offset", "inner_battery", "outer_battery", "flight_controller", "computer")
+"""Points, whose numbers may have any sign."""
+
+
+def own_masses(given: object, parts: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
+    """Masses by part, sorted (`UnknownNameError` for a part that does not exist)."""
+    pairs = given.items() if isinstance(given, Mapping) else given
+    if not (isinstance(pairs, Sequence) or isinstance(given, Mapping)):
+        raise InvalidValueError("part_masses", given, "masses [kg] by part")
+    try:
+        masses = {name: mass for name, mass in pairs}  # pyright: ignore[reportGeneralTypeIssues]
+    except (TypeError, ValueError):
+        raise InvalidValueError("part_masses", given, "masses [kg] by part") from None
+    for name, mass in masses.items():
+        require_name("part", name, parts)
+        if not (is_finite(mass) and mass > 0.0):
+            raise InvalidValueError(f"part_masses: {name}", mass, "a number above 0 [kg]")
+    return tuple((name, float(masses[name])) for name in sorted(masses))
+
+
+def read_spec(given: object, described: Mapping[str, Any], parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of a `RobotSpec`, from a mapping or a TOML file.
+
+    Args:
+        given: Either.
+        described: Numbers of the described robot by field.
+        parts: What may have a mass of its own.
+    """
+    if isinstance(given, str | Path):
+        given = _read(Path(given))
+    for name, count in KIND.items():
+        for key in (name, f"n_{name}"):
+            if isinstance(given, Mapping) and key in given:
+                raise InvalidValueError(key, given[key], f"nothing: a robot has {count} {name}, as every one here")
+    found = dict(require_keys("robot", "number of the robot", given, list(described)))
+    return {name: _value(name, value, described[name], parts) for name, value in found.items()}
+
+
+def _value(name: str, given: object, default: object, parts: Mapping[str, Any]) -> Any:  # noqa: ANN401 - of any field
+    """A field's value, in the type that it has."""
+    if name == "part_masses":
+        return own_masses(given, parts)
+    if name == "payloads":
+        if not isinstance(given, list | tuple):
+            raise InvalidValueError(name, given, "a list of tables with body, mass, position, size, inertia")
+        return tuple(each if isinstance(each, Payload) else _payload(each) for each in given)
+    if isinstance(default, tuple):
+        return numbers(name, given, len(default))
+    if not is_finite(given):
+        raise InvalidValueError(name, given, "a finite number")
+    return float(given)
+
+
+def _payload(given: object) -> Payload:
+    fields = tuple(Payload.__dataclass_fields__)
+    found = dict(require_keys("payload", "number of a payload", given, fields))
+    for name in ("body", "mass"):
+        if name not in found:
+            raise InvalidValueError("payload", found, f"{name} among {', '.join(fields)}")
+    for name in ("position", "size", "inertia"):
+        if isinstance(found.get(name), list):
+            found[name] = numbers(f"payload: {name}", found[name], 6 if name == "inertia" else 3)
+    return Payload(**found)
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(read_file(path, MOST_BYTES).decode())
+    except (BorderError, ValueError) as error:
+        raise SpidarError(
+            f"robot: {path} cannot be read: {error}; valid: a TOML file with numbers of RobotSpec by name, as "
+            "pitch_to_foot = 0.6138"
+        ) from error
+
+
+def check(spec: Any, described: Mapping[str, Any]) -> None:  # noqa: ANN401 - a RobotSpec, which is above this
+    """Refuse what is no robot, or one that can neither hover nor lie and stand.
+
+    Args:
+        spec: A `RobotSpec`.
+        described: Numbers of the described robot by field.
+    """
+    for name, default in described.items():
+        value = getattr(spec, name)
+        if name == "part_masses":
+            continue
+        if name == "payloads":
+            for each in value if isinstance(value, tuple) else (value,):
+                require_instance(Payload, payloads=each)
+        elif isinstance(default, tuple):
+            object.__setattr__(spec, name, numbers(name, value, len(default)))
+        elif not is_finite(value):
+            raise InvalidValueError(name, value, "a finite number")
+        elif name in NOT_NEGATIVE:
+            _demand(value >= 0.0, name, value, "a number of at least 0")
+        elif name not in ANY_SIGN:
+            _demand(value > 0.0, name, value, "a number above 0")
+    _demand(min(spec.battery_size) > 0.0, "battery_size", spec.battery_size, "three edges above 0 [m]")
+    _check_places(spec)
+    _check_limits(spec)
+
+
+def _demand(holds: bool, name: str, value: object, expected: str) -> None:
+    if not holds:
+        raise InvalidValueError(name, value, expected)
+
+
+def _check_places(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
+    """Rotors within their links, ducts beside each other, feet that reach the floor."""
+    shortest = min(spec.pitch_to_yaw, spec.pitch_to_foot)
+    _demand(
+        spec.roll_axis_x < shortest, "roll_axis_x", spec.roll_axis_x,
+        f"a place on both links: below {shortest:g} m, the shorter one's length",
+    )  # fmt: skip
+    _demand(
+        spec.propeller_radius <= spec.duct_radius, "propeller_radius", spec.propeller_radius,
+        f"at most the duct's {spec.duct_radius:g} m",
+    )  # fmt: skip
+    _demand(
+        spec.duct_offset_y >= spec.duct_radius, "duct_offset_y", spec.duct_offset_y,
+        f"at least {spec.duct_radius:g} m, or the two ducts of a module overlap",
+    )  # fmt: skip
+    _demand(spec.duct_z[0] < spec.duct_z[1], "duct_z", spec.duct_z, "the lower end before the upper one")
+    for name, length in (("inner_battery", spec.pitch_to_yaw), ("outer_battery", spec.pitch_to_foot)):
+        place = getattr(spec, name)
+        _demand(0.0 <= place[0] <= length, name, place, f"a place on its link: x within 0 … {length:g} m")
+    _demand(
+        spec.peg_depth > 0.5 * spec.torso_height, "peg_length", spec.peg_length,
+        f"above {0.5 * spec.torso_height + spec.peg_top + spec.yaw_axis_z:g} m, so that pegs reach below the torso",
+    )  # fmt: skip
+    # With level inner links and the outer ones bent down as far as they go, the torso on its pegs.
+    least = (spec.peg_depth + spec.yaw_axis_z - spec.foot_radius) / math.sin(min(spec.joint_limit, math.pi / 2))
+    _demand(
+        spec.pitch_to_foot > least, "pitch_to_foot", spec.pitch_to_foot,
+        f"above {least:.4g} m, or the feet do not reach the floor on which the pegs of the torso lie",
+    )  # fmt: skip
+
+
+def _check_limits(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
+    """Joints that stay before their stops, and rotors that lift the robot."""
+    _demand(
+        spec.joint_limit <= math.pi / 2 + 1e-12, "joint_limit", spec.joint_limit,
+        "at most π/2: gait, forms and the words of the runner are for joints of ± 90°",
+    )  # fmt: skip
+    _demand(
+        spec.joint_limit <= spec.joint_stop < math.pi, "joint_stop", spec.joint_stop,
+        f"within joint_limit … π, {spec.joint_limit:g} … 3.14159 rad",
+    )  # fmt: skip
+    most = LIFTED * KIND["rotors"] * spec.max_thrust
+    _demand(
+        spec.weight <= most, "max_thrust", spec.max_thrust,
+        f"at least {spec.weight / (LIFTED * KIND['rotors']):.4g} N: a robot of {spec.total_mass:.4g} kg weighs "
+        f"{spec.weight:.4g} N, and hovers with {LIFTED:g} of its rotors' thrust at most",
+    )  # fmt: skip
+    _demand(
+        spec.idle_thrust < spec.hover_thrust, "idle_thrust", spec.idle_thrust,
+        f"below the {spec.hover_thrust:.4g} N that a module gives in a hover",
+    )  # fmt: skip

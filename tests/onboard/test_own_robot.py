@@ -1,0 +1,54 @@
+"""Pins the export of a robot of one's own: its numbers, presets and missions, and that it commands as Python does."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from support.commands import LEARNED
+from support.needs import needs_compiler
+from support.robots import LONG
+from support.runner import compile_
+
+from spidar_gym.cli.main import main
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.onboard.export import export_files
+from spidar_gym.onboard.runner_structs import runner_hash
+from spidar_gym.robot.description import model_hash
+
+pytestmark = needs_compiler
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What `spidar export --robot` writes."""
+    path = tmp_path_factory.mktemp("own")
+    (path / "long.toml").write_text(f"pitch_to_foot = {LONG.pitch_to_foot!r}\n", encoding="utf-8")
+    main(["export", "--robot", str(path / "long.toml"), "--out", str(path / "onboard")])
+    return path / "onboard"
+
+
+@pytest.fixture(scope="module")
+def runner(folder):
+    return compile_(folder, folder.parent / "runner")
+
+
+@pytest.mark.parametrize("log", ["flight", "crawl"])
+def test_the_exported_core_commands_the_longer_robot_as_python_does(folder, runner, log, tmp_path):
+    out, golden = tmp_path / "out", folder / "golden" / f"{log}.out"
+    run = [runner, "replay", folder / "golden" / f"{log}.in", out]
+    subprocess.run(run, check=True, capture_output=True)
+    done = subprocess.run([runner, "compare", out, golden], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.split()[-1]) < 1e-9
+
+
+def test_the_folder_is_of_that_robot(folder, runner):
+    about = subprocess.run([runner, "about"], check=True, capture_output=True, text=True).stdout
+    assert about == f"interface {runner_hash(LONG)}\nmodel {model_hash(LONG)}\n"
+    assert model_hash(LONG) != model_hash()
+    assert sorted(path.name for path in (folder / "missions").iterdir()) == ["crawl.txt", "flight.txt", "hover.txt"]
+
+
+def test_what_was_learned_on_the_nominal_robot_is_not_exported_with_another():
+    with pytest.raises(InvalidValueError, match="learned on the nominal robot"):
+        export_files(golden=False, residual=Path(LEARNED), robot=LONG)
