@@ -45,7 +45,8 @@ def example(name: str, **options) -> Any:
 
 
 def test_an_example_is_shorter_than_60_lines_and_there_is_none_beside_those_that_are_tested():
-    files = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
+    files = {name: text for name, text in texts.items() if "register_task(" in text}
     assert files.keys() == IDS.keys()
     assert all(text.count("\n") < 60 for text in files.values())
 

@@ -9,7 +9,7 @@ import pytest
 from spidar_gym.cli.tables import RESULTS, markdown_table
 from spidar_gym.paper.crawl import crawl_figures, crawl_lines, crawl_paper
 from spidar_gym.paper.flight import flight_figures, flight_lines, fly_paper
-from spidar_gym.robot.description import assets_readme
+from spidar_gym.robot.tables import assets_readme
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -254,14 +254,12 @@ typedef struct {
     double geom_reach[64]; /* bounding radius [m] */
     double ball_radius[12]; /* [m] */
     double duct_radius[16], duct_half[16]; /* radius and half height [m] */
-    double weight, max_joint_torque; /* [N], [Nm] */
+    double weight, max_joint_torque, torso_radius, torso_height; /* [N], [Nm], [m] */
     double propeller_radius, duct_offset_y, duct_z; /* of a duct; its exit below the module's centre [m] */
-    double torso_radius, torso_height; /* [m] */
     double link_station[3], link_width[3]; /* where a link is looked at, and how wide it is there [m] */
     double link_scale[8]; /* its length over that of the link whose stations these are */
-    double battery_share; /* largest thrust of a module over that of the one whose battery was measured */
+    double gravity, battery_share; /* [m/s²]; largest thrust over that of modules whose battery was measured */
     double imu_position_b[3]; /* where motion capture and inertial unit look [m] */
-    double gravity; /* [m/s²] */
     double encoder_step[32]; /* a count of each encoder [rad] */
     double start[438]; /* MuJoCo's state after a reset */
 } sp_world;
