@@ -65,6 +65,10 @@ class InvalidValueError(SpidarError, ValueError):
         super().__init__(f"{name} = {shown(value)} is not valid; expected {expected}")
 
 
+class NoGoalError(SpidarError, AttributeError):
+    """A function of goals, asked of an environment without one: for clients that look whether it is there, it is not."""
+
+
 class StaleAssetError(SpidarError, RuntimeError):
     """A generated file that differs from what the robot description generates."""
 

@@ -66,6 +66,34 @@ class Goal(ABC):
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far goals are (N,) [m], and whether they are reached (N,)."""
 
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as there
+        """Reward of having achieved one goal where another was wanted: that of `step`, bit for bit, for its own.
+
+        Args:
+            achieved_goal: What one robot has achieved (size,), or a row for each of many.
+            desired_goal: What it was to achieve, likewise.
+            info: Not looked at.
+
+        Returns:
+            A number, or one for each row.
+
+        Raises:
+            InvalidValueError: For what is no goal.
+        """
+        del info
+        return self.reward(achieved_goal, desired_goal)
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
+        """Whether the robot has failed, by what `step` told: to reach a goal ends no episode; arguments as above."""
+        del achieved_goal, desired_goal
+        return has_failed(info)
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
+        """False: time is up by the wrapper that counts it, as there; arguments as above."""
+        del desired_goal, info
+        shape = np.shape(achieved_goal)[:-1]
+        return np.zeros(shape, bool) if shape else False
+
     def reward(self, achieved: object, wanted: object) -> Any:  # noqa: ANN401 - a number, or an array of them
         """Rewards (…) of goals (…, size), in double precision; `InvalidValueError` for what is no goal."""
         size = sum(f.size for f in self.fields)

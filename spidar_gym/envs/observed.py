@@ -1,6 +1,6 @@
 """What an environment shows of its robots, one or many, where that is a dictionary; and the reward of a goal."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,52 +9,37 @@ from gymnasium import spaces
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.goals import REWARDS, Goal, has_failed
+from spidar_gym.envs.goals import REWARDS, Goal
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
-from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.errors import InvalidValueError, NoGoalError, require_name
 from spidar_gym.native.plant import Plant
 
 
 class Rewarding:
-    """The public functions of an environment with a goal, as `gymnasium_robotics` has them."""
+    """The public functions of an environment with a goal, as `gymnasium_robotics` has them; others lack them."""
 
     sight: Sight | None
     """What is shown in place of the flat numbers, if anything."""
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as there
-        """Reward of having achieved one goal where another was wanted: that of `step`, bit for bit, for its own.
+    @property
+    def compute_reward(self) -> Callable[[Any, Any, Any], Any]:
+        """`Goal.compute_reward` (`NoGoalError` where there is no goal)."""
+        return self._goal("compute_reward").compute_reward
 
-        Args:
-            achieved_goal: Of one robot (size,), or a row for each of many.
-            desired_goal: Likewise.
-            info: Not looked at.
+    @property
+    def compute_terminated(self) -> Callable[[Any, Any, Any], Any]:
+        """`Goal.compute_terminated` (`NoGoalError` where there is no goal)."""
+        return self._goal("compute_terminated").compute_terminated
 
-        Returns:
-            A number, or one for each row.
+    @property
+    def compute_truncated(self) -> Callable[[Any, Any, Any], Any]:
+        """`Goal.compute_truncated` (`NoGoalError` where there is no goal)."""
+        return self._goal("compute_truncated").compute_truncated
 
-        Raises:
-            SpidarError: Where there is no goal, and for what is none.
-        """
-        del info
-        return self._goal().reward(achieved_goal, desired_goal)
-
-    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
-        """Whether the robot has failed, by what `step` told: to reach a goal ends no episode; arguments as above."""
-        self._goal()
-        del achieved_goal, desired_goal
-        return has_failed(info)
-
-    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
-        """False: time is up by the wrapper that counts it, as there; arguments as above."""
-        self._goal()
-        del desired_goal, info
-        shape = np.shape(achieved_goal)[:-1]
-        return np.zeros(shape, bool) if shape else False
-
-    def _goal(self) -> Goal:
+    def _goal(self, name: str) -> Goal:
         if not isinstance(self.sight, GoalSight):
-            raise InvalidValueError("observation", "one without a goal", "goal, where there are rewards of goals")
+            raise NoGoalError(f"there is no {name} without a goal; valid: observation='goal'")
         return self.sight.goal
 
 
