@@ -4,9 +4,7 @@ import argparse
 import os
 import subprocess
 import sys
-import tempfile
 import time
-import venv
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +12,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 WORKERS = str(min(4, os.cpu_count() or 1))
-OLDEST = "gymnasium==1.2.0"
-"""The oldest that pyproject.toml admits; the tests have the newest."""
 QUICK = (
     "benchmark/comparison", "benchmark/row", "benchmark/statistics", "benchmark/track", "cli/bench",
     "control/allocation/allocator", "control/allocation/blocks", "control/allocation/contact",
@@ -69,7 +65,6 @@ PYTEST = ["pytest", "-rs", "-n", WORKERS, "--dist", "loadfile"]
 TIMED = [*PYTEST, "--durations", "12"]
 UNCHECKED = "--strict-markers -q --import-mode=importlib"
 """Pytest's options of pyproject.toml without the checks of shapes and types."""
-WHEEL = Stage("wheel, installed alone", {}, 1.0)
 FULL = (
     Stage("static checks, guide", CHECKS | GUIDE, 1.5),
     Stage(
@@ -88,7 +83,7 @@ FULL = (
     Stage(
         "rows of the leaderboard, played again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.3
     ),
-    WHEEL,
+    Stage("wheel, installed alone", {"wheel": ["python", str(Path(".ci", "wheel.py"))]}, 1.2),
 )
 FAST = (
     Stage("static checks", CHECKS, 0.7),
@@ -114,8 +109,6 @@ def run(title: str, command: list[str], limit: float = 300.0, cwd: Path | str = 
 def play(stage: Stage) -> None:
     """Run a stage and say how long it took, and how much of that the processors worked: a busy machine shows there."""
     start, worked = time.monotonic(), _processor_minutes()
-    if stage is WHEEL:
-        wheel_alone()
     with ThreadPoolExecutor(2) as pool:
         program = {title: [str(BIN / first), *rest] for title, (first, *rest) in stage.commands.items()}
         for done in [pool.submit(run, title, command, stage.limit) for title, command in program.items()]:
@@ -130,17 +123,6 @@ def play(stage: Stage) -> None:
 def _processor_minutes() -> float:
     times = os.times()
     return (times.children_user + times.children_system) / 60.0
-
-
-def wheel_alone() -> None:
-    """The built wheel, installed without the checkout on the oldest Gymnasium, makes an environment and flies it."""
-    with tempfile.TemporaryDirectory() as folder:
-        run("wheel", [sys.executable, "-m", "build", "--wheel", "--installer", "pip", "--outdir", folder, str(ROOT)])
-        wheel = next(Path(folder).glob("*.whl"))
-        venv.create(Path(folder) / "venv", with_pip=True, system_site_packages=False)
-        python = str(Path(folder) / "venv" / "bin" / "python")
-        run("install the wheel alone", [python, "-m", "pip", "install", "-q", str(wheel), OLDEST])
-        run("smoke test on the wheel", [python, str(ROOT / ".ci" / "smoke.py")], cwd=folder)
 
 
 def plan(stages: tuple[Stage, ...]) -> str:

@@ -1,10 +1,13 @@
 """The guide's settings for Sphinx; `spidar docs` builds it, offline and with warnings as errors."""
 
+import json
 import re
+from pathlib import Path
 from typing import Any
 
 from docutils.nodes import SkipNode
 from docutils.utils.math import MathError, latex2mathml
+from myst_parser.parsers.sphinx_ import MystParser
 from sphinx.util import logging
 
 import spidar_gym
@@ -20,7 +23,8 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
 ]
-exclude_patterns = ["results"]
+source_suffix = {".md": "markdown", ".ipynb": "notebook"}
+exclude_patterns = ["results", "**/.ipynb_checkpoints"]
 default_role = "code"
 smartquotes = False
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
@@ -87,8 +91,39 @@ def mathml(translator: Any, node: Any) -> None:  # noqa: ANN401 - Sphinx's
     raise SkipNode
 
 
+def page_of(notebook: dict[str, Any]) -> str:
+    """A notebook as a page: its text, its code, and what it printed and drew when it was run."""
+    blocks = []
+    for cell in notebook["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            blocks.append(source)
+            continue
+        blocks.append(f"```python\n{source}\n```")
+        for output in cell["outputs"]:
+            if output["output_type"] == "stream":
+                blocks.append(f"```text\n{''.join(output['text'])}```")
+            else:
+                picture = "".join(output["data"]["image/png"]).replace("\n", "")
+                blocks.append(f"![What the code above draws](data:image/png;base64,{picture})")
+    return "\n\n".join(blocks)
+
+
+class NotebookParser(MystParser):
+    """Reads notebooks; they are run beforehand, by `jupyter execute`, and nothing here runs them."""
+
+    supported = ("notebook",)
+
+    def parse(self, inputstring: str, document: Any) -> None:  # noqa: ANN401 - docutils'
+        """Read one, and say above its text where the notebook itself is."""
+        heading, rest = page_of(json.loads(inputstring)).split("\n", 1)
+        name = Path(self.env.doc2path(self.env.docname)).name
+        super().parse(f"{heading}\n\nThis page is {{download}}`a notebook <{name}>`.\n{rest}", document)
+
+
 def setup(app: Any) -> None:  # noqa: ANN401 - Sphinx's application
     """Connect to Sphinx; to docstrings before and after napoleon."""
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
+    app.add_source_parser(NotebookParser)
     app.connect("autodoc-process-docstring", plain, priority=100)
     app.connect("autodoc-process-docstring", restore, priority=900)

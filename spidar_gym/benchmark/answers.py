@@ -42,7 +42,7 @@ def answer_shards(
         rows: The rows.
         tracks: Tracks; a row is played on those that it has.
         scenarios: How many of each track, from the first that the row was evaluated on.
-        trust: Whether code from outside the package and the checkout's baselines may run.
+        trust: Whether code from outside the package and the committed baselines may run.
 
     Raises:
         RowError: When a policy's file is no longer the one that was evaluated, or may not run.

@@ -75,7 +75,7 @@ def choose(
         policies: Specifications of a candidate of one's own, one a run.
         against: Whom the candidate is compared with, a row or a preset that has one; by default the preset that it adds
             to.
-        trust: Whether rows may run code from outside the package and the checkout's baselines.
+        trust: Whether rows may run code from outside the package and the committed baselines.
 
     Raises:
         UnknownNameError: For a row or preset that does not exist.

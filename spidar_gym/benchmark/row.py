@@ -12,7 +12,8 @@ import numpy as np
 
 from spidar_gym.benchmark.content import RowError, check_content
 from spidar_gym.benchmark.evaluate import Score
-from spidar_gym.benchmark.track import SCENARIOS, TRACKS
+from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, TRACKS
+from spidar_gym.committed import ROOT, committed
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import write_text
 from spidar_gym.policies.policy import (
@@ -25,7 +26,7 @@ from spidar_gym.policies.policy import (
     policy_name,
 )
 from spidar_gym.policies.provenance import processor, versions
-from spidar_gym.robot.description import assets_dir, model_hash
+from spidar_gym.robot.description import model_hash
 
 FORMAT = 2
 """Version of the rows' format."""
@@ -39,7 +40,7 @@ BASES = {"paper": "qp", "tuned": "qp_tuned", "tuned_v1": "qp_tuned_v1", "retuned
          "robust_retuned": "qp_retuned"}  # fmt: skip
 """Preset → the row of that controller, with which what adds to it is compared."""
 ROWS = "baselines/scores"
-"""Folder of the committed rows in a checkout."""
+"""Folder of the committed rows."""
 
 
 @dataclass(frozen=True)
@@ -236,12 +237,13 @@ def _finite(text: str) -> float:
 
 
 def read_row(path: Path) -> Row:
-    """A row from its file.
+    """A row from its file; `baselines/scores/…` is the committed one where the working folder has none of that name.
 
     Raises:
         RowError: When it cannot be read, was edited by hand, is of another format, holds what no evaluation writes,
             or its scenarios or model are not the present ones.
     """
+    path = committed(path)
     content = read_content(path)
     if content["format"] != FORMAT:
         older = f"; `spidar leaderboard migrate --rows {path.parent}` makes it one" if content["format"] == 1 else ""
@@ -266,9 +268,12 @@ def row_files(folder: Path, name: str = "*") -> list[Path]:
 def read_rows(folder: Path, name: str = "*") -> dict[str, Row]:
     """Every row of a folder by name, the reference first, or one of a name; the files of a name are one row.
 
+    `baselines/scores` is the committed folder where the working folder has none of that name.
+
     Raises:
         RowError: For a folder without rows, a row that cannot be read, and files of one name that do not go together.
     """
+    folder = committed(folder)
     if not folder.is_dir():
         raise RowError(f"{folder} is no folder; valid: one with rows that `spidar eval` wrote")
     rows: dict[str, Row] = {}
@@ -293,7 +298,7 @@ def _joined(row: Row, other: Row, path: Path, folder: Path) -> Row:
 
 
 def committed_rows() -> dict[str, Row]:
-    """The committed rows of a checkout, or what of them the installed wheel has: the row that scores refer to."""
+    """The committed rows."""
     folder = _committed_folder(REFERENCE)
     return {} if folder is None else read_rows(folder)
 
@@ -304,8 +309,14 @@ def committed_row(name: str = REFERENCE) -> Row | None:
     return None if folder is None else read_rows(folder, name)[name]
 
 
+def committed_references() -> dict[str, Row]:
+    """The committed rows that scores refer to."""
+    found = {name: committed_row(name) for name in dict.fromkeys(REFERENCES.values())}
+    return {name: row for name, row in found.items() if row is not None}
+
+
 def _committed_folder(name: str) -> Path | None:
-    folders = (Path(ROWS), assets_dir() / "scores", assets_dir().parent / ROWS)
+    folders = (Path(ROWS), ROOT / ROWS)
     return next((folder for folder in folders if (folder / f"{name}.json").is_file()), None)
 
 

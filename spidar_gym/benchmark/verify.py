@@ -46,7 +46,7 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
 
     Args:
         row: The row, whose names of policies are whatever its file says.
-        trust: Whether code from outside the package and the checkout's baselines may run.
+        trust: Whether code from outside the package and the committed baselines may run.
 
     Raises:
         RowError: For a policy that may not run, or whose file has changed.
@@ -55,7 +55,7 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
     for spec, digest in zip(row.policies, row.content["policies_sha256"], strict=True):
         if not (trust or is_own(spec)):
             raise RowError(
-                f"row {row.name}: {spec} is code from outside the package and the checkout's baselines; "
+                f"row {row.name}: {spec} is code from outside the package and the committed baselines; "
                 "valid: --trust, once you have read it"
             )
         if file_digest(source_file(spec)) != digest:
@@ -99,7 +99,7 @@ def verify(
         sample: How many scenarios, each of a row, a track, a run and an index drawn evenly.
         rng: Source of the draws.
         workers: Processes.
-        trust: Whether code from outside the package and the checkout's baselines may run.
+        trust: Whether code from outside the package and the committed baselines may run.
         control: `core`, with which rows are made, or `python`, whose rounding is another one.
         on_check: Called with what came out of each scenario, as soon as it has.
 

@@ -1,5 +1,6 @@
 """`spidar eval`, `spidar leaderboard`, `spidar scenarios`: the benchmark at the command line."""
 
+import importlib.util
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from spidar_gym import viz
 from spidar_gym.benchmark import answers as answering
 from spidar_gym.benchmark import verify as verifying
 from spidar_gym.benchmark.comparison import compare_rows, comparison_text
+from spidar_gym.benchmark.content import RowError
 from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.leaderboard import as_json, summary, tabulate
 from spidar_gym.benchmark.leaderboard_tables import markdown, report, text
@@ -20,6 +22,7 @@ from spidar_gym.benchmark.row import (
     ROWS,
     Row,
     among_committed,
+    committed_references,
     committed_rows,
     eval_command,
     make_row,
@@ -33,9 +36,9 @@ from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
 from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, SPLITS, TRACKS
 from spidar_gym.cli.arguments import Flag, JsonArg, choice
-from spidar_gym.cli.console import goes_on, kept, progress
+from spidar_gym.cli.console import drawn, goes_on, kept, progress
 from spidar_gym.cli.held_out import held_out
-from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, refresh, write_text
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import defined_on, policy_name
@@ -54,7 +57,7 @@ BASELINES = (
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
     "baselines.course_planner:CoursePlanner",
 )  # fmt: skip
-"""The classical baselines of a checkout."""
+"""The classical baselines."""
 
 SplitArg = Annotated[str, choice(SPLITS)]
 
@@ -78,7 +81,7 @@ def eval_(
         policy: module:Class, or the path of a learned policy's artifact; several are the runs (training seeds) of one
             row.
         tracks: Tracks; every one on which the policy is defined if none is given.
-        baselines: Evaluate every classical baseline of a checkout, each a row of its own.
+        baselines: Evaluate every classical baseline, each a row of its own.
         split: test, or validation for choosing among one's own policies.
         scenarios: How many scenarios of each track, from the first on.
         out: Folder for the row, NAME.json.
@@ -108,7 +111,7 @@ def eval_(
         row = make_row(policies, specs, scores, command=eval_command(specs, tracks, split, scenarios))
         write_row(row, out)
         rows.append(row)
-    references = committed_rows() | {row.name: row for row in rows if row.name in REFERENCES.values()}
+    references = committed_references() | {row.name: row for row in rows if row.name in REFERENCES.values()}
     if json:
         print(json_text({"rows": [summary(row, references) for row in rows]}))
         return
@@ -124,6 +127,8 @@ def _check_eval(
     """Refuse what cannot be evaluated, before anything is."""
     if bool(policy) == baselines:
         raise InvalidValueError("policy", policy, "either --policy module:Class … or --baselines")
+    if baselines and importlib.util.find_spec("cma") is None:  # said before hours of others are played
+        raise MissingDependencyError("cma, with which one of the baselines plans,", "pip install 'spidar-gym[tune]'")
     for track in tracks:
         require_name("track", track, TRACKS)
     require_name("split", split, SPLITS)
@@ -140,14 +145,14 @@ FolderArg = Annotated[Path, tyro.conf.arg(help="Folder of the rows.")]
 
 @board_app.command
 def build(rows: FolderArg = Path(ROWS), out: Path = Path("baselines")) -> None:
-    """Write LEADERBOARD.md and its picture from the rows.
+    """Write LEADERBOARD.md from the rows, and its picture where matplotlib is installed.
 
     Args:
         out: Folder for LEADERBOARD.md and leaderboard.png.
     """
     board = tabulate(read_rows(rows))
     write_text(out / "LEADERBOARD.md", markdown(board))
-    viz.leaderboard_picture(board, out / "leaderboard.png")
+    drawn("picture", lambda: viz.leaderboard_picture(board, out / "leaderboard.png"))
     print(f"{len(board.rows)} rows in {out / 'LEADERBOARD.md'}")
 
 
@@ -185,6 +190,8 @@ def _own_rows(folder: Path) -> dict[str, Row]:
 @board_app.command
 def migrate(rows: FolderArg = Path(ROWS)) -> None:
     """Bring rows of an older format, or of policies whose imports moved, up to date: hashes checked, metrics kept."""
+    if not rows.is_dir():  # those of an installed wheel are not written to
+        raise RowError(f"{rows} is no folder; valid: --rows with rows of your own, or a checkout to work in")
     files = row_files(rows)
     moved = sum(migrate_row(path) for path in files)
     print(f"{moved} of {len(files)} rows in {rows} brought up to date")
@@ -218,7 +225,7 @@ def verify(
         sample: How many scenarios, drawn from all rows.
         seed: Seed of the draw.
         workers: Processes.
-        trust: Run policies from outside the package and the checkout's baselines too: their code is whoever's the rows
+        trust: Run policies from outside the package and the committed baselines too: their code is whoever's the rows
             are, so read it first.
         control: core, with which rows are made, or the readable python, whose rounding is another one.
     """
@@ -256,7 +263,7 @@ def answers(
         tracks: Only these tracks.
         scenarios: How many of each track, from the first on.
         workers: Processes.
-        trust: Run policies from outside the package and the checkout's baselines too.
+        trust: Run policies from outside the package and the committed baselines too.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     for track in tracks:

@@ -53,7 +53,7 @@ def held_out(
         out: File of the table.
         cache: Folder in which finished episodes are kept.
         workers: Processes.
-        trust: Run policies of rows from outside the package and the checkout's baselines too: their code is whoever's
+        trust: Run policies of rows from outside the package and the committed baselines too: their code is whoever's
             the rows are, so read it first.
     """
     require_least(1, scenarios=scenarios, workers=workers)

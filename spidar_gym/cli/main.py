@@ -13,7 +13,7 @@ from spidar_gym.cli.assets import assets
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
 from spidar_gym.cli.console import goes_on, kept, named_steps, progress, published, run_cli, studied
 from spidar_gym.cli.docs import docs
-from spidar_gym.cli.evaluate import board_app, eval_, scenarios
+from spidar_gym.cli.evaluate import BASELINES, board_app, eval_, scenarios
 from spidar_gym.cli.export import export_
 from spidar_gym.cli.gates import gates
 from spidar_gym.cli.paper import paper_app
@@ -21,6 +21,7 @@ from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
 from spidar_gym.cli.steps import steps
 from spidar_gym.cli.view import view
+from spidar_gym.committed import artifact_patterns
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
@@ -165,7 +166,7 @@ def bench(seconds: float = 0.5, json: JsonArg = False) -> None:
 
 @app.command(name="list")
 def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
-    """List environments, presets, forms, action modes and cameras, or print one environment's page.
+    """List environments, presets, forms, action modes, cameras, tracks and policies, or print one environment's page.
 
     Args:
         env_id: Environment whose page to print.
@@ -179,7 +180,8 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
     for title, names in (
         ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES),
         ("crawl presets", CRAWL_PRESETS), ("schedules", SCHEDULES), ("crawl action modes", CRAWL_MODES),
-        ("cameras", CAMERAS), ("benchmark tracks", TRACKS),
+        ("cameras", CAMERAS), ("benchmark tracks", TRACKS), ("policies", BASELINES),
+        ("learned policies", artifact_patterns()),
     ):  # fmt: skip
         print(f"{title}: {', '.join(names)}")
 

@@ -11,13 +11,13 @@ import tyro
 from spidar_gym.cli.arguments import Flag, choice
 from spidar_gym.cli.evaluate import BASELINES
 from spidar_gym.cli.run import UNDISTURBED, TaskOptions, chosen_arguments
+from spidar_gym.committed import committed_artifacts
 from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.envs.registry import HOVER, environment
-from spidar_gym.errors import InvalidValueError, SpidarError, require_least, require_name
+from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.native.plant import Plant
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_arguments, policy_name
-from spidar_gym.policies.source import ROOT
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.scene import scene
@@ -95,17 +95,19 @@ def view(
 
 
 def policies(env_id: str, page: WebOptions) -> Iterator[tuple[str, str]]:
-    """Names of what can act in an environment, and what they stand for: what was asked for, then what is committed."""
+    """Names of what can act in an environment, and what they stand for: what was asked for, then what is committed.
+
+    A committed one of the name of what was asked for, mostly the same one, is left out.
+    """
+    asked = None
     if page.policy is not None:
-        yield policy_name(load_policy(page.policy, trust=page.trust)), page.policy
-    learned = sorted(str(path) for path in (ROOT / "baselines" / "learned").glob("*/seed0.npz"))
+        asked = policy_name(load_policy(page.policy, trust=page.trust))
+        yield asked, page.policy
+    learned = [name for name in committed_artifacts() if name.endswith("/seed0.npz")]
     for spec in (*BASELINES, *learned):
-        try:
-            policy = load_policy(spec)
-            if spec != page.policy and policy_arguments(policy, env_id) is not None:
-                yield policy_name(policy), spec
-        except SpidarError:  # outside of a checkout there is none
-            continue
+        policy = load_policy(spec)
+        if policy_name(policy) != asked and policy_arguments(policy, env_id) is not None:
+            yield policy_name(policy), spec
 
 
 def _refuse_page(env_id: str, task: TaskOptions, page: WebOptions, disturbances: Disturbances) -> None:

@@ -11,6 +11,7 @@ from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.export import export_files, write_files
 from spidar_gym.onboard.policy import policy_header
 from spidar_gym.policies.artifact import read_artifact
+from spidar_gym.policies.source import artifact_file
 
 PARTS = ("core", "osqp", "runner")
 """Where the runner's C sources are in an export, the core's included."""
@@ -33,7 +34,7 @@ def build_core(path: Path, residual: Path) -> Path:
         MissingDependencyError: Without a C compiler.
         SpidarError: When it does not compile, with the compiler's words, or cannot be written.
     """
-    return compile_library(path, {"spidar_policy.h": policy_header(read_artifact(residual))})
+    return compile_library(path, {"spidar_policy.h": policy_header(read_artifact(artifact_file(residual)))})
 
 
 def compile_runner(folder: Path, out: Path) -> Path:

@@ -25,6 +25,7 @@ from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
 from spidar_gym.policies.artifact import read_artifact
+from spidar_gym.policies.source import artifact_file
 from spidar_gym.robot import ROBOT, RobotSpec
 
 ONBOARD = Path(__file__).resolve().parent
@@ -63,6 +64,7 @@ def export_files(
     if residual is not None and robot != ROBOT:
         raise InvalidValueError("residual", str(residual), "none: it was learned on the nominal robot, not on this one")
     if residual is not None:
+        residual = artifact_file(residual)
         artifact = read_artifact(residual)
         origin = {
             "name": artifact.name,

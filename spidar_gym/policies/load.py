@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spidar_gym.policies.artifact import LearnedPolicy, read_artifact
 from spidar_gym.policies.policy import Policy
-from spidar_gym.policies.source import ARTIFACT, ZIP, PolicyError, load_module, module_of
+from spidar_gym.policies.source import ARTIFACT, ZIP, PolicyError, artifact_file, load_module, module_of
 
 
 def load_policy(spec: str, *, trust: bool = False) -> Policy:
@@ -15,8 +15,8 @@ def load_policy(spec: str, *, trust: bool = False) -> Policy:
     Args:
         spec: `module:Class`, or the path of a learned policy's artifact, `*.npz`, or of a model that
             Stable-Baselines3 saved, `*.zip`. Modules are looked for in the working folder too, but for the committed
-            baselines. Its code runs: where the name is from a file and not from the user, the caller asks `is_own`
-            first.
+            baselines; a path `baselines/learned/…` that the working folder lacks is that of the committed artifact. Its
+            code runs: where the name is from a file and not from the user, the caller asks `is_own` first.
         trust: Whether a zip may be loaded, which runs whatever code is in it.
 
     Raises:
@@ -25,7 +25,8 @@ def load_policy(spec: str, *, trust: bool = False) -> Policy:
         MissingDependencyError: For a zip without the extra `train`.
     """
     if spec.endswith(ARTIFACT):
-        return LearnedPolicy(read_artifact(Path(spec)), Path(spec))
+        path = artifact_file(Path(spec))
+        return LearnedPolicy(read_artifact(path), path)
     if spec.endswith(ZIP):
         return _load_zip(spec, trust)
     module, name = module_of(spec)

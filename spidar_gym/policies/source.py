@@ -7,16 +7,13 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 
+from spidar_gym.committed import BASELINES, LEARNED, PACKAGE, ROOT, artifact_patterns, committed
 from spidar_gym.errors import InvalidValueError, SpidarError
 
 ARTIFACT = ".npz"
 """A policy whose name ends like this is the artifact of a learned one: numbers and JSON, no code."""
 ZIP = ".zip"
 """A policy whose name ends like this is a model that Stable-Baselines3 saved, with pickles, which are code."""
-ROOT = Path(__file__).resolve().parents[2]
-"""Folder that the package lies in: that of a checkout, where there is one."""
-BASELINES = "baselines"
-"""Package of the committed policies, in a checkout."""
 
 
 class PolicyError(SpidarError):
@@ -38,12 +35,27 @@ def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, 
 
 def is_own(spec: str) -> bool:
     """Whether nothing but our own code runs for it: the package's, a committed baseline's, or none, for an artifact."""
-    return spec.endswith(ARTIFACT) or _owned(module_of(spec)[0].split(".")[0])
+    return spec.endswith(ARTIFACT) or _home(module_of(spec)[0].split(".")[0]) is not None
 
 
-def _owned(package: str) -> bool:
-    committed = (ROOT / "assets").is_dir() and (ROOT / BASELINES / "__init__.py").is_file()
-    return package == "spidar_gym" or (package == BASELINES and committed)
+def _home(package: str) -> Path | None:
+    """Folder that a package of our own lies in; None for one of anybody else."""
+    if package == PACKAGE.name:
+        return PACKAGE.parent
+    ours = (ROOT / "assets").is_dir() and (ROOT / BASELINES / "__init__.py").is_file()
+    return ROOT if package == BASELINES and ours else None
+
+
+def artifact_file(path: Path) -> Path:
+    """The file of an artifact: that of the working folder, or else the committed one of that name.
+
+    Raises:
+        PolicyError: For a name of a committed one that there is not.
+    """
+    found = committed(path)
+    if found.parts[:2] == tuple(LEARNED.split("/")) and not found.exists():
+        raise PolicyError(f"policy {path}: no such artifact is committed; valid: {', '.join(artifact_patterns())}")
+    return found
 
 
 def source_file(spec: str) -> Path:
@@ -53,7 +65,7 @@ def source_file(spec: str) -> Path:
         PolicyError: When there is none.
     """
     if spec.endswith(ARTIFACT):
-        return Path(spec)
+        return artifact_file(Path(spec))
     origin = find_module(module_of(spec)[0])[-1].origin
     if origin is None:
         raise PolicyError(f"policy {spec}: a folder without code; valid: module:Class")
@@ -63,20 +75,21 @@ def source_file(spec: str) -> Path:
 def find_module(name: str) -> list[ModuleSpec]:
     """A module and the packages that it lies in, the outermost first, found without importing any.
 
-    Our own are taken from where the package lies, whatever folder one works in has the same name; others from the
-    working folder first, then from where Python looks.
+    Our own are taken from where they lie (`spidar_gym.committed`), whatever folder one works in has the same name;
+    others from the working folder first, then from where Python looks.
 
     Raises:
         PolicyError: When there is none.
     """
     importlib.invalidate_caches()
     package = name.split(".")[0]
-    where: list[str] = [str(ROOT)] if _owned(package) else [str(Path.cwd()), *sys.path]
+    home = _home(package)
+    where: list[str] = [str(Path.cwd()), *sys.path] if home is None else [str(home)]
     chain: list[ModuleSpec] = []
     for k in range(1, name.count(".") + 2):
         part = ".".join(name.split(".")[:k])
         found = PathFinder.find_spec(part, where)
-        if found is None and k == 1 and not _owned(package):
+        if found is None and k == 1 and home is None:
             found = _hooked(part)
         if found is None:
             raise PolicyError(f"policy: No module named {part!r}; valid: module:Class, importable")
@@ -103,7 +116,7 @@ def load_module(name: str) -> ModuleType:
     """
     chain = find_module(name)
     origin, package = chain[0].origin, chain[0].submodule_search_locations is not None
-    if origin is not None and not _owned(chain[0].name):
+    if origin is not None and _home(chain[0].name) is None:
         folder = str(Path(origin).parents[1 if package else 0])
         if folder not in sys.path:
             sys.path.insert(0, folder)

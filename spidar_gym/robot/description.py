@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spidar_gym.committed import ROOT
 from spidar_gym.errors import StaleAssetError
 from spidar_gym.robot.inertial import Inertial
 from spidar_gym.robot.spec import (
@@ -340,9 +341,7 @@ def robot_files(spec: RobotSpec) -> dict[str, str]:
 
 def assets_dir() -> Path:
     """Folder of the committed assets, in a checkout and in an installed wheel alike."""
-    package = Path(__file__).resolve().parents[1]
-    candidates = (package / "assets", package.parent / "assets")
-    return next((path for path in candidates if (path / "mjcf").is_dir()), candidates[-1])
+    return ROOT / "assets"
 
 
 @lru_cache(maxsize=64)

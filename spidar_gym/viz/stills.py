@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.control.flight.controller import FlightController
+from spidar_gym.errors import MissingDependencyError
 from spidar_gym.files import whole_file
 from spidar_gym.native.plant import Plant
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
@@ -14,7 +15,7 @@ from spidar_gym.robot import FORMS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.stage import Stage, extent, standing
 from spidar_gym.viz.film import font
-from spidar_gym.viz.style import BLACK
+from spidar_gym.viz.style import BLACK, INSTALL_VIZ
 
 WINDOW = 0.03, 0.97, 0.04, 0.88
 """Left, right, bottom, top of what holds the robot, as shares of a picture; above it are the words."""
@@ -68,8 +69,15 @@ def strip(shots: Sequence[Shot], path: Path, *, size: tuple[int, int], ground: G
 
 
 def write_strip(path: Path, pictures: Sequence[np.ndarray], words: Sequence[str], columns: int = 3) -> None:
-    """Pictures of one size with words in their corners, so many in a row, as one file; what the last lacks is white."""
-    from PIL import Image, ImageDraw
+    """Pictures of one size with words in their corners, so many in a row, as one file; what the last lacks is white.
+
+    Raises:
+        MissingDependencyError: Without Pillow, which the extra `viz` brings.
+    """
+    try:
+        from PIL import Image, ImageDraw
+    except ImportError as error:
+        raise MissingDependencyError("Pillow", INSTALL_VIZ) from error
 
     named = []
     for picture, text in zip(pictures, words, strict=True):

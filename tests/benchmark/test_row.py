@@ -33,6 +33,8 @@ from spidar_gym.policies.policy import policy_digest
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.provenance import PACKAGES, processor, versions
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 @pytest.fixture(scope="module")
 def row():
@@ -335,6 +337,15 @@ def test_a_folder_without_rows_is_refused(tmp_path):
         read_rows(tmp_path / "none")
     with pytest.raises(RowError, match=r"has no rows; valid: "):
         read_rows(tmp_path)
+
+
+def test_committed_rows_are_read_by_their_path_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert read_rows(Path(ROWS), "walking") == read_rows(ROOT / ROWS, "walking")
+    assert committed_row("mpc") == read_rows(ROOT / ROWS, "mpc")["mpc"]
+    assert read_row(Path(ROWS, "path", "mpc.json")) == read_row(ROOT / ROWS / "path" / "mpc.json")
+    with pytest.raises(RowError, match=r"baselines/scores/nobody\.json: No such file"):
+        read_row(Path(ROWS, "nobody.json"))
 
 
 def test_the_committed_row_of_a_checkout_is_that_of_the_working_folder(tmp_path, monkeypatch):

@@ -1,6 +1,6 @@
 """Pins `spidar eval` and `spidar leaderboard`: rows written whole or not at all, one line for every refusal."""
 
-import importlib
+import importlib.util
 import json
 import re
 import shutil
@@ -209,6 +209,13 @@ def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkey
     assert all(f"\n{name}: " in "\n" + out for name in names)
 
 
+def test_baselines_without_what_one_of_them_plans_with_are_refused_before_any_is_played(here, capfd, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "cma" else find(name, *rest))
+    assert "pip install 'spidar-gym[tune]'" in refused(capfd, main, ["eval", "--baselines"])
+    assert set(files(here)) == {"mine.py"}
+
+
 def test_json_is_one_object_with_the_rows_and_nothing_else(here, capfd):
     evaluate(out="baselines/scores")
     capfd.readouterr()
@@ -347,7 +354,8 @@ def test_ones_own_rows_are_shown_among_the_committed_ones_and_it_is_said_whose_t
     assert "the committed ones" not in capfd.readouterr().out
 
 
-def test_the_leaderboard_shows_the_tracks_it_is_asked_for(rows, capfd):
+def test_the_leaderboard_shows_the_tracks_it_is_asked_for(rows, here, capfd):
+    rows = shutil.copytree(rows, here / "baselines" / "scores")
     main(["leaderboard", "show", "--rows", str(rows), "--tracks", "flight-paper"])
     assert TRACK not in capfd.readouterr().out
     arguments = ["leaderboard", "show", "--rows", str(rows), "--tracks", "flight"]
@@ -367,6 +375,20 @@ def test_the_leaderboard_is_built_as_a_page_with_its_picture_and_the_same_twice(
     assert pages[0] == pages[1]
     assert f"## {TRACK}".encode() in pages[0]
     assert b"## flight-paper" not in pages[0]
+
+
+def test_without_matplotlib_the_page_is_written_and_it_is_said_what_brings_the_picture(rows, here, capfd, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    main(["leaderboard", "build", "--rows", str(rows), "--out", "board"])
+    out, err = capfd.readouterr()
+    assert "2 rows" in out
+    assert "no picture: matplotlib is not available; install it with: pip install 'spidar-gym[viz]'" in err
+    assert set(files(here / "board")) == {"LEADERBOARD.md"}
+
+
+def test_committed_rows_are_migrated_in_a_checkout_only(here, capfd):
+    assert "valid: --rows with rows of your own, or a checkout" in refused(capfd, main, ["leaderboard", "migrate"])
+    assert set(files(here)) == {"mine.py"}
 
 
 @pytest.mark.parametrize("command", ["show", "build", "verify"])
@@ -391,7 +413,8 @@ def test_rows_that_are_what_they_say_are_verified_bit_for_bit(rows, capfd):
     assert "3 equal bit for bit" in summary
 
 
-def test_a_row_edited_by_hand_is_refused_everywhere(rows, capfd):
+def test_a_row_edited_by_hand_is_refused_everywhere(rows, here, capfd):
+    rows = shutil.copytree(rows, here / "baselines" / "scores")
     path = rows / "push.json"
     path.write_text(path.read_text(encoding="utf-8").replace('"success": [', '"success": [ ', 1), encoding="utf-8")
     main(["leaderboard", "show", "--rows", str(rows)])

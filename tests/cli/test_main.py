@@ -74,6 +74,7 @@ def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
     out = capfd.readouterr().out
     assert {import_id(name) for name in ENVIRONMENTS} <= set(re.split(r"[\s,]+", out))
     words = re.split(r"[\s,:]+", out)
+    assert {"baselines.qp", "baselines/learned/memory/seed*.npz"} <= set(words)
     assert set(ENVIRONMENTS) | set(SEQUENCES) | set(CAMERAS) | {"as_flown", "tuned", "residual_force"} <= set(words)
     for name in ENVIRONMENTS:
         main(["list", name])

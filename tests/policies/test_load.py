@@ -1,14 +1,21 @@
-"""Pins zips of Stable-Baselines3 at the border: nothing of one is unpickled, or torch loaded, without trust."""
+"""Pins where a policy's name leads: zips run nothing without trust, committed artifacts are found from anywhere."""
 
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import pytest
 from support.zips import Trap, changed, learned, packed
 
+from spidar_gym.onboard.export import export_files
+from spidar_gym.policies.artifact import LearnedPolicy
 from spidar_gym.policies.load import load_policy
-from spidar_gym.policies.source import PolicyError
+from spidar_gym.policies.policy import policy_digest
+from spidar_gym.policies.source import PolicyError, is_own, source_file
+
+ROOT = Path(__file__).resolve().parents[2]
+MEMORY = "baselines/learned/memory/seed0.npz"
 
 
 def asked(code: str, *arguments: object) -> str:
@@ -55,3 +62,31 @@ def test_a_trap_in_a_zip_goes_off_with_trust_only(tmp_path):
     with pytest.raises(PolicyError, match="cannot be read"):
         load_policy(str(path), trust=True)
     assert sprung.exists()
+
+
+def test_a_committed_artifact_is_found_from_any_folder_by_the_name_that_its_row_has(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    policy = load_policy(MEMORY)
+    assert isinstance(policy, LearnedPolicy)
+    assert policy.name == "memory"
+    assert source_file(MEMORY) == policy.path == ROOT / MEMORY
+    assert is_own(MEMORY)
+    assert export_files(golden=False, residual=Path(MEMORY)) == export_files(golden=False, residual=ROOT / MEMORY)
+
+
+def test_an_artifact_of_ones_own_goes_before_a_committed_one_of_its_name(tmp_path, monkeypatch):
+    (tmp_path / MEMORY).parent.mkdir(parents=True)
+    (tmp_path / MEMORY).write_bytes((ROOT / "baselines/learned/gait/seed0.npz").read_bytes())
+    committed = policy_digest(load_policy(str(ROOT / MEMORY)))
+    monkeypatch.chdir(tmp_path)
+    assert load_policy(MEMORY).name == "gait"
+    assert policy_digest(load_policy(MEMORY)) != committed, "so a row refuses to play it"
+
+
+@pytest.mark.parametrize("name", ["baselines/learned/memry/seed0.npz", "baselines/learned/memory/seed9.npz"])
+def test_an_artifact_that_is_not_committed_is_refused_with_the_list_of_those_that_are(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for ask in (load_policy, source_file, lambda spec: export_files(golden=False, residual=Path(spec))):
+        with pytest.raises(PolicyError, match=rf"{name}: no such artifact is committed; valid: ") as refusal:
+            ask(name)
+        assert "baselines/learned/memory/seed*.npz" in str(refusal.value)

@@ -1,0 +1,196 @@
+"""Every command of the guide, made short: what `.ci/wheel.py --commands` runs with the wheel alone."""
+
+import shlex
+from dataclasses import dataclass
+
+DONE = "done"
+"""What is said of a command that ended as it should."""
+VIZ, WEB, TUNE, TRAIN, RAY = "viz", "web", "tune", "train", "ray"
+"""Extras."""
+CLONE = "valid: a clone of the repository"
+"""What a command of the development says outside of one."""
+MINE = '''
+from pathlib import Path
+Path("mine.py").write_text("""
+import numpy as np
+from spidar_gym.envs.hover.flights import FlightTask
+
+class Circle(FlightTask):
+    def reference(self, flights):
+        wanted = super().reference(flights)
+        wanted["position_w"][:, 0] += 0.2 * np.sin(flights.time)
+        return wanted
+
+class Damper:
+    def arguments(self, env_id):
+        return {"action_mode": "residual_wrench"} if env_id == "spidar_gym/Hover-v0" else None
+
+    def reset(self, seed):
+        pass
+
+    def act(self, observation):
+        return np.concatenate([np.zeros(3), 0.25 * observation[9:12]])
+""")
+'''
+LEARN = """
+import spidar_gym
+from stable_baselines3 import PPO
+PPO("MlpPolicy", "spidar_gym/Hover-v0", n_steps=8, batch_size=8).learn(8).save("model.zip")
+"""
+SERVE = """
+import signal, subprocess, sys
+
+def heard():
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+serving = subprocess.Popen(["spidar", *sys.argv[1:]], stdout=subprocess.PIPE, text=True, preexec_fn=heard)
+if serving.stdout.readline():
+    serving.send_signal(signal.SIGINT)
+status = serving.wait()
+sys.exit(0 if status == 130 else status)
+"""
+README = """
+import gymnasium
+import numpy as np
+import spidar_gym
+
+env = gymnasium.make("spidar_gym/Hover-v0", forms="independent", joint_speed=0.6)
+observation, info = env.reset(seed=0)
+for _ in range(200):
+    observation, reward, terminated, truncated, info = env.step(np.zeros(6))
+"""
+
+
+@dataclass(frozen=True)
+class Try:
+    """A command of the guide."""
+
+    command: str
+    """As the guide has it."""
+    options: str = ""
+    """What makes it short."""
+    extra: str = ""
+    """The extra that it needs."""
+    refusal: str = ""
+    """What stands in the one line in which it is refused, without its extra where it has one; empty where it is not."""
+    makes: tuple[str, ...] = ()
+    """Files that are there afterwards."""
+    instead: str = ""
+    """What is run, where that is not `command` with `options`."""
+    status: int = 2
+    """Exit status of a refusal."""
+    alone: bool = True
+    """Whether it is tried without the extra too."""
+
+    @property
+    def tried(self) -> str:
+        """What is run, as a line."""
+        return self.instead or f"{self.command} {self.options}".strip()
+
+    @property
+    def words(self) -> list[str]:
+        """What is run, word by word."""
+        return shlex.split(CODE.get(self.tried, self.tried))
+
+
+CODE = {
+    "python README.py": f"python -W error -c {shlex.quote(README)}",
+    "python mine.py": f"python -c {shlex.quote(MINE)}",
+    "python serve.py sitl robot --link socket": f"python -c {shlex.quote(SERVE)} sitl robot --link socket",
+    "python serve.py view --web --port 0": f"python -c {shlex.quote(SERVE)} view --web --port 0",
+    "python learn.py": f"python -c {shlex.quote(LEARN)}",
+}
+"""Programs that are no files."""
+FAST5 = "--tracks flight-fast5 --scenarios 1"
+MEMORY = "baselines/learned/memory/seed0.npz"
+
+GUIDE = (
+    Try("ten lines of README", instead="python README.py"),
+    Try("spidar --version"),
+    Try("spidar list"),
+    Try("spidar list ENV_ID", instead="spidar list spidar_gym/Course-v0"),
+    Try("a policy and a task of one's own", instead="python mine.py", makes=("mine.py",)),
+    # Flights and crawls.
+    Try("spidar run", "--seconds 1 --forms paper"),
+    Try("spidar run ENV_ID", instead="spidar run spidar_gym/Course-v0 --seconds 2"),
+    Try("spidar run --sensors --randomization 1 --wind 3 --push 30 --lost-rotor 3", "--seconds 1"),
+    Try("spidar run --policy MODULE:CLASS", instead="spidar run --policy baselines.adrc:Adrc --seconds 1"),
+    Try("spidar run --policy FILE --against MODULE:CLASS",
+        instead=f"spidar run --policy {MEMORY} --against baselines.qp:QP --seconds 1"),
+    Try("spidar run --task MODULE:CLASS", instead="spidar run --task mine:Circle --seconds 1"),
+    Try("spidar run --out FILE.mp4", extra=VIZ, refusal="spidar-gym[viz]", makes=("film.mp4",),
+        instead="spidar run --seconds 0.5 --out film.mp4"),
+    Try("spidar run --show", refusal="display"),
+    Try("PPO of Stable-Baselines3", extra=TRAIN, alone=False, instead="python learn.py", makes=("model.zip",)),
+    Try("spidar run --policy FILE.zip --trust", extra=TRAIN, refusal="spidar-gym[train]",
+        instead="spidar run --policy model.zip --trust --seconds 0.5"),
+    Try("spidar view", refusal="display"),
+    Try("spidar view --web, then Ctrl-C", extra=WEB, refusal="spidar-gym[web]",
+        instead="python serve.py view --web --port 0"),
+    # The paper and the studies.
+    Try("spidar paper", instead="spidar paper both --no-video",
+        makes=("out/flight/flight.json", "out/crawl/crawl.json")),
+    Try("spidar paper flight", "--noise", extra=VIZ, makes=("out/flight/flight.json",)),
+    Try("spidar paper flight --speeds", "--scenarios 1"),
+    Try("spidar paper flight --ablation", "--scenarios 1"),
+    Try("spidar paper crawl", "--overlapped --power --no-video"),
+    Try("spidar paper crawl --study", "--seeds 1"),
+    Try("spidar paper crawl --draws N", instead="spidar paper crawl --draws 1"),
+    Try("spidar lost"),
+    Try("spidar hops", "--robots 1"),
+    Try("spidar steps", "--gaits robust --seeds 1"),
+    Try("spidar ablations", "--scenarios 1"),
+    Try("spidar gates", "--seeds 1"),
+    # Searches.
+    Try("spidar tune flight", "--generations 1 --population 2 --scenarios 1", extra=TUNE, refusal="spidar-gym[tune]"),
+    Try("spidar tune crawl", "--generations 1 --population 2 --scenarios 1", extra=TUNE, refusal="spidar-gym[tune]"),
+    Try("spidar tune retuned", "--generations 1 --scenarios 1"),
+    Try("spidar tune recrawl", "--generations 1 --scenarios 1"),
+    Try("spidar tune MODULE:NAME", instead="spidar tune baselines.indi:SEARCH --generations 1 --scenarios 1"),
+    # The benchmark.
+    Try("spidar eval --policy module:Class", instead=f"spidar eval --policy mine:Damper {FAST5}",
+        makes=("out/scores/damper.json",)),
+    Try("spidar eval --policy module:Class --split validation",
+        instead=f"spidar eval --policy mine:Damper {FAST5} --split validation --out out/validation"),
+    Try("spidar eval --policy a.npz b.npz",
+        instead=f"spidar eval --policy {MEMORY} {MEMORY.replace('0', '1')} {FAST5}"),
+    Try("spidar eval --baselines", "--scenarios 1 --out out/baselines", extra=TUNE, refusal="spidar-gym[tune]",
+        makes=("out/baselines/mpc.json",)),
+    Try("spidar eval --policy module:Class --ray ADDRESS", extra=RAY, refusal="spidar-gym[ray]",
+        instead=f"spidar eval --policy baselines.adrc:Adrc {FAST5} --ray local --workers 1"),
+    Try("spidar leaderboard show", "--wide"),
+    Try("spidar leaderboard show --rows FOLDER",
+        instead="spidar leaderboard show --rows out/scores --tracks flight-fast5 --json"),
+    Try("spidar leaderboard compare --row FILE --base NAME",
+        instead="spidar leaderboard compare --row baselines/scores/qp_retuned.json --base qp_tuned"),
+    Try("spidar leaderboard build", "--out board", makes=("board/LEADERBOARD.md",)),
+    Try("spidar leaderboard verify", "--sample 4"),
+    Try("spidar leaderboard held-out", "--names memory --scenarios 1"),
+    Try("spidar leaderboard held-out --policy FILE --against NAME",
+        instead="spidar leaderboard held-out --policy mine:Damper --against qp_tuned --scenarios 1"),
+    Try("spidar leaderboard answers", "--names qp --tracks flight-paper --scenarios 1"),
+    Try("spidar leaderboard migrate", refusal="or a checkout to work in"),
+    Try("spidar leaderboard migrate --rows FOLDER", instead="spidar leaderboard migrate --rows out/scores"),
+    Try("spidar scenarios --check"),
+    # To the robot.
+    Try("spidar export", "--out onboard",
+        makes=("onboard/core/flight.c", "onboard/examples/allocate.c", "onboard/MANIFEST.json")),
+    Try("spidar export --residual FILE", instead=f"spidar export --out learned --residual {MEMORY}"),
+    Try("spidar sitl flight", "--link socket"),
+    Try("spidar sitl flight --residual FILE", instead=f"spidar sitl flight --link socket --residual {MEMORY}"),
+    Try("spidar sitl crawl", "--link socket"),
+    Try("spidar sitl course", "--link socket --robots 1"),
+    Try("spidar sitl course --gates N", instead="spidar sitl course --gates 1 --link socket --robots 1"),
+    Try("spidar sitl faults", "--link socket --only killed"),
+    Try("spidar sitl robot --link socket, then Ctrl-C", instead="python serve.py sitl robot --link socket"),
+    # Speed and what is generated.
+    Try("spidar bench", "--seconds 0.01"),
+    Try("spidar assets"),
+    Try("spidar assets --check"),
+    # The development's.
+    Try("spidar docs", refusal=CLONE),
+    Try("spidar docs --tables", refusal=CLONE),
+    Try("spidar docs --pictures", refusal=CLONE),
+    Try("python -m train.NAME", refusal="No module named 'train'", status=1, instead="python -m train.distill first"),
+)  # fmt: skip
+"""All of them, in an order in which what one makes is there for the next."""
