@@ -66,7 +66,7 @@ class InvalidValueError(SpidarError, ValueError):
 
 
 class NoGoalError(SpidarError, AttributeError):
-    """A function of goals of an environment without one: for clients that look whether it is there, it is not."""
+    """A function of goals, asked of an environment without one: to clients that look for it, it is not there."""
 
 
 class StaleAssetError(SpidarError, RuntimeError):

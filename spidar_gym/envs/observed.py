@@ -17,7 +17,7 @@ from spidar_gym.native.plant import Plant
 
 
 class Rewarding:
-    """The public functions of an environment with a goal, as `gymnasium_robotics` has them; others lack them."""
+    """The public functions of an environment with a goal, as in `gymnasium_robotics`; others have none."""
 
     sight: Sight | None
     """What is shown in place of the flat numbers, if anything."""
