@@ -117,7 +117,8 @@ class NotebookParser(MystParser):
     def parse(self, inputstring: str, document: Any) -> None:  # noqa: ANN401 - docutils'
         """Read one, and say above its text where the notebook itself is."""
         heading, rest = page_of(json.loads(inputstring)).split("\n", 1)
-        name = Path(self.env.doc2path(self.env.docname)).name
+        sphinx = document.settings.env
+        name = Path(sphinx.doc2path(sphinx.docname)).name
         super().parse(f"{heading}\n\nThis page is {{download}}`a notebook <{name}>`.\n{rest}", document)
 
 

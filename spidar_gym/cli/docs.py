@@ -59,7 +59,7 @@ def docs(
     command = [sys.executable, "-m", "sphinx", *options, str(root / "docs"), str(folder)]
     if subprocess.run(command, check=False).returncode:
         raise SpidarError("the guide is not sound; valid: pages that Sphinx builds without the warnings above")
-    broken = [f"{page.relative_to(folder)}: {target}" for page, target in broken_links(folder)]
+    broken = [f"{page.relative_to(folder.resolve())}: {target}" for page, target in broken_links(folder)]
     if broken:
         raise SpidarError(f"links that lead nowhere: {', '.join(broken)}; valid: pages, files and anchors of the guide")
     print(folder / "index.html")
