@@ -191,9 +191,10 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         quieten(self.data)
         at, model_at, data_at = offsets(), self.model._address, self.data._address
+        self._functions = functions()  # as long as somebody has its address
         self.record = np.array(
             [
-                functions().ctypes.data, model_at, data_at, data_at + at["time"],
+                self._functions.ctypes.data, model_at, data_at, data_at + at["time"],
                 *(getattr(self.data, name).ctypes.data for name in DATA),
                 data_at + at["ncon"], data_at + at["contact"], data_at + at["warning"],
                 *(getattr(self.model, name).ctypes.data for name in MODEL),

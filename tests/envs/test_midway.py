@@ -53,8 +53,11 @@ def test_the_task_in_the_engine_and_the_one_in_python_see_the_same_change():
     assert np.linalg.norm(ends[0]) > 1e-3
 
 
-@pytest.mark.parametrize("env", [CrawlEnv(), CourseEnv(hold=1, action_mode="residual")], ids=["crawl", "course"])
-def test_wind_begins_on_the_ground_too(env):
+@pytest.mark.parametrize(
+    ("kind", "options"), [(CrawlEnv, {}), (CourseEnv, {"hold": 1, "action_mode": "residual"})], ids=["crawl", "course"]
+)
+def test_wind_begins_on_the_ground_too(kind, options):
+    env = kind(**options)
     env.reset(seed=0)
     played(env, 5)
     assert not env.plant.record["weather"]["mean_w"].any()

@@ -33,6 +33,20 @@ def build():
     return Engine("plant", PlantConfig(), 2, 1, alike=True)
 
 
+def test_an_engine_goes_on_where_what_is_known_of_mujoco_is_asked_for_again(forget):
+    """It has the address of MuJoCo's functions, which nobody else may give back."""
+    engine = build()
+    known = door.functions()
+    assert engine.simulations[0].record[0] == known.ctypes.data
+    address = known.ctypes.data
+    del known
+    forget()
+    others = [door.functions().copy() + k for k in range(64)]  # memory that is given back is taken by these
+    assert address not in [other.ctypes.data for other in others]
+    engine.run("sp_refresh_plants")
+    engine.close()
+
+
 def test_members_are_where_the_bindings_have_them():
     data, model = mujoco.MjData(scene(visual=False)), scene(visual=False)
     for struct, owner, names in (("mjData", data, door.DATA), ("mjModel", model, door.MODEL)):
