@@ -11,6 +11,7 @@ CLONE = "valid: a clone of the repository"
 """What a command of the development says outside of one."""
 MINE = '''
 from pathlib import Path
+Path("long.toml").write_text("pitch_to_foot = 0.6138")
 Path("mine.py").write_text("""
 import numpy as np
 from spidar_gym.envs.hover.flights import FlightTask
@@ -109,7 +110,7 @@ GUIDE = (
     Try("spidar --version"),
     Try("spidar list"),
     Try("spidar list ENV_ID", instead="spidar list spidar_gym/Course-v0"),
-    Try("a policy and a task of one's own", instead="python mine.py", makes=("mine.py",)),
+    Try("a policy, a task and a robot of one's own", instead="python mine.py", makes=("mine.py", "long.toml")),
     # Flights and crawls.
     Try("spidar run", "--seconds 1 --forms paper"),
     Try("spidar run ENV_ID", instead="spidar run spidar_gym/Course-v0 --seconds 2"),
@@ -118,6 +119,8 @@ GUIDE = (
     Try("spidar run --policy FILE --against MODULE:CLASS",
         instead=f"spidar run --policy {MEMORY} --against baselines.qp:QP --seconds 1"),
     Try("spidar run --task MODULE:CLASS", instead="spidar run --task mine:Circle --seconds 1"),
+    Try("spidar run --robot FILE", instead="spidar run --robot long.toml --seconds 1"),
+    Try("spidar run --observation goal", "--seconds 1"),
     Try("spidar run --out FILE.mp4", extra=VIZ, refusal="spidar-gym[viz]", makes=("film.mp4",),
         instead="spidar run --seconds 0.5 --out film.mp4"),
     Try("spidar run --show", refusal="display"),
@@ -176,6 +179,7 @@ GUIDE = (
     Try("spidar export", "--out onboard",
         makes=("onboard/core/flight.c", "onboard/examples/allocate.c", "onboard/MANIFEST.json")),
     Try("spidar export --residual FILE", instead=f"spidar export --out learned --residual {MEMORY}"),
+    Try("spidar export --robot FILE", instead="spidar export --out longer --robot long.toml"),
     Try("spidar sitl flight", "--link socket"),
     Try("spidar sitl flight --residual FILE", instead=f"spidar sitl flight --link socket --residual {MEMORY}"),
     Try("spidar sitl crawl", "--link socket"),
@@ -187,6 +191,7 @@ GUIDE = (
     Try("spidar bench", "--seconds 0.01"),
     Try("spidar assets"),
     Try("spidar assets --check"),
+    Try("spidar assets --robot FILE --out FOLDER", instead="spidar assets --robot long.toml --out long"),
     # The development's.
     Try("spidar docs", refusal=CLONE),
     Try("spidar docs --tables", refusal=CLONE),

@@ -150,7 +150,7 @@ def write(path: Path, wheel: Path, how: str, lines: list[list[str]]) -> None:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--commands", action="store_true", help="try every command of the guide, half an hour")
+    parser.add_argument("--commands", action="store_true", help="try every command of the guide, up to two hours")
     parser.add_argument("--only", nargs="+", default=[], help="those that begin so; a result keeps the others")
     parser.add_argument("--weights", action="store_true", help="say what is installed, and how heavy it is")
     parser.add_argument("--python", nargs="+", default=[sys.executable], help="with these, in place of this one")
