@@ -52,7 +52,7 @@ class Case:
     env_id: str
     """Where it learns."""
     options: dict[str, Any]
-    """Of the environment."""
+    """Arguments of the environment."""
     policy: str
     """Name of the policy: Stable-Baselines3's own, or `AsymmetricPolicy`."""
     hindsight: bool = False
