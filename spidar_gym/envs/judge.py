@@ -118,6 +118,7 @@ class Judge:
         self._prepare(ids)
         self._fleet.reset(ids)
         self._begin(ids)
+        self._observe(self._robots(), ids)
 
     def _prepare(self, ids: np.ndarray) -> None:
         """Say what episodes that are about to begin begin with, where the task does."""
@@ -145,7 +146,6 @@ class Judge:
         robots.begin(task, ids)
         self.terms[ids] = self._terms(robots)[ids]
         fleet.infos["is_success"][ids] = False
-        self._observe(robots, ids)
 
     def step(self) -> None:
         """One control period of all robots."""

@@ -84,13 +84,7 @@ def register() -> None:
     """Tell Gymnasium about them; importing this does it, and importing `spidar_gym`, once there is Gymnasium."""
     for name, entry in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(
-                id=name,
-                entry_point=entry.entry_point,
-                max_episode_steps=RegisteredSteps(entry.horizon),
-                additional_wrappers=OnlyOfOne((HORIZON,)),
-                vector_entry_point=entry.vector_entry_point,
-            )
+            _register(name, entry, {})
 
 
 def register_task(name: str, base: str, task: object, **options: object) -> None:
@@ -105,14 +99,17 @@ def register_task(name: str, base: str, task: object, **options: object) -> None
     Raises:
         UnknownNameError: For a base that does not exist; it lists the valid ones.
     """
-    entry = environment(base)
+    _register(name, environment(base), {"task": task, **options})
+
+
+def _register(name: str, entry: Entry, arguments: dict[str, object]) -> None:
     gymnasium.register(
         id=name,
         entry_point=entry.entry_point,
         max_episode_steps=RegisteredSteps(entry.horizon),
         additional_wrappers=OnlyOfOne((HORIZON,)),
         vector_entry_point=entry.vector_entry_point,
-        kwargs={"task": task, **options},
+        kwargs=arguments,
     )
 
 
