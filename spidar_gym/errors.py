@@ -23,6 +23,11 @@ class SpidarError(Exception):
         return _with_message, (type(self), str(self))
 
 
+def closed() -> SpidarError:
+    """The error of everything that is called on an environment, a vector or a controller that is closed."""
+    return SpidarError("this environment is closed; valid: a new one")
+
+
 def _with_message(kind: type[SpidarError], message: str) -> SpidarError:
     error = kind.__new__(kind, message)
     error.args = (message,)

@@ -27,6 +27,7 @@ from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.observed import Observed
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
+from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import RENDER_MODES, View
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
@@ -188,6 +189,7 @@ class SpidarEnv(
         self.controller = self._make_controller()
         self._now = {}
 
+    @in_turn
     def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
         """What is known of this tick; where the engine does it all, it is read when somebody asks."""
         if name not in self._now:
@@ -207,6 +209,7 @@ class SpidarEnv(
         return self.plant.state() if name == "state" else single.look(self.fleet, name)
 
     @property
+    @in_turn
     def command(self) -> Command:
         """The last command (`SpidarError` before the first step)."""
         if not self.ticks:
@@ -233,6 +236,7 @@ class SpidarEnv(
         """How far the episode has come (`SpidarError` before the first reset)."""
         return self._known("episode")
 
+    @in_turn
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode.
 
@@ -271,6 +275,7 @@ class SpidarEnv(
             )
         return observation, info
 
+    @in_turn
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """`hold` control periods of 25 ms: one, unless the environment says otherwise.
 
@@ -320,14 +325,10 @@ class SpidarEnv(
         flat = np.zeros(len(self._bound), np.float32) if has_diverged else self._observation()
         return self._show(flat, info), info
 
+    @in_turn
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
         """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
         return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
-
-    def close(self) -> None:
-        """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
-        self.view.close()
-        self._empty()
 
     def _empty(self) -> None:
         self.controller.close()

@@ -5,6 +5,7 @@ from typing import Any
 
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.remade import Remade
+from spidar_gym.envs.turns import in_turn
 from spidar_gym.errors import SpidarError
 from spidar_gym.native.plant import Plant
 from spidar_gym.sim.disturbances import Disturbances
@@ -20,6 +21,7 @@ class Disturbable(Remade):
     _disturbances: Disturbances
     _began: bool
 
+    @in_turn
     def disturb(self, disturbances: Mapping[str, Any] | Disturbances | None, towards: float = 0.0) -> None:
         """Let something else happen to the robot from now on, without a reset, and in the episodes after this one.
 

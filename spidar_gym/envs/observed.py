@@ -12,7 +12,7 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import REWARDS, Goal
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
-from spidar_gym.errors import InvalidValueError, NoGoalError, require_name
+from spidar_gym.errors import InvalidValueError, NoGoalError, closed, require_name
 from spidar_gym.native.plant import Plant
 
 
@@ -21,6 +21,8 @@ class Rewarding:
 
     sight: Sight | None
     """What is shown in place of the flat numbers, if anything."""
+    is_closed: bool
+    """Whether `close` was called."""
 
     @property
     def compute_reward(self) -> Callable[[Any, Any, Any], Any]:
@@ -38,6 +40,8 @@ class Rewarding:
         return self._goal("compute_truncated").compute_truncated
 
     def _goal(self, name: str) -> Goal:
+        if self.is_closed:
+            raise closed()
         if not isinstance(self.sight, GoalSight):
             raise NoGoalError(f"there is no {name} without a goal; valid: observation='goal'")
         return self.sight.goal

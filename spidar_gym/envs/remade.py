@@ -9,7 +9,10 @@ from typing import Any, ClassVar
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.judge import find_task, task_options
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import View
 from spidar_gym.errors import InvalidValueError, require_keys
+from spidar_gym.native.turn import Turn
 
 
 class Remade(ABC):
@@ -27,6 +30,12 @@ class Remade(ABC):
     """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)
     """Names of the options of `reset` beside the arguments that it takes anew."""
+    view: View
+    """How it is looked at."""
+    turn: Turn
+    """Orders the calls on it from several threads."""
+    is_closed: bool = False
+    """Whether `close` was called: nothing else can be from then on."""
     most_steps: int | None = None
     """Steps that whoever made it allows an episode; None where the task alone says."""
     _arguments: dict[str, Any]
@@ -48,6 +57,7 @@ class Remade(ABC):
         """Keep what it is made of, so that `reset` can have another argument."""
         del args
         env = super().__new__(cls)
+        env.turn = Turn()
         env._keep(kwargs)
         return env
 
@@ -77,6 +87,15 @@ class Remade(ABC):
     def _empty(self) -> None:
         """Let go of robot and controller."""
 
+    def close(self) -> None:
+        """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
+        with self.turn:
+            if not self.is_closed:
+                self.is_closed = True
+                self.view.close()
+                self._empty()
+
+    @in_turn
     def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
         """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
 

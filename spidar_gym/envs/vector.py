@@ -1,6 +1,7 @@
 """Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
@@ -27,10 +28,12 @@ from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
+from spidar_gym.envs.turns import in_turn, whole
 from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
 from spidar_gym.native.engine_structs import N_DOFS, SEQUENCES
 from spidar_gym.native.structs import read
+from spidar_gym.native.turn import Turn
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
 
@@ -76,6 +79,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             InvalidValueError: For a value out of range.
         """
         environment(name)
+        self.turn = Turn()
+        """Orders the calls on it from several threads."""
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = autoreset(autoreset_mode)
         kind = KINDS[name]
@@ -109,6 +114,11 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._judge = single.judge(self.fleet)
         self._everybody = np.ones(num_envs, bool)
         self._began = False
+
+    @property
+    def is_closed(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride] - it follows `closed`
+        """Whether `close` was called: nothing else can be from then on."""
+        return self.closed
 
     @property
     def robots(self) -> np.ndarray:
@@ -146,6 +156,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             value.kwargs["max_episode_steps"] = -1 if self._steps is None else self._steps
         self._spec = value
 
+    @in_turn
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -188,8 +199,9 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             self._choose(k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
                 fleet.seed(k, generators[k])
-        self._began = True
+        self._began = False  # where this is interrupted, some have begun and others have not
         self._shows.reset(ids)
+        self._began = True
         return self._seen(), self._info(mask.copy())
 
     def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
@@ -243,6 +255,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._shown.look(self.fleet, self._shows.observations)
         return copied(self._shown.now)
 
+    @in_turn
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of 25 ms of every robot.
 
@@ -269,6 +282,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         ends = fleet.terminated.copy(), fleet.truncated.copy()
         return copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
 
+    @in_turn
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
         """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told.
 
@@ -285,15 +299,16 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise InvalidValueError("actions", "nan or inf", "finite numbers within −1 … 1")
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        fleet.actions[:] = given
-        if self._judge is None:
-            fleet.step(ids)
-        elif ids is None:
-            self._judge.step()
-        else:
+        if ids is not None and self._judge is not None:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
-        if self._shown is not None:
-            self._shown.conclude(fleet, self._judge, ids)
+        fleet.actions[:] = given
+        with whole() if self.num_envs > 1 else nullcontext():
+            if self._judge is None:
+                fleet.step(ids)
+            else:
+                self._judge.step()
+            if self._shown is not None:
+                self._shown.conclude(fleet, self._judge, ids)
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
@@ -304,6 +319,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             info["term"] = (judge.final_terms if final else judge.terms).copy()
         return info | {f"_{name}": mask for name in info}
 
+    @in_turn
     def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
         """Pictures of robots, each over its own floor.
 
@@ -329,6 +345,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         ground = read(GroundConfig, plant["config"]["ground"])
         return self._single.view.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)
 
+    @in_turn
     def save(self, ids: Sequence[int] | None = None) -> bytes:
         """All that there is of robots; nothing changes.
 
@@ -341,6 +358,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """
         return save(self.fleet, self._choice(ids))
 
+    @in_turn
     def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[Any, dict[str, Any]]:
         """Let robots be those that were saved: from here on each goes on as the saved one would have, bit for bit.
 
@@ -373,6 +391,16 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         if len({*chosen}) < len(chosen) or not all(0 <= k < self.num_envs for k in chosen):
             raise InvalidValueError("ids", chosen, f"numbers of robots, each once, within 0 … {self.num_envs - 1}")
         return chosen
+
+    def close(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
+        """Stop the threads once their tick is done; a second call does nothing."""
+        with self.turn:
+            super().close(**kwargs)
+
+    @in_turn
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of (`SpidarError` where it is closed)."""
+        return vars(self).copy()
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads, release the OpenGL context."""

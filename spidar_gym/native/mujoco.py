@@ -309,7 +309,9 @@ class Pool:
         self._status = np.ctypeslib.as_array(own.mjb_status(ctypes.c_void_p(made)), (robots,))
         self._library = own
         # Who forgets an environment without closing it gives its memory back too; at the process's end nobody asks.
-        self._release = weakref.finalize(self, _delete, own, made, os.getpid())
+        self.process = os.getpid()
+        """Where its threads are."""
+        self._release = weakref.finalize(self, _delete, own, made, self.process)
         self._release.atexit = False
 
     @property

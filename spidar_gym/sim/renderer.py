@@ -8,6 +8,7 @@ import ctypes.util
 import importlib
 import os
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,6 +25,9 @@ from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.opengl import INSTALL_GL, require_opengl
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
+
+_DRAWING = threading.RLock()
+"""One thread draws at a time: the contexts of all share one display."""
 
 
 def has_display() -> bool:
@@ -56,6 +60,15 @@ def offscreen_library() -> Iterator[None]:
         yield
     except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
         raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
+
+
+def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of whichever library
+    """Have no context current on this thread, so that any thread can draw with this one."""
+    library = type(context).__mro__[1].__module__
+    if library == "mujoco.egl":
+        importlib.import_module(library).EGL.eglReleaseThread()
+    elif library == "mujoco.glfw":
+        importlib.import_module("glfw").make_context_current(None)
 
 
 class Drawn:
@@ -91,9 +104,11 @@ class OffscreenRenderer(Drawn):
         if width > MAX_WIDTH or height > MAX_HEIGHT:
             raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}")
         super().__init__(ground, robot, film=False)
-        self._camera = camera
-        with offscreen_library():
+        self._camera = mujoco.MjvCamera()
+        self._camera.type, self._camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
+        with _DRAWING, offscreen_library():
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
+            _leave(self._renderer._gl_context)
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
 
@@ -104,20 +119,24 @@ class OffscreenRenderer(Drawn):
             qpos: Configuration of the simulated robot.
             depth: Distances instead of colours.
         """
-        self._place(qpos)
-        if depth:
-            self._renderer.enable_depth_rendering()
-        self._renderer.update_scene(self._data, self._camera, self._options)
-        image = self._renderer.render().copy()
-        if depth:
-            self._renderer.disable_depth_rendering()
-        return image
+        with _DRAWING, self._renderer._gl_context.as_current():
+            self._place(qpos)
+            if depth:
+                self._renderer.enable_depth_rendering()
+            # MuJoCo lays infinite planes around where the camera of the scene before was.
+            mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._renderer.scene)
+            self._renderer.update_scene(self._data, self._camera, self._options)
+            image = self._renderer.render().copy()
+            if depth:
+                self._renderer.disable_depth_rendering()
+            return image
 
     def close(self) -> None:
         """Give the OpenGL context back; a second call does nothing."""
-        renderer, self._renderer = self._renderer, None
-        if renderer is not None:
-            renderer.close()
+        with _DRAWING:
+            renderer, self._renderer = self._renderer, None
+            if renderer is not None:
+                renderer.close()
 
 
 class Window(Drawn):

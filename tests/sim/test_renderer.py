@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 
 import gymnasium
 import numpy as np
@@ -164,3 +165,34 @@ def test_cameras_look_at_the_robot_with_the_horizon_level(camera, plant):
     assert abs(R[2, 0]) < 1e-9
     assert R[2, 1] > -1e-9
     assert found.bodyid[0] == plant.model.body("torso").id
+
+
+@drawing
+def test_the_same_state_gives_the_same_bytes_from_the_first_picture_on_and_from_any_thread():
+    ids = ("spidar_gym/Hover-v0", "spidar_gym/Path-v0", "spidar_gym/Crawl-v0", "spidar_gym/Course-v0")
+    envs = [gymnasium.make(name, render_mode="rgb_array", width=WIDTH, height=HEIGHT) for name in ids]
+    vector = gymnasium.make_vec("spidar_gym/Course-v0", 2, render_mode="rgb_array", width=WIDTH, height=HEIGHT)
+    drawn: list[list[bytes]] = []
+
+    def draw():
+        own = [np.asarray(env.render()).tobytes() for env in envs]
+        drawn.append(own + [picture.tobytes() for picture in vector.render()])
+
+    for seed in (0, 1):
+        for env in (*envs, vector):
+            env.reset(seed=seed)
+        drawn.clear()
+        draw()
+        threads = [threading.Thread(target=draw) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert drawn == [drawn[0]] * 4
+        assert len({*drawn[0]}) > 2
+    closer = threading.Thread(target=lambda: [env.close() for env in (*envs, vector)])
+    closer.start()
+    closer.join()
+    for env in (*envs, vector):
+        with pytest.raises(SpidarError, match="is closed"):
+            env.render()

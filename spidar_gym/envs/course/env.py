@@ -23,6 +23,7 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import described_robot, own_robot, split_options
 from spidar_gym.envs.rules import course_rules
 from spidar_gym.envs.single import keeps_page
+from spidar_gym.envs.turns import in_turn
 from spidar_gym.errors import InvalidValueError, require_instance, require_least, require_name
 from spidar_gym.native.course import read_course, read_target
 from spidar_gym.native.engine_structs import COURSE_FAILURES
@@ -126,6 +127,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         return self._known("course")
 
     @property
+    @in_turn
     def target(self) -> Target | None:
         """What the pilot follows, if anything."""
         return self._pilot.last if self.fleet is None else read_target(self.fleet.robots[0]["pilot"])
@@ -165,6 +167,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         info["phase"] = PHASES[info.pop("phase_code")]
         return info
 
+    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
