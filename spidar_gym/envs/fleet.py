@@ -159,7 +159,7 @@ class Fleet:
 
         Their generators, and what was said of their next episodes, go on too.
         """
-        with old.engine.turn, self.engine.turn:
+        with old.engine.turn.lock, self.engine.turn.lock:
             for name in (
                 "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
                 "final_infos",
@@ -176,7 +176,7 @@ class Fleet:
 
     def make_room(self, goals: int, knots: int = 0) -> None:
         """Let an episode have at least so many forms, and its path so many knots."""
-        with self.engine.turn:
+        with self.engine.turn.lock:
             for name, wanted in (("goals", goals), ("knots", knots)):
                 held = getattr(self, name)
                 robots, room = held.shape

@@ -89,7 +89,7 @@ class Remade(ABC):
 
     def close(self) -> None:
         """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
-        with self.turn:
+        with self.turn.lock:
             if not self.is_closed:
                 self.is_closed = True
                 self.view.close()

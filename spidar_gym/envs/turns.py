@@ -20,7 +20,7 @@ def in_turn(method: CallT) -> CallT:
 
     @functools.wraps(method)
     def in_turn(self: Any, *arguments: Any, **named: Any) -> Any:  # noqa: ANN401 - of any method
-        with self.turn:
+        with self.turn.lock:
             if self.is_closed:
                 raise closed()
             return method(self, *arguments, **named)

@@ -1,7 +1,6 @@
 """Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
@@ -302,7 +301,10 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         if ids is not None and self._judge is not None:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
         fleet.actions[:] = given
-        with whole() if self.num_envs > 1 else nullcontext():
+        if self._judge is None and self._shown is None:
+            fleet.step(ids)
+            return
+        with whole():  # the engine ends its part for all robots; here is more
             if self._judge is None:
                 fleet.step(ids)
             else:
@@ -394,7 +396,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     def close(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads once their tick is done; a second call does nothing."""
-        with self.turn:
+        with self.turn.lock:
             super().close(**kwargs)
 
     @in_turn

@@ -3,7 +3,6 @@
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
 
-import os
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -12,11 +11,11 @@ import mujoco
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, closed, require_least
+from spidar_gym.native import turn
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
 from spidar_gym.native.library import Room, load_core, pointer, require_version, version, write
 from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world
 from spidar_gym.native.structs import fill
-from spidar_gym.native.turn import Turn
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP, scene
 
@@ -81,7 +80,7 @@ class Engine:
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
         self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
-        self.turn = Turn()
+        self.turn = turn.Turn()
         """Orders the calls into the library, their end, and what they find at the addresses in `record`."""
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
@@ -121,13 +120,13 @@ class Engine:
         """Make threads anew in a forked process; raise where they are stopped."""
         if not self._pool.address:
             raise closed()
-        if self._pool.process != os.getpid():
+        if self._pool.process != turn.process:
             self._pool = Pool(len(self.robots), len(self.rooms))
             self._use_pool()
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of: numbers, and no address (`SpidarError` where the threads are stopped)."""
-        with self.turn:
+        with self.turn.lock:
             self._open()
             models = [simulation.model for simulation in self.simulations]  # their gravity may have been changed
             robots, copies = self.robots.tobytes(), self.copies.tobytes()
@@ -150,18 +149,18 @@ class Engine:
             ids: Whose count, all if not given.
             goes_on: Whether their episodes go on as these others.
         """
-        with self.turn:
+        with self.turn.lock:
             self.forget_copies()
             self.run("sp_change_plants" if goes_on else "sp_configure_plants", ids, configs)
 
     def forget_copies(self) -> None:
         """No thread carries a part of a model any more: for who has written `copies`."""
-        with self.turn:
+        with self.turn.lock:
             self._threads[:, -1] = 0
 
     def share(self, name: str, array: np.ndarray) -> None:
         """Let the engine have an array as one of its members."""
-        with self.turn:
+        with self.turn.lock:
             self._kept[name] = array
             self.record[name] = array.ctypes.data
 
@@ -188,7 +187,7 @@ class Engine:
         Raises:
             SpidarError: Where the threads are stopped.
         """
-        with self.turn:
+        with self.turn.lock:
             self._open()
             chosen = None if ids is None else np.ascontiguousarray(ids, np.int32)
             count = len(self.robots) if chosen is None else len(chosen)
@@ -216,19 +215,19 @@ class Engine:
         Raises:
             SpidarError: Where the threads are stopped.
         """
-        with self.turn:
+        with self.turn.lock:
             self._open()
             getattr(self.library, function)(*arguments)
 
     def words(self, robot: int) -> str:
         """Why MuJoCo gave a robot up, in one line."""
-        with self.turn:
+        with self.turn.lock:
             self._open()
             return " ".join(self._pool.words(robot).split())
 
     def close(self) -> None:
         """Stop the threads once their job is done; a second call does nothing."""
-        with self.turn:
+        with self.turn.lock:
             self._pool.close()
 
 

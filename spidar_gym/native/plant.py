@@ -344,7 +344,7 @@ class Plant:
         if (len(saved.robot), len(saved.model)) != sizes:
             given = len(saved.robot), len(saved.model)
             raise InvalidValueError("saved", given, f"a moment of {sizes[0]} and {sizes[1]} bytes from save()")
-        with self._engine.turn:
+        with self._engine.turn.lock:
             self._records[:] = np.frombuffer(saved.robot, self._records.dtype)
             self._engine.copies[0] = np.frombuffer(saved.model, np.uint8)
             self.refresh()

@@ -8,25 +8,19 @@ from typing import Any
 
 FORK_WAIT = 2.0
 """How long a fork waits at most for the calls that other threads have begun [s]: the child then finds them done."""
+process = os.getpid()
+"""The process that this is: threads that another one has started do not exist here."""
 _TURNS: weakref.WeakSet["Turn"] = weakref.WeakSet()
 
 
 class Turn:
-    """A reentrant lock: `with turn:`; a copy is a new one."""
+    """A reentrant lock: `with turn.lock:`; a copy is a new one."""
 
     def __init__(self) -> None:
         """Make one that is free."""
         self.lock = threading.RLock()
         """Shared with no other turn; a forked process has another."""
         _TURNS.add(self)
-
-    def __enter__(self) -> None:
-        """Wait until the calls of other threads are done."""
-        self.lock.acquire()
-
-    def __exit__(self, *error: object) -> None:
-        """Let the next one in."""
-        self.lock.release()
 
     def __getstate__(self) -> dict[str, Any]:
         """Nothing: a copy is free."""
@@ -59,6 +53,8 @@ def _after_in_parent() -> None:
 
 def _after_in_child() -> None:
     """Where a call had not ended, its thread does not exist here: that turn gets a lock that is free."""
+    global process
+    process = os.getpid()
     held = {id(turn) for turn in _forking.turns}
     for turn in list(_TURNS):
         if id(turn) not in held:

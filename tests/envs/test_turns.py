@@ -159,7 +159,7 @@ def test_a_fork_waits_for_a_call_that_goes_on_and_leaves_no_lock_behind():
     turn, entered, leave = Turn(), threading.Event(), threading.Event()
 
     def hold():
-        with turn:
+        with turn.lock:
             entered.set()
             leave.wait()
 
@@ -168,12 +168,12 @@ def test_a_fork_waits_for_a_call_that_goes_on_and_leaves_no_lock_behind():
     entered.wait()
     child = os.fork()
     if not child:
-        with turn:  # its holder does not exist here
+        with turn.lock:  # its holder does not exist here
             os._exit(7)
     leave.set()
     thread.join()
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
-    with turn:  # a fork in the middle of a call keeps what the forking thread holds
+    with turn.lock:  # a fork in the middle of a call keeps what the forking thread holds
         child = os.fork()
         if not child:
             assert turn.lock.acquire(blocking=False)
