@@ -343,6 +343,8 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "observation": "one of " + ", ".join(f"`{n}`" for n in OBSERVATIONS),
         "goal_reward": "one of " + ", ".join(f"`{n}`" for n in REWARDS) + ", where the observation is `goal`",
         "disturbances": "dictionary with any of " + ", ".join(f"`{n}`" for n in field_docs(Disturbances)),
+        "max_episode_steps": "steps after which an episode is truncated, at most those of `horizon_s` where that is "
+        "given too; −1 for no end",
         "render_mode": "one of " + ", ".join(f"`{n}`" for n in SpidarEnv.metadata["render_modes"]),
         "camera": "one of " + ", ".join(f"`{n}`" for n in CAMERAS),
         "width": "of pictures [px]",

@@ -42,7 +42,7 @@ SETTLED = (
     "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
     "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
     "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms", "failures", "turn",
-    "is_closed",
+    "is_closed", "truncates", "metadata",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}

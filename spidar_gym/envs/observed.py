@@ -12,6 +12,8 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import REWARDS, Goal
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import View
 from spidar_gym.errors import InvalidValueError, NoGoalError, closed, require_name
 from spidar_gym.native.plant import Plant
 
@@ -58,6 +60,7 @@ class Observed(Rewarding):
     """What of `info` only a critic may know, with its scale."""
     fleet: Fleet | None
     plant: Plant
+    view: View
     own_task: VectorTask[Any] | None
 
     def _choose_sight(
@@ -86,6 +89,11 @@ class Observed(Rewarding):
             wanted = self._wanted()[None] if isinstance(self.sight, GoalSight) else None
             robots = Robots(self.plant.records, lambda name: np.asarray(info[name], float)[None], wanted)
         return {name: rows[0].copy() for name, rows in self.sight.look(flat[None], robots).items()}
+
+    @in_turn
+    def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
+        """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
+        return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
 
     def _judged(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
         """The reward of what is shown: that of its goal, if it has one."""

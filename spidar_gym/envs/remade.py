@@ -11,7 +11,7 @@ from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.judge import find_task, task_options
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import View
-from spidar_gym.errors import InvalidValueError, require_keys
+from spidar_gym.errors import InvalidValueError, require_keys, require_least
 from spidar_gym.native.turn import Turn
 
 
@@ -38,6 +38,10 @@ class Remade(ABC):
     """Whether `close` was called: nothing else can be from then on."""
     most_steps: int | None = None
     """Steps that whoever made it allows an episode; None where the task alone says."""
+    truncates: bool = False
+    """Whether an episode is truncated at its horizon."""
+    ticks: int
+    """Steps since the reset."""
     _arguments: dict[str, Any]
     """What it is made of, but for `_choices`."""
     _choices: dict[str, Any]
@@ -72,6 +76,27 @@ class Remade(ABC):
         if self.most_steps is None:
             return own
         return min(self.most_steps, own) if "horizon_s" in self._arguments else self.most_steps
+
+    @in_turn
+    def end(self, max_episode_steps: int | None) -> None:
+        """Say when an episode is truncated.
+
+        Args:
+            max_episode_steps: After how many steps, at most those of `horizon_s` where that was given; −1 for never;
+                None for the task's `horizon_s`.
+
+        Raises:
+            InvalidValueError: For a number below 1 other than −1.
+        """
+        self.truncates = max_episode_steps != -1
+        if max_episode_steps is not None and self.truncates:
+            require_least(1, max_episode_steps=max_episode_steps)
+            self.most_steps = int(max_episode_steps)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the episode has come to its end."""
+        return self.truncates and self.ticks >= self.horizon
 
     @property
     def reset_arguments(self) -> tuple[str, ...]:

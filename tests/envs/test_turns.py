@@ -22,7 +22,7 @@ CLOSED = "^this environment is closed; valid: a new one$"
 CONFIGURED = {
     "close", "is_closed", "closed", "turn", "unwrapped", "has_wrapper_attr", "get_wrapper_attr", "set_wrapper_attr",
     "np_random", "np_random_seed", "spec", "horizon", "reset_arguments", "rules", "layout_of", "judge", "tell",
-    "robots", "buffers", "close_extras",
+    "robots", "buffers", "close_extras", "is_drawn", "is_over",
 }  # fmt: skip
 """What a closed environment still answers: what it was made of, and Gymnasium's own bookkeeping."""
 ARGUMENTS = {
@@ -34,6 +34,9 @@ ARGUMENTS = {
     "reference_ahead": lambda env: (0.5,),
     "make_fleet": lambda env: (1,),
     "variant": lambda env: ({},),
+    "end": lambda env: (3,),
+    "ended": lambda env: (0,),
+    "set_autoreset_mode": lambda env: ("SameStep",),
 }
 
 

@@ -24,6 +24,7 @@ from spidar_gym.envs.options import described_robot, own_robot, split_options
 from spidar_gym.envs.rules import course_rules
 from spidar_gym.envs.single import keeps_page
 from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import fps
 from spidar_gym.errors import InvalidValueError, require_instance, require_least, require_name
 from spidar_gym.native.course import read_course, read_target
 from spidar_gym.native.engine_structs import COURSE_FAILURES
@@ -40,6 +41,7 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     """SPIDAR on a course; `spidar list spidar_gym/Course-v0` prints its page."""
 
+    metadata: dict[str, Any] = SpidarEnv.metadata | {"render_fps": fps(DECIDE)}
     kind = "coursing"
     reward_terms = COURSE_REWARD_TERMS
     reset_options = ("course", "disturbances")
@@ -160,12 +162,6 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         if name == "course":
             return read_course(robot["course"])
         return CourseProgress.read(robot) if name == "episode" else super()._read(name)
-
-    def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
-        """As `SpidarEnv.tell`."""
-        info = super().tell(fleet, robot)
-        info["phase"] = PHASES[info.pop("phase_code")]
-        return info
 
     @in_turn
     def make_fleet(

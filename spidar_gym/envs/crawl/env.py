@@ -136,14 +136,6 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             return tuple(robot["way"].tolist())
         return CrawlProgress.read(robot) if name == "episode" else super()._read(name)
 
-    def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
-        """As `SpidarEnv.tell`."""
-        info = super().tell(fleet, robot)
-        phase, shortfalls = info.pop("phase_code"), info.pop("shortfalls_code")
-        info["phase"] = PHASES[phase]
-        info["shortfalls"] = ", ".join(name for k, name in enumerate(SHORTFALLS) if shortfalls >> k & 1)
-        return info
-
     @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
