@@ -330,8 +330,7 @@ class SpidarEnv(
 
     def _empty(self) -> None:
         self.controller.close()
-        if self.fleet is not None:
-            self.fleet.close()
+        self.plant.close()
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""

@@ -333,6 +333,10 @@ class Plant:
         net = data.qfrc_actuator - data.qfrc_bias
         return net[:3], net[3:6]
 
+    def close(self) -> None:
+        """Stop the engine's threads; a second call does nothing."""
+        self._engine.close()
+
     def save(self) -> Saved:
         """This moment, all of it; `restore` continues from it bit for bit."""
         self.keep()

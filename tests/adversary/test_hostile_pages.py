@@ -8,12 +8,12 @@ from support.served import CAMERA, asked, browser, flying, inputs, place, waited
 msgspec = pytest.importorskip("msgspec")
 WHOLE = 2000
 VALUES = (
-    float("nan"), float("inf"), float("-inf"), -1.0, 1e308, 2**62, -(2**63), True, None, "", "nothing", "①", "form9", "9",
-    "x" * 10_000, b"\0" * 100, [], [1.0] * 1000, {}, {"value": 1}, [[[[[]]]]],
+    float("nan"), float("inf"), float("-inf"), -1.0, 1e308, 2**62, -(2**63), True, None, "", "nothing", "①", "form9",
+    "9", "x" * 10_000, b"\0" * 100, [], [1.0] * 1000, {}, {"value": 1}, [[[[[]]]]],
 )  # fmt: skip
 KINDS = (
-    "GuiUpdateMessage", "CommandTriggerMessage", "ViewerCameraMessage", "GuiButtonHoldMessage", "FileTransferStartUpload",
-    "FileTransferPart", "ScenePointerMessage", "SceneNodeClickMessage", "GuiFormSubmitMessage", "ShareUrlRequest",
+    "GuiUpdateMessage", "CommandTriggerMessage", "ViewerCameraMessage", "GuiButtonHoldMessage",
+    "FileTransferStartUpload",    "FileTransferPart", "ScenePointerMessage", "SceneNodeClickMessage", "GuiFormSubmitMessage", "ShareUrlRequest",
     "SceneNodeUpdateMessage", "RunJavascriptMessage", "GetRenderResponseMessage", "", "Zzz",
 )  # fmt: skip
 

@@ -28,7 +28,9 @@ def page(monkeypatch):
         monkeypatch.setattr(module, "require_viser", lambda: made)
 
     def keep(shown, stop):
-        seen.append((shown, shown.session, serve.keep_time(shown, lambda: wall[0] > 3.0)))
+        serve.keep_time(shown, lambda: wall[0] > 3.0)
+        shown.goal = shown.session.goal  # the robot is released with the page
+        seen.append((shown, shown.session))
 
     monkeypatch.setattr(command, "keep_time", keep)
 
@@ -46,7 +48,7 @@ def test_the_page_flies_what_was_asked_for(page, capfd):
     assert session.passed == pytest.approx(120, abs=2)
     assert (session.seed, session.preset, session.disturbances.wind) == (5, "tuned", 3.0)
     assert session.env.plant.config.sense
-    assert session.env.state.joint_position == pytest.approx(FORMS["form2"], abs=0.03)
+    assert session.env.plant.state().joint_position == pytest.approx(FORMS["form2"], abs=0.03)
     assert shown._policies["none"] == ""
 
 
@@ -69,8 +71,8 @@ def test_the_list_has_the_committed_policies_that_are_for_the_environment(env_id
 
 
 def test_degrees_are_degrees(page):
-    _, session = page(CRAWL, "--direction", "90", "--distance", "0.5", "--turn", "0")
-    assert session.goal == pytest.approx((0.0, 0.5, 0.0), abs=0.02)
+    shown, _ = page(CRAWL, "--direction", "90", "--distance", "0.5", "--turn", "0")
+    assert shown.goal == pytest.approx((0.0, 0.5, 0.0), abs=0.02)
 
 
 def test_who_lets_others_in_is_told_so(page, capfd):
