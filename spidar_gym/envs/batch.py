@@ -143,7 +143,7 @@ class VectorTask(ABC, Generic[R]):
 
     @abstractmethod
     def terms(self, robots: R, /) -> Mapping[str, np.ndarray]:
-        """Terms of the reward (N,), finite, in [0, 1] in the built-in tasks; the reward is their sum weighted with `reward_terms`."""
+        """Terms of the reward (N,), any finite numbers; the reward is their sum weighted with `reward_terms`."""
 
     @abstractmethod
     def failed(self, robots: R, /) -> Mapping[str, np.ndarray]:
@@ -155,7 +155,7 @@ class VectorTask(ABC, Generic[R]):
 
 
 def checked_array(name: str, given: object, shape: tuple[int, ...], kinds: str = REAL) -> np.ndarray:
-    """An answer of a task, an array of a kind and shape, (N,) where that is (N, 1) (`InvalidValueError` for another)."""
+    """A task's answer: an array of a kind and shape, (N,) for (N, 1) too (`InvalidValueError` for another)."""
     expected = f"an array of shape {shape} of {'booleans' if kinds == '?' else 'real numbers'}"
     try:
         array = np.asarray(given)

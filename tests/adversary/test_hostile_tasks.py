@@ -80,7 +80,7 @@ def test_whole_numbers_are_no_failures_and_a_lone_nan_names_its_robot():
         env = make(numbers)
         env.reset(seed=0)
         with pytest.raises(InvalidValueError, match=r"Hostile.failed: contact = .*booleans"):
-            env.step(np.zeros(env.action_space.shape))
+            env.step(np.zeros(env.action_space.shape or ()))
         env.close()
     lone = hostile(FlightTask, "terms", lambda flights: np.where(np.arange(len(flights)) == 2, np.nan, 0.5))
     vector = gymnasium.make_vec(HOVER, num_envs=3, task=lone)
