@@ -11,7 +11,7 @@ import numpy as np
 
 SHOWN = 200
 """No more characters of a refused value are shown."""
-_REAL = "?bBhHiIlLqQefd"
+REAL = "?bBhHiIlLqQefd"
 """Kinds of array that a float64 can hold: no text, no objects, nothing complex, nothing longer."""
 
 
@@ -152,7 +152,7 @@ def require_array(name: str, value: object, expected: str) -> np.ndarray:
         array = np.asarray(value)
     except Exception:  # `__array__` is foreign code
         array = np.array(None)
-    if array.dtype.char not in _REAL:
+    if array.dtype.char not in REAL:
         raise InvalidValueError(name, value, expected)
     return array.astype(float)
 
