@@ -335,7 +335,9 @@ def differences(spec: RobotSpec) -> str:
 def source_doc(of: type | ModuleType) -> str:
     """The docstring of a class or module, as it is written in the source: `python -OO` keeps no other."""
     tree = ast.parse(inspect.getsource(of))
-    found = ast.get_docstring(next(node for node in tree.body if isinstance(node, ast.ClassDef)) if isinstance(of, type) else tree)
+    found = ast.get_docstring(
+        next(node for node in tree.body if isinstance(node, ast.ClassDef)) if isinstance(of, type) else tree
+    )
     return found or ""
 
 

@@ -48,7 +48,9 @@ def require_opengl() -> None:
 def no_opengl() -> MissingDependencyError:
     """What to raise where nothing can be drawn; names MUJOCO_GL where it is set."""
     named = os.environ.get("MUJOCO_GL")
-    given = f"OpenGL by MUJOCO_GL={named!r} (valid: egl, osmesa, or glfw on a display)" if named else "an OpenGL library"
+    given = (
+        f"OpenGL by MUJOCO_GL={named!r} (valid: egl, osmesa, or glfw on a display)" if named else "an OpenGL library"
+    )
     return MissingDependencyError(given, INSTALL_GL)
 
 
