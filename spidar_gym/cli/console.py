@@ -172,7 +172,7 @@ def _output() -> Iterator[None]:
         try:
             yield
         finally:
-            if sys.stdout is not None:  # closed by the shell
+            if sys.__stdout__ is not None:  # None where the shell closed it
                 sys.stdout.flush()
     except BrokenPipeError:
         broken = select.poll()
@@ -186,7 +186,7 @@ def _output() -> Iterator[None]:
             raise
         _discard_output()
         raise SpidarError(
-            f"cannot write the standard output: {error.strerror}; valid: a terminal, a pipe or a file on a disk with room"
+            f"cannot write the standard output: {error.strerror}; valid: a terminal, a pipe, a file on a disk with room"
         ) from error
 
 

@@ -30,8 +30,8 @@ def require_display() -> None:
     if not has_display():
         named = ", ".join(f"{name}={os.environ[name]!r}" for name in SCREENS if os.environ.get(name))
         raise SpidarError(
-            f"no display to open a window on{' by ' * bool(named)}{named}; valid without one: render_mode rgb_array or depth_array, on the command "
-            "line `spidar run --out FILE.mp4` or `spidar view --web`"
+            f"no display to open a window on{' by ' * bool(named)}{named}; valid without one: render_mode "
+            "rgb_array or depth_array, on the command line `spidar run --out FILE.mp4` or `spidar view --web`"
         )
 
 

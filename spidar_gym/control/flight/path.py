@@ -26,8 +26,8 @@ TOGETHER = 1e-6
 LEAST_SECONDS, FADE = 0.5, 0.4
 """No coordinate comes to rest from motion in less time; in such a time an acceleration fades [s]."""
 PEAK, DRIFT, SWING = 1.875, 0.2, 0.0173
-"""Of a quintic that takes a time t: its largest speed from rest to rest over the mean; how far it drifts to rest from a
-speed v beyond d, over v t; how far it swings from an acceleration a, over a t²."""
+"""Quintics that take a time t: the largest speed from rest to rest over the mean; how far one drifts to rest from a
+speed v beyond d, over v t; how far one swings from an acceleration a, over a t²."""
 SUBSTEPS = 8
 """Steps of the fourth-order integration along a lemniscate from one knot to the next."""
 
