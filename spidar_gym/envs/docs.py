@@ -25,7 +25,7 @@ from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path import task as path_task
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
-from spidar_gym.robot import field_docs
+from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
@@ -259,7 +259,7 @@ def page(name: str) -> str:
         f"# {name}",
         "Written by `spidar assets` from the code; a test compares it with the spaces.",
         "## Description",
-        f"{task.__doc__} {own.step}",
+        f"{source_doc(task)} {own.step}",
         f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or\n'
         f'remote, does so by the id: `gymnasium.make("{import_id(name)}")`.',
         "## Action Space",

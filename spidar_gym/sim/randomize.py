@@ -61,7 +61,7 @@ TABLE: tuple[Row, ...] = (
     Row("actuators.duct_imbalance", "add", -0.05, 0.05, "1", PHYSICS, (N_ROTORS,)),
     Row("actuators.thrust_tilt", "add", -math.radians(1.5), math.radians(1.5), "rad", PHYSICS, (N_ROTORS, 2)),
     Row("actuators.thrust_offset", "add", -0.003, 0.003, "m", PHYSICS, (N_ROTORS, 2)),
-    Row("actuators.max_thrust", "set", 31.8, 42.0, "N", "[JSK], empty to full pack"),
+    Row("actuators.max_thrust", "set", 31.8, RobotSpec.max_thrust, "N", "[JSK], empty to full pack"),
     Row("actuators.thrust_lag", "set", 0.010, 0.060, "s", CRAWL),
     Row("actuators.spin_down", "set", 0.5, 1.2, "1", PHYSICS),
     Row("actuators.thrust_noise", "set", 0.0, 0.3, "N", PHYSICS),

@@ -7,7 +7,6 @@ import copy
 import ctypes.util
 import importlib
 import os
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -19,28 +18,24 @@ import mujoco.viewer
 import numpy as np
 from mujoco.rendering.classic import gl_context
 
-from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
+from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.opengl import INSTALL_GL, require_opengl
+from spidar_gym.sim.opengl import SCREENS, has_display, no_opengl, require_opengl
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
 
 _DRAWING = threading.RLock()
 """One thread draws at a time: the contexts of all share one display."""
 
 
-def has_display() -> bool:
-    """Whether there is a screen to open windows on."""
-    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
-
-
 def require_display() -> None:
     """Refuse to go on without a screen: MuJoCo's viewer would end the whole process."""
     if not has_display():
+        named = ", ".join(f"{name}={os.environ[name]!r}" for name in SCREENS if os.environ.get(name))
         raise SpidarError(
-            "no display to open a window on; valid without one: render_mode rgb_array or depth_array, on the command "
-            "line `spidar run --out FILE.mp4` or `spidar view --web`"
+            f"no display to open a window on{' by ' * bool(named)}{named}; valid without one: render_mode "
+            "rgb_array or depth_array, on the command line `spidar run --out FILE.mp4` or `spidar view --web`"
         )
 
 
@@ -48,18 +43,33 @@ def require_display() -> None:
 def offscreen_library() -> Iterator[None]:
     """Where an OpenGL context is opened without a window; `MissingDependencyError` says what to install.
 
-    Without a screen MuJoCo draws with EGL or OSMesa, also where it was imported before anyone could say so.
+    Without a screen MuJoCo draws with EGL or OSMesa, also where it was imported before this module.
     """
     require_opengl()
     try:
-        if not has_display() and "MUJOCO_GL" not in os.environ:
+        named = os.environ.get("MUJOCO_GL", "").lower()
+        if named not in ("egl", "osmesa") and not has_display():
+            if named in ("glfw", "glx"):
+                raise no_opengl()
             for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
                 if ctypes.util.find_library(library):
                     gl_context.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
                     break
+            else:
+                raise no_opengl()
         yield
     except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
-        raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
+        raise no_opengl() from error
+
+
+def require_pictures() -> None:
+    """Open an OpenGL context and close it again (`MissingDependencyError` where nothing can be drawn)."""
+    with _DRAWING, offscreen_library():
+        context = gl_context.GLContext(16, 16)
+        try:
+            context.make_current()
+        finally:
+            context.free()
 
 
 def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of whichever library

@@ -13,7 +13,8 @@ VALUES = (
 )  # fmt: skip
 KINDS = (
     "GuiUpdateMessage", "CommandTriggerMessage", "ViewerCameraMessage", "GuiButtonHoldMessage",
-    "FileTransferStartUpload",    "FileTransferPart", "ScenePointerMessage", "SceneNodeClickMessage", "GuiFormSubmitMessage", "ShareUrlRequest",
+    "FileTransferStartUpload",
+       "FileTransferPart", "ScenePointerMessage", "SceneNodeClickMessage", "GuiFormSubmitMessage", "ShareUrlRequest",
     "SceneNodeUpdateMessage", "RunJavascriptMessage", "GetRenderResponseMessage", "", "Zzz",
 )  # fmt: skip
 

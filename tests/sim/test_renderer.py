@@ -54,8 +54,16 @@ def test_an_environment_renders_pictures_of_the_size_asked_for_without_a_display
 
 
 @drawing
-@pytest.mark.parametrize("first", ["mujoco", "spidar_gym.cli.bench"])
-def test_pictures_need_no_display_whatever_was_imported_first(first):
+@pytest.mark.parametrize(
+    ("first", "named"),
+    [
+        ("mujoco", {}),
+        ("spidar_gym.cli.bench", {}),
+        ("spidar_gym", {"DISPLAY": ":99", "MUJOCO_GL": ""}),
+        ("spidar_gym", {"DISPLAY": "", "WAYLAND_DISPLAY": "nowhere-0"}),
+    ],
+)
+def test_pictures_need_no_display_whatever_was_imported_first(first, named):
     script = (
         f"import {first}, gymnasium, spidar_gym\n"
         f"env = gymnasium.make('{HOVER}', render_mode='rgb_array', width=32, height=24)\n"
@@ -63,7 +71,7 @@ def test_pictures_need_no_display_whatever_was_imported_first(first):
         "print(env.render().shape)\n"
     )
     unset = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"}
-    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment = {name: value for name, value in os.environ.items() if name not in unset} | named
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
     assert done.stdout == "(24, 32, 3)\n", done.stderr
 
@@ -140,10 +148,12 @@ def test_an_unknown_camera_is_refused_with_the_names_of_all():
         OffscreenRenderer("back", WIDTH, HEIGHT)
 
 
-def test_a_window_without_a_display_is_refused_with_what_works_without(no_display):
+@pytest.mark.parametrize("screen", ["", ":99", "nonsense"])
+def test_a_window_without_a_display_is_refused_with_what_works_without(screen, no_display, monkeypatch):
+    monkeypatch.setenv("DISPLAY", screen)
     env = gymnasium.make(HOVER, render_mode="human")
     for attempt in (require_display, lambda: Window(0.025), lambda: env.reset(seed=0)):
-        with pytest.raises(SpidarError, match="rgb_array"):
+        with pytest.raises(SpidarError, match=f"{screen}.*; valid .*rgb_array"):
             attempt()
     env.close()
 
