@@ -12,7 +12,7 @@ from spidar_gym.envs.judge import find_task, task_options
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import View
 from spidar_gym.errors import InvalidValueError, require_keys, require_least
-from spidar_gym.native.turn import Turn
+from spidar_gym.turn import Turn
 
 
 class Remade(ABC):

@@ -30,7 +30,7 @@ from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
 from spidar_gym.native.draws import to_numpy
 from spidar_gym.native.engine_structs import AUTORESETS
-from spidar_gym.native.turn import Turn
+from spidar_gym.turn import Turn
 
 ValueT = TypeVar("ValueT")
 KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {

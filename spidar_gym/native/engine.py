@@ -10,8 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from spidar_gym import turn
 from spidar_gym.errors import InvalidValueError, closed, require_least
-from spidar_gym.native import turn
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
 from spidar_gym.native.library import Room, load_core, pointer, require_version, version, write
 from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world

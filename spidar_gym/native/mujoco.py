@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 from mujoco.introspect import structs
 
+from spidar_gym import turn
 from spidar_gym.errors import SpidarError
-from spidar_gym.native import turn
 from spidar_gym.native.engine_structs import (
     MAX_BODIES,
     MAX_GEOMS,

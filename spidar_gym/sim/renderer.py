@@ -7,7 +7,6 @@ import copy
 import ctypes.util
 import importlib
 import os
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,9 +23,29 @@ from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.opengl import SCREENS, has_display, no_opengl, require_opengl
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
+from spidar_gym.turn import Turn
 
-_DRAWING = threading.RLock()
+_DRAWING = Turn()
 """One thread draws at a time: the contexts of all share one display."""
+_OPENED: set[int] = set()
+"""Processes, this one and those that it was forked from, that have opened OpenGL."""
+_LOST: list[Any] = []
+"""What a forked process cannot give back."""
+
+
+def _is_lost() -> bool:
+    """Whether OpenGL was opened before this process was forked: its threads do not exist here, and it would hang."""
+    return bool(_OPENED - {os.getpid()})
+
+
+def _require_here() -> None:
+    """Raise `SpidarError` where OpenGL is lost; from here on it counts as opened."""
+    if _is_lost():
+        raise SpidarError(
+            "OpenGL was opened before this process was forked; valid: the start method spawn, or a fork before the "
+            "first picture"
+        )
+    _OPENED.add(os.getpid())
 
 
 def require_display() -> None:
@@ -64,7 +83,7 @@ def offscreen_library() -> Iterator[None]:
 
 def require_pictures() -> None:
     """Open an OpenGL context and close it again (`MissingDependencyError` where nothing can be drawn)."""
-    with _DRAWING, offscreen_library():
+    with _DRAWING.lock, offscreen_library():
         context = gl_context.GLContext(16, 16)
         try:
             context.make_current()
@@ -116,7 +135,8 @@ class OffscreenRenderer(Drawn):
         super().__init__(ground, robot, film=False)
         self._camera = mujoco.MjvCamera()
         self._camera.type, self._camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
-        with _DRAWING, offscreen_library():
+        _require_here()
+        with _DRAWING.lock, offscreen_library():
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
             _leave(self._renderer._gl_context)
         self._options = mujoco.MjvOption()
@@ -129,7 +149,8 @@ class OffscreenRenderer(Drawn):
             qpos: Configuration of the simulated robot.
             depth: Distances instead of colours.
         """
-        with _DRAWING, self._renderer._gl_context.as_current():
+        _require_here()
+        with _DRAWING.lock, self._renderer._gl_context.as_current():
             self._place(qpos)
             if depth:
                 self._renderer.enable_depth_rendering()
@@ -143,9 +164,11 @@ class OffscreenRenderer(Drawn):
 
     def close(self) -> None:
         """Give the OpenGL context back; a second call does nothing."""
-        with _DRAWING:
-            renderer, self._renderer = self._renderer, None
-            if renderer is not None:
+        renderer, self._renderer = self._renderer, None
+        if renderer is not None and _is_lost():
+            _LOST.append(renderer)
+        elif renderer is not None:
+            with _DRAWING.lock:
                 renderer.close()
 
 

@@ -14,7 +14,7 @@ VALUES = (
 KINDS = (
     "GuiUpdateMessage", "CommandTriggerMessage", "ViewerCameraMessage", "GuiButtonHoldMessage",
     "FileTransferStartUpload",
-       "FileTransferPart", "ScenePointerMessage", "SceneNodeClickMessage", "GuiFormSubmitMessage", "ShareUrlRequest",
+    "FileTransferPart", "ScenePointerMessage", "SceneNodeClickMessage", "GuiFormSubmitMessage", "ShareUrlRequest",
     "SceneNodeUpdateMessage", "RunJavascriptMessage", "GetRenderResponseMessage", "", "Zzz",
 )  # fmt: skip
 

@@ -15,7 +15,7 @@ import pytest
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import SpidarError
-from spidar_gym.native.turn import Turn
+from spidar_gym.turn import Turn
 
 IDS = (HOVER, PATH, CRAWL, COURSE)
 CLOSED = "^this environment is closed; valid: a new one$"
@@ -182,3 +182,22 @@ def test_a_fork_waits_for_a_call_that_goes_on_and_leaves_no_lock_behind():
             assert turn.lock.acquire(blocking=False)
             os._exit(8)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 8
+
+
+def test_a_forked_child_says_that_opengl_of_its_parent_is_lost():
+    program = (
+        "import os, gymnasium, spidar_gym\n"
+        "env = gymnasium.make('spidar_gym/Hover-v0', render_mode='rgb_array', width=32, height=24)\n"
+        "env.reset(seed=0)\n"
+        "env.render()\n"
+        "child = os.fork()\n"
+        "if not child:\n"
+        "    try:\n"
+        "        env.render()\n"
+        "    except spidar_gym.errors.SpidarError as error:\n"
+        "        env.close()\n"
+        "        os._exit(5 if 'forked' in str(error) else 6)\n"
+        "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), env.render().shape)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout == "5 (24, 32, 3)\n", done.stderr
