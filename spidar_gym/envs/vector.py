@@ -256,6 +256,9 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of 25 ms of every robot.
 
+        In the mode `Disabled` a robot whose episode is over goes on until `reset` begins its next, where Gymnasium's own
+        vectors refuse to step: so robots of which some are at an end are flown on without a mask.
+
         Where an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are
         those of the end, and `info["_final_obs"]`, `info["_final_info"]` say whose; the other rows mean nothing.
 
@@ -298,10 +301,6 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         if ids is not None and self._judge is not None:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
-        if self.autoreset_mode is AutoresetMode.DISABLED:
-            over = self.robots["episode"]["over"][slice(None) if ids is None else ids]
-            if over.any():
-                raise SpidarError(f"{np.count_nonzero(over)} episodes are over; valid: reset() with their reset_mask")
         fleet.actions[:] = given
         if self._judge is None and self._shown is None:
             fleet.step(ids)

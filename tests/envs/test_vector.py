@@ -155,7 +155,7 @@ def test_the_three_ways_of_beginning_anew_visit_the_same_episodes():
 
 
 def test_a_robot_that_fails_or_diverges_moves_nobody_else():
-    options: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "forms": "form1", "action_mode": "direct"}
+    options: dict[str, Any] = {"autoreset_mode": AutoresetMode.DISABLED, "forms": "form1", "action_mode": "direct"}
     quiet = trace(HOVER, 3, 1, 20, **options)
     vector = NativeVectorEnv(HOVER, 3, **options)
     vector.reset(seed=[0, 1, 2])
