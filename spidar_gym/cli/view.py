@@ -21,8 +21,7 @@ from spidar_gym.policies.policy import policy_arguments, policy_name
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.scene import scene
-from spidar_gym.viz.live.border import is_loopback
-from spidar_gym.viz.live.serve import HOST, PORT, keep_time, require_viser, served
+from spidar_gym.viz.live.serve import HOST, PORT, is_loopback, keep_time, require_viser, served
 from spidar_gym.viz.live.session import ALONE, Session
 
 
@@ -43,7 +42,7 @@ class WebOptions:
     randomization: float = 0.0
     """Strength of the domain randomisation, 0 … 1."""
     host: str = HOST
-    """Address to listen on: 127.0.0.1 is for this machine alone; with 0.0.0.0 others need the token that is printed."""
+    """Address to listen on: 127.0.0.1 is for this machine alone, 0.0.0.0 lets everybody who reaches it steer."""
     port: int = PORT
     """Port to listen on, 1 … 65535; 0 takes any that is free."""
 
@@ -89,8 +88,7 @@ def view(
         with served(session, dict(policies(env_id, page)), host=page.host, port=page.port) as (shown, address):
             print(f"{address} shows {env_id}; Ctrl-C ends it", flush=True)
             if not is_loopback(page.host):
-                words = "every browser with this address, token included, can steer it"
-                print(f"spidar: warning: {words}", file=sys.__stderr__)
+                print(f"spidar: warning: whoever reaches {page.host} can steer it", file=sys.__stderr__)
             keep_time(shown, lambda: False)
     finally:
         session.close()

@@ -111,16 +111,10 @@ class Page:
                 self.tell(str(error))
                 self._refresh()
 
-    def tell(self, words: str, connection: Handle = None) -> None:
-        """Show words on every browser for some seconds, or on the one behind a connection."""
-        live = getattr(self._server, "_websock_server", None) if connection is not None else None
-        for number, client in self._server.get_clients().items():
-            if live is None or live._live_connections.get(number) is connection:
-                client.add_notification("refused", words, color="red", auto_close_seconds=8.0)
-
-    def find_input(self, uuid: str) -> Handle:
-        """The input with an identifier of viser's; None for another."""
-        return self._gui._gui_input_handle_from_uuid.get(uuid)
+    def tell(self, words: str) -> None:
+        """Show words on every browser for some seconds."""
+        for client in self._server.get_clients().values():
+            client.add_notification("refused", words, color="red", auto_close_seconds=8.0)
 
     def _on(self, handle: Handle, order: Callable[[Any], object]) -> Handle:
         """Have an order given with the value of an input, where it was a person who changed it."""

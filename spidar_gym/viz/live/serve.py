@@ -3,20 +3,18 @@
 import contextlib
 import importlib
 import io
-import logging
+import ipaddress
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, shown
+from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 from spidar_gym.policies.source import PolicyError
-from spidar_gym.viz.live.border import Border, guarded
 from spidar_gym.viz.live.clock import Clock
 from spidar_gym.viz.live.page import Page
 from spidar_gym.viz.live.session import Session
 
-_LOG = logging.getLogger("spidar_gym.web")
 HOST, PORT = "127.0.0.1", 8080
 """Where the page is: this machine alone can open it."""
 INSTALL_WEB = "pip install 'spidar-gym[web]'"
@@ -50,6 +48,12 @@ def require_address(host: str, port: int) -> None:
             ) from error
 
 
+def is_loopback(host: str) -> bool:
+    """Whether an address is reached from this machine alone."""
+    found = socket.getaddrinfo(host, None)
+    return all(ipaddress.ip_address(address[0]).is_loopback for *_, address in found)
+
+
 @contextlib.contextmanager
 def served(
     session: Session, policies: Mapping[str, str], *, host: str = HOST, port: int = PORT
@@ -68,17 +72,13 @@ def served(
     """
     viser, trimesh = require_viser()
     require_address(host, port)
-    border = Border(host)
-    with guarded(border), contextlib.redirect_stdout(io.StringIO()):  # it draws a box with words of its own
+    with contextlib.redirect_stdout(io.StringIO()):  # it draws a box with words of its own
         server = viser.ViserServer(host=host, port=port, verbose=False)
     # Otherwise a browser could have it open a tunnel to a server of others, for everybody.
     server.request_share_url = lambda *_, **__: None
     try:
         page = Page(server, trimesh, session, Clock(time.perf_counter), policies)
-        border.find = page.find_input
-        border.tell = lambda connection, words: page.tell(words, connection)
-        name = "localhost" if host in ("", "0.0.0.0", "::") else f"[{host}]" if ":" in host else host
-        yield page, f"http://{name}:{server.get_port()}" + (f"/?token={border.token}" if border.token else "")
+        yield page, f"http://{'localhost' if host in ('', '0.0.0.0', '::') else host}:{server.get_port()}"
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
@@ -94,8 +94,5 @@ def keep_time(page: Page, stop: Callable[[], bool]) -> None:
                 session.tick()
             except PolicyError as error:
                 page.tell(str(error))
-        try:
-            page.show(time.perf_counter())
-        except Exception as error:  # of the server's own, where browsers do not read: the flight goes on
-            _LOG.warning("a picture was left out: %s", shown(error))
+        page.show(time.perf_counter())
         time.sleep(clock.wait + 1e-4)  # or, by rounding, it might not be due yet

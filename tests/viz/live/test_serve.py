@@ -16,8 +16,7 @@ from support.pages import needs_viser
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 from spidar_gym.policies.source import PolicyError
 from spidar_gym.viz.live import serve
-from spidar_gym.viz.live.border import is_loopback
-from spidar_gym.viz.live.serve import HOST, keep_time, require_address, require_viser, served
+from spidar_gym.viz.live.serve import HOST, is_loopback, keep_time, require_address, require_viser, served
 from spidar_gym.viz.live.session import Session
 
 LOOPBACK = "0100007F"
