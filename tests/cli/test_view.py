@@ -75,7 +75,7 @@ def test_degrees_are_degrees(page):
 
 def test_who_lets_others_in_is_told_so(page, capfd):
     page("--host", "0.0.0.0")
-    assert "whoever reaches 0.0.0.0 can steer it" in capfd.readouterr().err
+    assert "this address, with its token, is all that it takes to steer" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

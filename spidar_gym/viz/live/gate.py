@@ -135,7 +135,7 @@ class Gate:
         Raises:
             SpidarError: For a viser that serves in another way, and could be reached without.
         """
-        module = importlib.import_module("websockets.asyncio.server")
+        module: Any = importlib.import_module("websockets.asyncio.server")
         serve = module.serve
 
         def behind(handle: Any, *given: Any, process_request: Any, **options: Any) -> Any:  # noqa: ANN401

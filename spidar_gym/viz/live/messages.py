@@ -5,8 +5,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from spidar_gym.errors import (
-    InvalidValueError, UnknownNameError, is_finite, require_flag, require_name, require_within, shown,
-)  # fmt: skip
+    InvalidValueError,
+    UnknownNameError,
+    is_finite,
+    require_flag,
+    require_name,
+    require_within,
+    shown,
+)
 
 LONGEST, LARGEST = 1 << 14, 1 << 20
 """Bytes of a message that is looked at, and of one that is read: the page's own have some hundreds."""
@@ -39,9 +45,10 @@ def require_message(gui: Any, raw: object) -> None:  # noqa: ANN401 - viser's pa
 
 def _decoded(raw: object) -> Mapping[str, Any]:
     expected = f"a message of the page, a dictionary of at most {LONGEST} bytes"
-    if not isinstance(raw, bytes) or len(raw) > LONGEST:
-        raise InvalidValueError("message", f"{type(raw).__name__} of {len(raw)}" if hasattr(raw, "__len__") else raw,  # pyright: ignore[reportArgumentType]
-                                expected)  # fmt: skip
+    if not isinstance(raw, bytes):
+        raise InvalidValueError("message", raw, expected)
+    if len(raw) > LONGEST:
+        raise InvalidValueError("bytes of a message", len(raw), expected)
     try:
         message = importlib.import_module("msgspec.msgpack").decode(raw)
     except Exception as error:  # whatever is wrong with the bytes
@@ -72,7 +79,7 @@ def require_value(handle: Any, value: object) -> None:  # noqa: ANN401 - viser's
     if kind == "GuiSliderHandle":
         if isinstance(value, bool):
             raise InvalidValueError(name, value, "a number")
-        require_within(handle.min, handle.max, **{name: value})
+        require_within(handle.min, handle.max, "1", **{name: value})
     elif kind in ("GuiDropdownHandle", "GuiButtonGroupHandle"):
         require_name(name, value, handle.options)
     else:
