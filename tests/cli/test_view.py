@@ -26,6 +26,7 @@ def page(monkeypatch):
     made = pages.modules()
     for module in (serve, command):
         monkeypatch.setattr(module, "require_viser", lambda: made)
+    monkeypatch.setattr(serve.Gate, "start", pages.start)
 
     def keep(shown, stop):
         seen.append((shown, shown.session, serve.keep_time(shown, lambda: wall[0] > 3.0)))
@@ -100,6 +101,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(words, line, monkeypatch, c
     monkeypatch.chdir(ROOT)
     for module in (serve, command):
         monkeypatch.setattr(module, "require_viser", pages.modules)
+    monkeypatch.setattr(serve.Gate, "start", pages.start)
     assert line in refused(capfd, "view", *words)
 
 

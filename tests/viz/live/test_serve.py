@@ -40,7 +40,7 @@ def standing_in(monkeypatch):
         made.append(pages.Server(**given))
         return made[-1]
 
-    monkeypatch.setattr(Gate, "start", lambda gate, viser, port: viser.ViserServer(host=gate._host, port=port))
+    monkeypatch.setattr(Gate, "start", pages.start)
     monkeypatch.setattr(serve, "require_viser", lambda: (SimpleNamespace(ViserServer=make), pages.trimesh()))
     return made
 
