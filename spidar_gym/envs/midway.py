@@ -6,7 +6,7 @@ from typing import Any
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.turns import in_turn
-from spidar_gym.errors import SpidarError
+from spidar_gym.errors import SpidarError, require_within
 from spidar_gym.native.plant import Plant
 from spidar_gym.sim.disturbances import Disturbances
 
@@ -35,6 +35,7 @@ class Disturbable(Remade):
             SpidarError: When `reset` was never called.
         """
         chosen = Disturbances.parse(disturbances)
+        require_within(-1e6, 1e6, "rad", towards=towards)
         if not self._began:
             raise SpidarError("there is no episode to disturb before reset(); valid: call reset() first")
         self._disturbances = chosen

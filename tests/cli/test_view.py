@@ -26,6 +26,7 @@ def page(monkeypatch):
     made = pages.modules()
     for module in (serve, command):
         monkeypatch.setattr(module, "require_viser", lambda: made)
+    monkeypatch.setattr(serve.Gate, "start", pages.start)
 
     def keep(shown, stop):
         serve.keep_time(shown, lambda: wall[0] > 3.0)
@@ -77,7 +78,7 @@ def test_degrees_are_degrees(page):
 
 def test_who_lets_others_in_is_told_so(page, capfd):
     page("--host", "0.0.0.0")
-    assert "every browser with this address, token included, can steer it" in capfd.readouterr().err
+    assert "this address, with its token, is all that it takes to steer" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -102,6 +103,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(words, line, monkeypatch, c
     monkeypatch.chdir(ROOT)
     for module in (serve, command):
         monkeypatch.setattr(module, "require_viser", pages.modules)
+    monkeypatch.setattr(serve.Gate, "start", pages.start)
     assert line in refused(capfd, "view", *words)
 
 
