@@ -6,7 +6,7 @@ imported it does so by `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")`.
 
 import importlib
 import sys
-from collections.abc import Iterable
+from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -18,7 +18,7 @@ class _Registration(MetaPathFinder):
     """Registers the environments once Gymnasium is executed: thrust allocation on a robot never imports it."""
 
     def find_spec(
-        self, fullname: str, path: Iterable[str] | None = None, target: ModuleType | None = None
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Gymnasium's own specification, whose execution registers the environments; a look at it changes nothing."""
         if fullname != "gymnasium":

@@ -136,6 +136,22 @@ class Restorable(ABC):
         Raises:
             SpidarError: For bytes that are not what fits here, and nothing has changed.
         """
+        before = self.save_state() if self._began else None
+        try:
+            self._become(saved)
+        except Exception as error:  # of damaged values anything may come; whatever it is, nothing has changed
+            self._began = before is not None
+            if before is not None:
+                self._become(before)
+            if isinstance(error, SpidarError):
+                raise
+            raise SpidarError(f"the saved state is damaged: {shown(error)}; valid: what save_state() gave") from error
+        if self.render_mode == "human":
+            self.render()
+        return self._shown()
+
+    def _become(self, saved: bytes) -> None:
+        """Take over what was saved; where this raises, some of it may have been."""
         told, arrays = _opened(saved)
         for name, here in self._description().items():
             if told.get(name) != here:
@@ -151,9 +167,7 @@ class Restorable(ABC):
             _recall(part, known[path])
         if fleet is not None:
             self._forget()
-        if self.render_mode == "human":
-            self.render()
-        return self._shown()
+        self._shown()
 
     def _restore_robot(self, fleet: Fleet, task: Task, saved: bytes) -> None:
         """Let the engine's robot be the saved one, whose task it may have to be told."""

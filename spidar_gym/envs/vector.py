@@ -256,8 +256,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of 25 ms of every robot.
 
-        In the mode `Disabled` a robot whose episode is over goes on until `reset` begins its next, where Gymnasium's own
-        vectors refuse to step: so robots of which some are at an end are flown on without a mask.
+        In the mode `Disabled` a robot whose episode is over goes on until `reset` begins its next, where those of
+        Gymnasium refuse to step.
 
         Where an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are
         those of the end, and `info["_final_obs"]`, `info["_final_info"]` say whose; the other rows mean nothing.
