@@ -83,7 +83,7 @@ def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> 
     """What has to be played again for a run of a row on the k-th of its scenarios of a track."""
     split = row.split(track)
     scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
-    return Shard(row.policies[run], track, split, scenario, control=control)
+    return Shard(row.policies[run], track, split, scenario, control=control, run=run)
 
 
 def other_conditions(row: Row, control: str = CONTROL) -> str:
