@@ -16,14 +16,16 @@ ANEW = "a row evaluated anew by its command"
 LONGEST = 1e9
 """Largest time [s or ms] and number of steps that a row may tell."""
 FORM = {
-    "format": int, "name": str, "kind": str, "doc": str, "policies": [str], "policies_sha256": [str],
+    "format": int, "name": str, "kind": str, "doc": str, "policies": [str], "policies_sha256": [str], "given": [str],
     "training": ([(dict, None)], None), "arguments": dict, "command": str, "versions": {str: str}, "processor": str,
     "model_sha256": str,
     "tracks": {str: {"split": str, "scenarios_sha256": str, "scenarios": [int], "runs": [{str: list}]}},
     "timing": {str: {"step_ms_p50_p99": [float, float], "policy_ms_p50_p99": [float, float], "wall_s": float}},
     "sha256": str,
 }  # fmt: skip
-"""What stands in a row; `arguments` where its policies were learned."""
+"""What stands in a row; `arguments` where its policies were learned, `given` since rows say it."""
+GIVEN = {"observation": "what the environment shows", "run": "the run's number, as seed", "state": "the whole state"}
+"""What a policy may have been given, as a row says: the state only to an allocator or a law of the package's own."""
 
 
 class RowError(SpidarError):
@@ -37,7 +39,7 @@ def check_content(content: Mapping[str, Any]) -> None:
         SpidarError: For the first that is not.
     """
     try:
-        require_form({"arguments": {}, "sha256": "", **content}, FORM, "it")
+        require_form({"arguments": {}, "given": [], "sha256": "", **content}, FORM, "it")
     except BorderError as error:
         raise RowError(f"{error}; valid: a row that `spidar eval` wrote") from error
     _check_words(content)
@@ -63,6 +65,8 @@ def _check_words(content: Mapping[str, Any]) -> None:
     """Whether what a row says of its origin can stand in a table."""
     check_name(content["name"])
     require_name("kind", content["kind"], KINDS)
+    for word in content.get("given", []):
+        require_name("given", word, GIVEN)
     lines = [
         ("doc", content["doc"], DOC),
         ("processor", content["processor"], DOC),

@@ -72,6 +72,8 @@ class Shard:
     """How long the policy may think about one action [s]."""
     control: str = CONTROL
     """What computes, as in `play`."""
+    run: int = 0
+    """Number of the row's run: what the policy draws comes from it."""
 
     def __str__(self) -> str:
         """In words."""
@@ -79,14 +81,14 @@ class Shard:
 
     def key(self, digest: str) -> str:
         """Name under which its result is kept: it changes with the policy's file, the scenario and the code."""
-        words = self.policy, digest, self.track, self.split, self.scenario, self.control
+        words = self.policy, digest, self.track, self.split, self.scenario, self.control, self.run
         return digest_of(*words, code_digest(*BEHAVIOUR))[:24]
 
 
 def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
     """Do pieces of work of one policy on one track, each with a policy that has seen nothing before: at once or not."""
     first = shards[0]
-    how: dict[str, Any] = {"act_limit_s": first.act_limit_s, "control": first.control}
+    how: dict[str, Any] = {"act_limit_s": first.act_limit_s, "control": first.control, "run": first.run}
     if acts_in_batches(load_policy(first.policy)):
         return play(load_policy(first.policy), first.track, [shard.scenario for shard in shards], **how)
     return [play(load_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
@@ -109,6 +111,7 @@ def evaluate(
     folder: Path | None = None,
     ray: str | None = None,
     act_limit_s: float = ACT_LIMIT_S,
+    run: int = 0,
     on_scenario: Callable[[], object] = lambda: None,
 ) -> Score:
     """Let a policy play a track's scenarios.
@@ -123,6 +126,7 @@ def evaluate(
         folder: Where finished scenarios are kept, so that an interrupted evaluation goes on where it was.
         ray: Address of a Ray cluster to send the scenarios to, `local` for one of `workers` workers here.
         act_limit_s: How long the policy may think about one action [s].
+        run: Number of the run, which the policy gets as its seed in every scenario.
         on_scenario: Called after every scenario, for progress.
 
     Raises:
@@ -141,7 +145,7 @@ def evaluate(
             raise InvalidValueError("scenarios", index, f"an index within 0 … {len(every) - 1}")
     chosen = [every[index] for index in indices]
     if isinstance(policy, str):
-        shards = [Shard(policy, track, split, scenario, act_limit_s) for scenario in chosen]
+        shards = [Shard(policy, track, split, scenario, act_limit_s, run=run) for scenario in chosen]
         results = run_shards(shards, workers=workers, folder=folder, ray=ray, on_done=lambda *_: on_scenario())
     else:
         if workers > 1 or folder is not None or ray is not None:
@@ -149,7 +153,7 @@ def evaluate(
         results = []
         parts = [chosen] if acts_in_batches(policy) else [[scenario] for scenario in chosen]
         for part in parts:
-            results += play(policy, track, part, act_limit_s=act_limit_s)
+            results += play(policy, track, part, act_limit_s=act_limit_s, run=run)
             for _ in part:
                 on_scenario()
     names = told_in(TRACKS[track].world)
@@ -180,7 +184,7 @@ def evaluate_runs(
     scores: dict[str, list[Score]] = {}
     for track in tracks:
         on_track(track)
-        scores[track] = [evaluate(spec, track, scenarios, **how) for spec in policies]
+        scores[track] = [evaluate(spec, track, scenarios, run=run, **how) for run, spec in enumerate(policies)]
     return scores
 
 
@@ -205,7 +209,9 @@ def run_shards(
 
     batches = {spec: acts_in_batches(policy) for spec, policy in policies.items()}
     together = [
-        (shard.policy, shard.track, shard.split, shard.control, shard.act_limit_s) if batches[shard.policy] else k
+        (shard.policy, shard.track, shard.split, shard.control, shard.act_limit_s, shard.run)
+        if batches[shard.policy]
+        else k
         for k, shard in enumerate(shards)
     ]
     return finish(

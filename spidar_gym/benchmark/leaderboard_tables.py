@@ -73,7 +73,7 @@ def partial_lines(board: Board, tracks: Sequence[str]) -> list[list[str]]:
 
 
 def track_lines(board: Board, track: str) -> list[list[str]]:
-    """The policies of a track, best first: heading and a line a policy."""
+    """The policies of a track in the order of `ranking`: heading and a line a policy."""
     shown, reference = SHOWN[TRACKS[track].group], TRACKS[track].reference
     heads = ["policy", "score", "error, IQM", f"against {reference}", "P(better)", "success", "failed"]
     lines = [[*heads, *(head for _, head, *_ in shown)]]
@@ -154,6 +154,7 @@ def markdown(board: Board) -> str:
         "",
         "Geometric mean of the tracks' scores; – where a policy is not defined on all of them.",
         *(f"Not in it: `{track}`, whose score stands by itself." for track in apart),
+        *(["", "Tables of those are ordered by success, then by error; the others by score."] if apart else []),
         "",
         format_table(overall_lines(board), markdown=True),
     ]

@@ -18,6 +18,7 @@ from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import write_text
 from spidar_gym.policies.policy import (
     LEARNED,
+    READABLE,
     Policy,
     policy_arguments,
     policy_digest,
@@ -138,6 +139,7 @@ def make_row(
         "policies": list(specs),
         "policies_sha256": [policy_digest(policy) for policy in policies],
         "training": training if any(training) else None,
+        "given": ["observation", "run", *(["state"] if _sees_the_state(first, scores) else [])],
         **_arguments(first, scores),
         "command": command,
         "versions": versions(),
@@ -149,6 +151,12 @@ def make_row(
     check_content(content)
     content["sha256"] = row_hash(content)
     return row_of(content)
+
+
+def _sees_the_state(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> bool:
+    """Whether an allocator or a law of its own acts for it somewhere: they are called with the robot's whole state."""
+    chosen = [policy_arguments(policy, TRACKS[track].env_id) or {} for track in scores]
+    return any(name in READABLE for arguments in chosen for name in arguments)
 
 
 def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[str, Any]:

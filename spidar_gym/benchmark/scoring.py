@@ -37,6 +37,7 @@ def play_scenario(
     act_limit_s: float = ACT_LIMIT_S,
     control: str = CONTROL,
     track: Track | None = None,
+    run: int = 0,
     on_tick: Callable[[dict[str, Any]], object] = lambda _: None,
 ) -> dict[str, Any]:
     """Play one scenario of a track, whole, in an environment of its own.
@@ -49,6 +50,7 @@ def play_scenario(
         control: `core`, with which rows are made, or `python`, which is slower and equal to some 1e-12; with an
             allocator or a law of the policy's own it is always `python`.
         track: What `name` is of, where it is none of the benchmark's tracks.
+        run: Number of the run, which the policy gets as its seed: the same in all scenarios, of which it says nothing.
         on_tick: Called with the `info` of each tick.
 
     Returns:
@@ -68,6 +70,7 @@ def play_scenario(
         env,
         actor,
         seed=scenario.seed,
+        policy_seed=run,
         options=reset_options(scenario),
         ticks=_steps_of(track.seconds, env),
         until_finished=False,
@@ -98,6 +101,7 @@ def play_scenarios(
     act_limit_s: float = ACT_LIMIT_S,
     control: str = CONTROL,
     track: Track | None = None,
+    run: int = 0,
 ) -> list[dict[str, Any]]:
     """Play scenarios of a track side by side in the engine, with the same bits as one by one.
 
@@ -124,7 +128,7 @@ def play_scenarios(
     envs = [make_env(track, scenario, arguments) for scenario in (scenarios if own else scenarios[:1])]
     env = envs[0]
     if env.fleet is None:
-        how: dict[str, Any] = {"act_limit_s": act_limit_s, "control": control, "track": track}
+        how: dict[str, Any] = {"act_limit_s": act_limit_s, "control": control, "track": track, "run": run}
         return [play_scenario(policy, name, one, **how) for one in scenarios]
     rules = np.stack([each.rules() for each in envs]) if own else None
     for each in envs:
@@ -144,7 +148,7 @@ def play_scenarios(
     for k, scenario in enumerate(scenarios):
         draws = drawn(fleet.robots[k]["episode"]["drawn"]) if track.options.get("randomization") else {}
         check_drawn(draws, scenario, f"{name}, scenario {scenario.index}")
-    actor.reset_batch([scenario.seed for scenario in scenarios])
+    actor.reset_batch([run] * count)
     tally, times = _fly(
         fleet, FleetWatch(fleet, env.failures), actor, _steps_of(track.seconds, env), _steps_of(REST_S, env)
     )

@@ -1,8 +1,10 @@
 """Rows played again: what a stranger does who wants to trust them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,19 @@ from spidar_gym.policies.provenance import file_digest, processor, versions
 from spidar_gym.policies.source import is_own, source_file
 
 
+class Pick(NamedTuple):
+    """A scenario of a row that is to be played again."""
+
+    row: str
+    """Name of the row."""
+    track: str
+    """Track."""
+    run: int
+    """Which of the row's policies."""
+    k: int
+    """Place of the scenario among those that the row was evaluated on."""
+
+
 @dataclass(frozen=True)
 class Check:
     """A scenario of a row, played again."""
@@ -29,6 +44,8 @@ class Check:
     """Processor, versions, control with which the row was made where they are others, in words; else empty."""
     moved: Mapping[str, float]
     """Metrics that are not equal: by how much, as a share of what rounding may do."""
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    """What came out, exactly."""
 
     @property
     def equal(self) -> bool:
@@ -66,7 +83,7 @@ def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> 
     """What has to be played again for a run of a row on the k-th of its scenarios of a track."""
     split = row.split(track)
     scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
-    return Shard(row.policies[run], track, split, scenario, control=control)
+    return Shard(row.policies[run], track, split, scenario, control=control, run=run)
 
 
 def other_conditions(row: Row, control: str = CONTROL) -> str:
@@ -82,56 +99,91 @@ def other_conditions(row: Row, control: str = CONTROL) -> str:
     return ", ".join(words)
 
 
+def every_scenario(rows: Mapping[str, Row], tracks: Sequence[str] = ()) -> list[Pick]:
+    """Every scenario of rows once: all that were played, or those of some tracks."""
+    return [
+        Pick(name, track, run, k)
+        for name, row in rows.items()
+        for track in row.tracks
+        if track in (tracks or row.tracks)
+        for run in range(len(row.policies))
+        for k in range(len(row.scenarios(track)))
+    ]
+
+
+def drawn_per_run(picks: Sequence[Pick], count: int, rng: np.random.Generator) -> list[Pick]:
+    """So many scenarios of each row, track and run, drawn without replacement; all of them where there are fewer."""
+    chosen = []
+    for _, group in groupby(picks, key=lambda pick: pick[:3]):
+        own = list(group)
+        chosen += [own[place] for place in sorted(rng.permutation(len(own))[:count])]
+    return chosen
+
+
+def drawn_sample(picks: Sequence[Pick], count: int, rng: np.random.Generator) -> list[Pick]:
+    """So many scenarios without replacement: a row evenly, then one of its tracks, then one of its scenarios."""
+    left: dict[str, dict[str, list[Pick]]] = {}
+    for pick in picks:
+        left.setdefault(pick.row, {}).setdefault(pick.track, []).append(pick)
+    chosen = []
+    for _ in range(min(count, len(picks))):
+        row = list(left)[rng.integers(len(left))]
+        track = list(left[row])[rng.integers(len(left[row]))]
+        own = left[row][track]
+        chosen.append(own.pop(int(rng.integers(len(own)))))
+        if not own:
+            del left[row][track]
+        if not left[row]:
+            del left[row]
+    return chosen
+
+
 def verify(
     rows: Mapping[str, Row],
-    sample: int,
-    rng: np.random.Generator,
+    picks: Sequence[Pick],
     *,
     workers: int = 1,
     trust: bool = False,
     control: str = CONTROL,
+    folder: Path | None = None,
     on_check: Callable[[Check], object] = lambda _: None,
 ) -> list[Check]:
     """Play scenarios of rows again and compare.
 
     Args:
         rows: The rows.
-        sample: How many scenarios, each of a row, a track, a run and an index drawn evenly.
-        rng: Source of the draws.
+        picks: Which scenarios.
         workers: Processes.
         trust: Whether code from outside the package and the committed baselines may run.
         control: `core`, with which rows are made, or `python`, whose rounding is another one.
+        folder: Where finished scenarios are kept, so that an interrupted check goes on where it was.
         on_check: Called with what came out of each scenario, as soon as it has.
 
     Raises:
         RowError: When a policy's file is no longer the one that was evaluated, or may not run.
     """
-    names, shards = list(rows), []
-    picks: list[tuple[Row, str, int, int]] = []
-    for _ in range(sample):
-        row = rows[names[rng.integers(len(names))]]
-        track = row.tracks[rng.integers(len(row.tracks))]
-        run, k = int(rng.integers(len(row.policies))), int(rng.integers(len(row.scenarios(track))))
-        picks.append((row, track, run, k))
-        shards.append(shard_of(row, track, run, k, control))
-    for row in {id(row): row for row, *_ in picks}.values():
-        require_own_policies(row, trust=trust)
+    for name in dict.fromkeys(pick.row for pick in picks):
+        require_own_policies(rows[name], trust=trust)
+    shards = [shard_of(rows[pick.row], pick.track, pick.run, pick.k, control) for pick in picks]
     checks: dict[int, Check] = {}
 
     def on_done(place: int, result: dict[str, Any]) -> None:
-        row, track, run, k = picks[place]
-        checks[place] = _compare(row, track, run, k, result["metrics"], other_conditions(row.part(track), control))
+        pick = picks[place]
+        row = rows[pick.row]
+        conditions = other_conditions(row.part(pick.track), control)
+        checks[place] = _compare(row, pick, result["metrics"], conditions)
         on_check(checks[place])
 
-    run_shards(shards, workers=workers, on_done=on_done)
+    run_shards(shards, workers=workers, folder=folder, on_done=on_done)
     return [checks[place] for place in range(len(picks))]
 
 
-def _compare(row: Row, track: str, run: int, k: int, metrics: dict[str, Any], conditions: str) -> Check:
+def _compare(row: Row, pick: Pick, metrics: dict[str, Any], conditions: str) -> Check:
+    _, track, run, k = pick
     then = {name: values[k] for name, values in row.part(track).content["tracks"][track]["runs"][run].items()}
     moved = differences(then, metrics, world=TRACKS[track].world)
     where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
-    check = Check(row.name, f"{where}, equal", conditions, moved)
+    check = Check(row.name, f"{where}, equal", conditions, moved, metrics)
     if check.equal:
         return check
     if check.passes:
@@ -168,3 +220,12 @@ def require_verified(checks: Sequence[Check]) -> None:
             f"{len(wrong)} of {len(checks)} scenarios give something else ({wrong[0]}); "
             "valid: rows that `spidar eval` wrote with this code"
         )
+
+
+def results(rows: Mapping[str, Row], picks: Sequence[Pick], checks: Sequence[Check]) -> list[dict[str, Any]]:
+    """What came out, ready for JSON, which keeps every bit of a number: two commits on one machine can be compared."""
+    return [
+        {"row": pick.row, "track": pick.track, "run": pick.run,
+         "scenario": rows[pick.row].scenarios(pick.track)[pick.k], "equal": check.equal, "metrics": check.metrics}
+        for pick, check in zip(picks, checks, strict=True)
+    ]  # fmt: skip

@@ -216,38 +216,63 @@ def compare(row: Path, base: str = "qp", rows: FolderArg = Path(ROWS), json: Jso
 
 @board_app.command
 def verify(
-    rows: FolderArg = Path(ROWS), sample: int = 12, seed: int = 0, workers: int = cpu_count(),
-    trust: Flag = False, control: Literal["python", "core"] = CONTROL,
+    rows: FolderArg = Path(ROWS), sample: int = 12, per_run: int = 0,
+    every: Annotated[Flag, tyro.conf.arg(name="all", help="Every scenario once.")] = False,
+    names: tuple[str, ...] = (), tracks: tuple[str, ...] = (), seed: int = 0, workers: int = cpu_count(),
+    trust: Flag = False, control: Literal["python", "core"] = CONTROL, results: Path | None = None,
+    cache: Path = Path("out/verify"),
 ) -> None:  # fmt: skip
     """Play scenarios of committed rows once more and compare; fails when one gives something else.
 
     Args:
-        sample: How many scenarios, drawn from all rows.
+        sample: How many scenarios, drawn from all rows without replacement.
+        per_run: Instead, so many scenarios of every row, track and run.
+        names: Only these rows.
+        tracks: Only these tracks.
         seed: Seed of the draw.
         workers: Processes.
         trust: Run policies from outside the package and the committed baselines too: their code is whoever's the rows
             are, so read it first.
         control: core, with which rows are made, or the readable python, whose rounding is another one.
+        results: File for every metric that came out, exactly: those of two commits can be compared.
+        cache: Folder in which finished scenarios are kept with --all or --per-run, so that the same command goes on.
     """
     require_least(1, sample=sample, workers=workers)
-    require_least(0, seed=seed)
+    require_least(0, seed=seed, per_run=per_run)
+    for track in tracks:
+        require_name("track", track, TRACKS)
     found = read_rows(rows)
+    for name in names:
+        require_name("row", name, found)
+    found = {name: row for name, row in found.items() if name in (names or found)}
+    picks = verifying.every_scenario(found, tracks)
+    if not picks:
+        raise InvalidValueError("tracks", tracks, "tracks of the rows")
     rng = np.random.Generator(np.random.PCG64(seed))
-    bar = progress(total=sample, unit="scenario", desc="verify")
+    if not every:
+        picks = verifying.drawn_per_run(picks, per_run, rng) if per_run else verifying.drawn_sample(picks, sample, rng)
+    folder = cache if every or per_run else None
+    bar = progress(total=len(picks), unit="scenario", desc="verify")
 
     def on_check(check: verifying.Check) -> None:
         bar.write(check.line, file=sys.stdout)
         bar.update()
 
-    with bar, kept(lambda: f"{bar.n} of {sample} scenarios played again; what came out stands above"):
-        checks = verifying.verify(found, sample, rng, workers=workers, trust=trust, control=control, on_check=on_check)
+    played = f"of {len(picks)} scenarios played again; what came out stands above"
+    with bar, kept(goes_on(bar, folder) if folder else lambda: f"{bar.n} {played}"):
+        checks = verifying.verify(
+            found, picks, workers=workers, trust=trust, control=control, folder=folder, on_check=on_check
+        )
+    if results is not None:
+        write_text(results, json_text({"scenarios": verifying.results(found, picks, checks)}))
     verifying.require_verified(checks)
     for line in verifying.measures(checks):
         print(line)
     if moved := verifying.largest_differences(checks):
         print(f"largest differences, as shares of the tolerance: {moved}")
     exact = sum(check.equal for check in checks)
-    print(f"{len(checks)} scenarios of {len(found)} rows played again: {exact} equal bit for bit, all within tolerance")
+    near = f", {len(checks) - exact} within tolerance, which is not verified" if exact < len(checks) else ""
+    print(f"{len(checks)} scenarios of {len(found)} rows played again: {exact} equal bit for bit{near}")
 
 
 @board_app.command

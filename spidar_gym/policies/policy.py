@@ -41,7 +41,7 @@ class Policy(Protocol):
     """What a policy has to have. What it may have besides, with defaults, is on `PresetPolicy`."""
 
     def reset(self, seed: int) -> None:
-        """Begin an episode; whatever the policy draws comes from this seed."""
+        """Begin an episode; whatever the policy draws comes from this seed, in the benchmark the run's number."""
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The action, in [−1, 1]."""

@@ -41,6 +41,7 @@ def rollout(
     policy: Policy | None = None,
     *,
     seed: int,
+    policy_seed: int | None = None,
     options: dict[str, Any] | None = None,
     ticks: int | None = None,
     until_finished: bool = True,
@@ -53,7 +54,8 @@ def rollout(
     Args:
         env: Environment, with or without wrappers.
         policy: Who acts; None for the zero action, which is the environment's controller alone.
-        seed: Seed of the episode, and of what the policy draws.
+        seed: Seed of the episode.
+        policy_seed: Seed of what the policy draws; the episode's by default.
         options: Options of `reset`.
         ticks: Most steps; without a limit the environment has to end the episode.
         until_finished: Whether a crawl ends when it has arrived.
@@ -63,7 +65,7 @@ def rollout(
     """
     observation, _ = env.reset(seed=seed, options=options)
     if policy is not None:
-        policy.reset(seed)
+        policy.reset(seed if policy_seed is None else policy_seed)
     return _steps(env, policy, observation, ticks, until_finished)
 
 

@@ -17,6 +17,7 @@ from spidar_gym.benchmark import HOVER, TRACKS, PolicyError, PresetPolicy, Score
 from spidar_gym.benchmark.evaluate import Shard
 from spidar_gym.benchmark.metrics import told_in
 from spidar_gym.benchmark.resume import code_digest
+from spidar_gym.benchmark.scenario import make_env, reset_options
 from spidar_gym.benchmark.track import CAP, SCENARIOS
 from spidar_gym.errors import (
     InvalidValueError,
@@ -42,13 +43,8 @@ class Zero:
 
 
 class Fails(Zero):
-    seeds = {seeds}
-
-    def reset(self, seed):
-        self.seed = seed
-
     def act(self, observation):
-        if self.seed in self.seeds:
+        if list(observation[:3]) == {first}:
             raise RuntimeError("not this one")
         return [0.0] * 6
 
@@ -65,13 +61,20 @@ class Zero(PresetPolicy):
     presets = {HOVER: {}}
 
 
+@cache
+def first_seen():
+    """How the first observation of a scenario begins, by which a policy can tell it from others."""
+    scenario = load_scenarios(TRACK)[0][2]
+    env = make_env(TRACKS[TRACK], scenario, {"control": "core"})
+    return env.reset(seed=scenario.seed, options=reset_options(scenario))[0][:3].tolist()
+
+
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     """A working folder with a module of policies; the baselines are importable."""
     folder = tmp_path / "here"
     folder.mkdir()
-    seed = load_scenarios(TRACK)[0][2].seed
-    (folder / "mine.py").write_text(MODULE.format(seeds={seed}), encoding="utf-8")
+    (folder / "mine.py").write_text(MODULE.format(first=first_seen()), encoding="utf-8")
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
     importlib.invalidate_caches()
@@ -181,6 +184,31 @@ def test_an_object_plays_what_its_name_plays(short):
     score = evaluate(Zero(), TRACK, [1, 3], on_scenario=lambda: done.append(1))
     assert score.metrics == evaluate("mine:Zero", TRACK, [1, 3]).metrics
     assert len(done) == 2
+
+
+def test_a_policy_is_told_the_runs_number_and_nothing_of_the_scenario(short):
+    """With the scenario's own seed it could draw the robot and the wind to come."""
+    told = []
+
+    class Alone(Zero):
+        def reset(self, seed):
+            told.append(seed)
+
+        def act(self, observation):
+            return np.zeros(6)
+
+    class Many(Zero):
+        def reset_batch(self, seeds):
+            told.extend(seeds)
+
+        def act_batch(self, observations):
+            return np.zeros((len(observations), 6))
+
+    for policy in (Alone(), Many()):
+        evaluate(policy, TRACK, [4, 7], run=3)
+        evaluate(policy, TRACK, [9])
+        assert told == [3, 3, 0]
+        told.clear()
 
 
 @pytest.mark.parametrize("options", [{"workers": 2}, {"folder": Path("kept")}, {"ray": "local"}], ids=str)
@@ -321,7 +349,7 @@ def test_what_is_kept_is_of_this_policy_file_scenario_split_and_code():
     keys = [
         shard.key("digest"), shard.key("other"), replace(shard, policy="mine:Fails").key("digest"),
         replace(shard, track="flight-fast3").key("digest"), replace(shard, split="validation").key("digest"),
-        replace(shard, scenario=scenarios[1]).key("digest"),
+        replace(shard, scenario=scenarios[1]).key("digest"), replace(shard, run=1).key("digest"),
     ]  # fmt: skip
     assert len(set(keys)) == len(keys)
     assert shard.key("digest") == keys[0]

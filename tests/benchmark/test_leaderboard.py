@@ -206,6 +206,19 @@ def test_on_courses_scores_refer_to_the_rule_and_to_nobody_else():
     assert "there is no row course_rule" in report(other, {"qp": qp([FLIGHT])})
 
 
+def test_a_track_that_stands_apart_is_ordered_by_success_then_error_and_the_others_by_score():
+    scores = {"qp": [0.9, CAP, CAP, CAP], "near": [0.5, 0.6, 0.7, CAP], "arrives": [3.0, 3.1, 3.2, 3.3]}
+    for track, best in (("ground-steps", ["arrives", "near", "qp"]), (GROUND, ["near", "arrives", "qp"])):
+        rows = []
+        for name, own in scores.items():
+            scored = score(track, own)
+            scored.metrics["success"] = [name == "arrives" or (name == "near" and k == 0) for k in range(4)]
+            rows.append(made_row({track: [scored]}, name))
+        board = board_of(*rows)
+        assert board.cells["near", track].score.value > board.cells["arrives", track].score.value
+        assert leaderboard.ranking(board, track) == best
+
+
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
     """A board of rows that were written and read: three on all tracks, one on flights, one on a single track."""

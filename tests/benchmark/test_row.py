@@ -12,6 +12,7 @@ import pytest
 from support.rows import SPEC, TRACK, changed, made_row, policy, score, stored
 
 import spidar_gym
+from spidar_gym.benchmark.content import check_content
 from spidar_gym.benchmark.row import (
     ROWS,
     RowError,
@@ -28,7 +29,7 @@ from spidar_gym.benchmark.row import (
 )
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CAP, TRACKS
-from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.policies.policy import policy_digest
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.provenance import PACKAGES, processor, versions
@@ -83,6 +84,11 @@ def test_a_row_says_where_it_comes_from(row):
     content = row.content
     assert content["policies_sha256"] == [policy_digest(PresetPolicy())] * 2
     assert content["model_sha256"] == model_hash()
+    assert content["given"] == ["observation", "run"]
+    older = {key: value for key, value in content.items() if key != "given"}
+    check_content(older)  # rows of before it was said
+    with pytest.raises(UnknownNameError, match="given 'seed'"):
+        check_content({**content, "given": ["seed"]})
     assert content["versions"] == versions()
     assert content["processor"] == processor()
     assert content["training"] == [{"seed": 3, "steps": 10}] * 2

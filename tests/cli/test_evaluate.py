@@ -447,7 +447,9 @@ def test_a_row_of_a_policy_that_has_changed_since_is_not_verified(rows, here, ca
     assert "mine:Push has changed since" in refused(capfd, main, arguments)
 
 
-@pytest.mark.parametrize("options", [["--sample", "0"], ["--workers", "0"], ["--seed", "-1"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "options", [["--sample", "0"], ["--workers", "0"], ["--seed", "-1"], ["--per-run", "-1"]], ids=" ".join
+)
 def test_a_sample_of_nothing_is_refused(options, rows, capfd):
     assert "at least" in refused(capfd, main, ["leaderboard", "verify", "--rows", str(rows), *options])
 
