@@ -141,7 +141,7 @@ CHAPTERS: dict[str, Chapter] = {
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
             "phase": ("str", "", "phase of the gait"),
-            "finished": ("bool", "", "the gait has nothing left to do and thrust is off"),
+            "finished": ("bool", "", "the gait has nothing left to do and thrust is off; in `direct`, see Episode End"),
             "time_s, nominal_time_s": ("float", "s", "time so far, or until finished; what the preset needs by plan"),
             "airborne_share": ("float", "", "share of its swing in which the worst foot was in the air"),
             "foot_contact": ("(4,) bool", "", "feet that touch the floor"),
@@ -159,7 +159,11 @@ CHAPTERS: dict[str, Chapter] = {
         f"`is_success`: the gait finished within {crawl_task.SUCCESS_TIME:g} times its nominal time, the torso within\n"
         f"{1000 * crawl_task.SUCCESS_POSITION:g} mm and {crawl_task.SUCCESS_YAW:g} rad of the goal, every foot in the "
         f"air for {crawl_task.SUCCESS_AIRBORNE:.0%} of its swing, no phase\nended by time-out, no foot slid "
-        f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.",
+        f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.\n"
+        f"In `direct` no gait is stepped: a crawl is finished when the robot has lain on its pegs for "
+        f"{crawl_task.REST_TIME:g} s, so near\nthe goal, below {crawl_task.REST_SPEED:g} m/s, "
+        f"{crawl_task.REST_TURN:g} rad/s and {crawl_task.REST_JOINT_SPEED:g} rad/s of every joint, with less than "
+        f"{crawl_task.REST_THRUST:.0%} of its\nweight commanded as thrust.",
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
         "controller keeps the nominal numbers.",
         law="Crawler",

@@ -157,7 +157,7 @@ def crawl_rules(task: crawl.CrawlTask, controller: CrawlerConfig, settle_ticks: 
     for name in (
         "obstacle_height", "goal_clearance", "goal_margin", "level_margin", "slip_margin", "most_power", "turn_length",
         "max_tilt", "max_astray", "saturated", "success_position", "success_yaw", "success_airborne", "success_slip",
-        "success_time",
+        "success_time", "rest_time", "rest_speed", "rest_turn", "rest_joint_speed", "rest_thrust",
     ):  # fmt: skip
         record[name] = getattr(crawl, name.upper())
     return record

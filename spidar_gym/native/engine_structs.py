@@ -342,6 +342,9 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("turn_length max_tilt max_astray", "f8", (), "of a radian [m]; beyond which a crawl is over [rad], [m]"),
         ("success_position success_yaw success_airborne success_slip success_time", "f8", (), "bounds of a success"),
         ("saturated", "f8", (), "a servo this close to its largest torque is [Nm]"),
+        ("rest_time rest_speed rest_turn rest_joint_speed rest_thrust", "f8", (),
+         "without a gait, what lies so long, no faster than this and with so little thrust, is finished at the goal "
+         "[s], [m/s], [rad/s], [rad/s], of the weight"),
     )),
     CStruct("crawling", "A robot on the ground: simulated, controlled, and what it is to do.", (
         ("plant", "plant", (), ""),
@@ -355,7 +358,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("error", "f8", (3,), "goal − torso, x, y [m], world, and yaw [rad]"),
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
         ("crawled swing_ticks timeouts", "i4", (), "ticks; those of the swing; phases that ended by time-out"),
-        ("finished", "f8", (), "when the gait was done [s]; 0 before"),
+        ("rested", "i4", (), "ticks, up to now, of resting at the goal, where there is no gait"),
+        ("finished", "f8", (), "when the gait was done, or without one had rested at the goal [s]; 0 before"),
         ("airborne_ticks foot_slip peg_slip", "f8", (N_LEGS,), "ticks of the swing in the air; ways on the floor [m]"),
         ("duct_clearance", "f8", (), "least so far [m]"),
         ("duct_contact", "i4", (), "whether a duct has touched the floor"),

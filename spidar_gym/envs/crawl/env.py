@@ -212,7 +212,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             self.robot.weight,
         )
         progress.timeouts = controller.gait.timeouts
-        if controller.done and not progress.finished:
+        if self._mode.residual is None:
+            progress.rest(self.state, self._touch, float(self._command.thrust.sum()), self.robot.weight)
+        elif controller.done and not progress.finished:
             progress.finished = progress.time
         return self.task.failed(progress, self._tilt, self._touch)
 

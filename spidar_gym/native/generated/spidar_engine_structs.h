@@ -491,6 +491,7 @@ typedef struct {
     double turn_length, max_tilt, max_astray; /* of a radian [m]; beyond which a crawl is over [rad], [m] */
     double success_position, success_yaw, success_airborne, success_slip, success_time; /* bounds of a success */
     double saturated; /* a servo this close to its largest torque is [Nm] */
+    double rest_time, rest_speed, rest_turn, rest_joint_speed, rest_thrust; /* without a gait, what lies so long, no faster than this and with so little thrust, is finished at the goal [s], [m/s], [rad/s], [rad/s], of the weight */
 } sp_crawl_rules;
 
 /* A robot on the ground: simulated, controlled, and what it is to do. */
@@ -506,7 +507,8 @@ typedef struct {
     double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
     double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
     int32_t crawled, swing_ticks, timeouts; /* ticks; those of the swing; phases that ended by time-out */
-    double finished; /* when the gait was done [s]; 0 before */
+    int32_t rested; /* ticks, up to now, of resting at the goal, where there is no gait */
+    double finished; /* when the gait was done, or without one had rested at the goal [s]; 0 before */
     double airborne_ticks[4], foot_slip[4], peg_slip[4]; /* ticks of the swing in the air; ways on the floor [m] */
     double duct_clearance; /* least so far [m] */
     int32_t duct_contact; /* whether a duct has touched the floor */
