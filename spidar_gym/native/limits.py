@@ -71,7 +71,8 @@ LIMITS: dict[str, tuple[int, int]] = {
     # ticks, and what is counted
     **dict.fromkeys(
         ("plant.clock", "pending.due", "pending.vectoring_due", "episode.ticks", "allocation.iterations",
-         "gait.timeouts", "memory.failures", "rested", "flown", "crawled", "controls", "swing_ticks", "timeouts", "cycles"),
+         "gait.timeouts", "memory.failures", "rested", "flown", "crawled", "controls", "swing_ticks", "timeouts",
+         "cycles"),
         _COUNT,
     ),
     "goals": _COUNT, "current": _COUNT, "knots": _COUNT,  # and held to the fleet's rooms
