@@ -11,13 +11,14 @@ from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.course import write_course
 from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import Engine
-from spidar_gym.native.engine_structs import engine_layouts
+from spidar_gym.native.engine_structs import COURSE_FAILURES, CRAWL_FAILURES, FLIGHT_FAILURES, engine_layouts
 from spidar_gym.native.library import write
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 
 _LOG = logging.getLogger("spidar_gym.mujoco")
+_FAILURES = {"hover": FLIGHT_FAILURES, "crawling": CRAWL_FAILURES, "coursing": COURSE_FAILURES}
 _SHARED = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun",
            "infos", "final_infos", "goals", "knots")  # fmt: skip
 """Arrays that the engine reads and writes where they lie."""
@@ -71,6 +72,8 @@ class Fleet:
         """Other arrays with an entry for every robot that belong to what a robot is."""
         self.task = "the built-in one"
         """Who judges."""
+        self.failures = len(_FAILURES[kind])
+        """How many words there are for why an episode is over."""
         for name in _SHARED:
             engine.share(name, getattr(self, name))
         if rules.ndim:
@@ -82,8 +85,8 @@ class Fleet:
         numbers = {name: getattr(self, name).tobytes() for name in _SHARED if name != "rules"}
         return {
             "share": (self.kind, self.engine, self.rules.copy(), self.goals.shape[1], self.knots.shape[1]),
-            "numbers": numbers, "extras": self.extras, "task": self.task, "has_own_copies": self.has_own_copies,
-            "_settles": self._settles,
+            "numbers": numbers, "extras": self.extras, "task": self.task, "failures": self.failures,
+            "has_own_copies": self.has_own_copies, "_settles": self._settles,
         }  # fmt: skip
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -94,7 +94,7 @@ class Judge:
         if before is not None:
             self._seen, self._final = before._seen, before._final
         fleet.extras += [self._memory, self.terms, self.is_given, self._seen]
-        fleet.task = f"{type(task).__module__}.{type(task).__qualname__}"
+        fleet.failures, fleet.task = len(self._words), f"{type(task).__module__}.{type(task).__qualname__}"
         self._draws = type(task).draw is not VectorTask.draw
         self._starts = isinstance(task, FlightTask) and type(task).start is not FlightTask.start
 

@@ -12,7 +12,7 @@ from spidar_gym.border import BorderError, parse_json, require_form
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, SpidarError, shown
 from spidar_gym.native.library import version
-from spidar_gym.native.limits import fault_of, fault_of_robots
+from spidar_gym.native.limits import differs, fault_of
 from spidar_gym.robot.description import model_hash
 
 MAGIC = b"spidar robots\n"
@@ -21,6 +21,11 @@ ROOMS = ("goals", "knots")
 """Arrays of a fleet of which a robot has more or fewer entries."""
 _WORDS = "environment", "robot", "task", "version", "set of options"
 """What the head says in words."""
+_CONTROLLERS = {
+    "hover": ("flight", "controller", "controller_config"), "crawling": ("crawl", "controller", "crawler_config"),
+    "coursing": ("manager", "manager", "manager_config"),
+}  # fmt: skip
+"""Who controls robots, where the rules say how, and the struct of that."""
 CHECKSUM = hashlib.sha256().digest_size
 
 
@@ -53,11 +58,9 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
         InvalidValueError: For another number of robots than were saved, and nothing has changed.
     """
     told, body = _opened(fleet, saved, ids)
-    rooms = {name: told[name] for name in ROOMS}
-    rows = _rows(fleet, body, len(ids), rooms)
-    others = (fault_of(row, "", f"{name}.") for name, row in zip(ROOMS, rows[1:3], strict=True))
-    for fault in filter(None, (fault_of_robots(rows[0], rooms), *others)):
-        raise SpidarError(f"the saved robots are none: {fault}; valid: the bytes that save() gave")
+    rows = _rows(fleet, body, len(ids), {name: told[name] for name in ROOMS})
+    if fault := _fault(fleet, rows, list(ids)):
+        raise SpidarError(f"the saved robots cannot be: {fault}; valid: the bytes that save() gave")
     chosen = list(ids)
     with fleet.engine.turn.lock:
         fleet.make_room(*(told[name] for name in ROOMS))
@@ -99,11 +102,38 @@ def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list
     sizes = [part.dtype.itemsize * math.prod(shape) for part, shape in zip(_parts(fleet), shapes, strict=True)]
     if min(rooms.values()) < 0 or sum(sizes) != len(body):
         raise SpidarError(f"the saved robots have {len(body)} bytes; valid: {sum(sizes)}, the bytes that save() gave")
-    ends = np.cumsum(sizes).tolist()
+    ends, whole = np.cumsum(sizes).tolist(), memoryview(body)
     return [
-        np.frombuffer(body[end - size : end], part.dtype).reshape(shape)
+        np.frombuffer(whole[end - size : end], part.dtype).reshape(shape)
         for part, shape, size, end in zip(_parts(fleet), shapes, sizes, ends, strict=True)
     ]
+
+
+def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
+    """What of saved robots is out of bounds, does not fit together or not to the options, in words; else empty."""
+    robots, goals, knots, observations, infos, *others = rows
+    parts = ((fleet.kind, robots), ("goal", goals), ("knot", knots), (f"{fleet.kind}_info", infos))
+    for struct, records in parts:
+        if fault := fault_of(struct, records):
+            return fault
+    if fleet.kind == "hover" and not ((robots["goals"] <= goals.shape[1]) & (robots["knots"] <= knots.shape[1])).all():
+        return "more goals or knots than there is room for"
+    if not (robots["episode"]["failure"] < fleet.failures).all() or not (infos["info"]["failure_code"] < fleet.failures).all():
+        return f"episode.failure, expected −1 … {fleet.failures - 1}"
+    rules = fleet.rules[ids] if fleet.rules.ndim else fleet.rules
+    owner, member, struct = _CONTROLLERS[fleet.kind]
+    fault = differs(struct, robots[owner]["config"], rules[member]) or differs(
+        "plant_config", robots["plant"]["config"], rules["rules"]["plant"], ("i4",)
+    )
+    if fault:
+        return f"config.{fault} is another than the options say"
+    if fleet.has_own_copies and (fault := fleet.engine.fault_of_copies(others.pop())):
+        return fault
+    plain = [observations, *(part for part in others if part.dtype.kind == "f")]
+    flags = [part.view(np.uint8) for part in others if part.dtype.kind == "b"]
+    if not all(np.isfinite(part).all() for part in plain) or any((part > 1).any() for part in flags):
+        return "a number that is none"
+    return ""
 
 
 def _parts(fleet: Fleet) -> list[np.ndarray]:

@@ -15,7 +15,7 @@ from spidar_gym.errors import InvalidValueError, closed, require_least
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
 from spidar_gym.native.library import Room, load_core, pointer, require_version, version, write
 from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world
-from spidar_gym.native.structs import fill
+from spidar_gym.native.structs import USUAL, fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP, scene
 
@@ -79,6 +79,7 @@ class Engine:
         for row, simulation, room, piece in zip(self._threads, self.simulations, self.rooms, pieces, strict=True):
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
+        self._names = names
         self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
         self.turn = turn.Turn()
         """Orders the calls into the library, their end, and what they find at the addresses in `record`."""
@@ -152,6 +153,19 @@ class Engine:
         with self.turn.lock:
             self.forget_copies()
             self.run("sp_change_plants" if goes_on else "sp_configure_plants", ids, configs)
+
+    def fault_of_copies(self, copies: np.ndarray) -> str:
+        """What of parts of MuJoCo's model is none of its numbers, in words; empty where nothing is.
+
+        Args:
+            copies: As `copies`, of other robots than there are here.
+        """
+        for name, (_, size, at) in zip(self._names, self._pieces[0].tolist(), strict=True):
+            values = copies[:, at : at + size].view(getattr(self.simulations[0].model, name).dtype)
+            most = USUAL[1] if values.dtype.kind == "f" else len(mujoco.mjtSameFrame.__members__) - 1
+            if not (np.abs(values) <= most).all():
+                return f"{name} of MuJoCo's model, expected numbers within ± {most:g}"
+        return ""
 
     def forget_copies(self) -> None:
         """No thread carries a part of a model any more: for who has written `copies`."""

@@ -7,18 +7,14 @@ from types import ModuleType
 import numpy as np
 
 from spidar_gym.control.course import gates
+from spidar_gym.native.configurations import configuration_structs
 from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.native.structs import CStruct, dtypes, struct_of
+from spidar_gym.native.structs import ANY, CODE, COUNT, FLAG, INFINITE, SINCE, USUAL, CStruct, dtypes
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
 from spidar_gym.sim import actuators, air, course, disturbances, energy, ground, scene, sensors, violations
-from spidar_gym.sim.actuators import ActuatorConfig
-from spidar_gym.sim.air import N_DUCTS, AeroConfig
-from spidar_gym.sim.body import BodyConfig
-from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES, GroundConfig
-from spidar_gym.sim.sensors import SensorConfig
+from spidar_gym.sim.air import N_DUCTS
+from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES
 from spidar_gym.state import IMU_SAMPLES
 
 AIR_STEPS = 10
@@ -105,20 +101,13 @@ ENGINE_ENUMERATIONS = (
 """Words that are numbers in C."""
 
 
-@cache
-def configuration_structs() -> tuple[CStruct, ...]:
-    """What can be chosen about a simulated robot, those inside others first."""
-    parts = ActuatorConfig(), AeroConfig(), BodyConfig(), GroundConfig(), SensorConfig(), PlantConfig(), Disturbances()
-    return tuple(map(struct_of, parts))
-
-
 ENGINE_STRUCTS: Sequence[CStruct] = (
     CStruct("generator", "A stream of random numbers: numpy's PCG64, and what spawns others from it.", (
-        ("state_high state_low", "u8", (), "of PCG64"),
-        ("increment_high increment_low", "u8", (), "odd; which of its streams"),
-        ("has_half half", "u4", (), "whether the upper half of a draw is left over; that half"),
-        ("pool", "u4", (4,), "the seed and the spawn key, mixed"),
-        ("hash spawned", "u4", (), "constant that goes on mixing; how many were spawned"),
+        ("state_high state_low", "u8", (), "of PCG64", ANY),
+        ("increment_high increment_low", "u8", (), "odd; which of its streams", ANY),
+        ("has_half half", "u4", (), "whether the upper half of a draw is left over; that half", (FLAG, ANY)),
+        ("pool", "u4", (4,), "the seed and the spawn key, mixed", ANY),
+        ("hash spawned", "u4", (), "constant that goes on mixing; how many were spawned", ANY),
     )),
     CStruct("world", "The robot and the floor as MuJoCo has them: where things are in its arrays, and their numbers.", (
         ("bodies torso floor geoms moving", "i4", (), "of bodies; bodies; geom; of all geoms; of those of the robot"),
@@ -155,10 +144,11 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("weather", "Wind and pushes as they unfold.", (
         ("mean_w gust_w push_w", "f8", (3,), "mean wind, turbulence [m/s]; the push that is on now [N]; world"),
-        ("next_push push_end", "f8", (), "when the next begins, and the present one ends [s]"),
+        ("next_push push_end", "f8", (), "when the next begins, and the present one ends [s]", (INFINITE, USUAL)),
     )),
     CStruct("pending", "A command on its way.", (
-        ("due vectoring_due", "i8", (), "physics steps at which thrusts and joints, and vectoring angles, arrive"),
+        ("due vectoring_due", "i8", (), "physics steps at which thrusts and joints, and vectoring angles, arrive",
+         COUNT),
         ("target", "f8", (N_ACTUATORS,), "thrusts [N], joints, vectoring angles [rad]"),
     )),
     CStruct("sensor_memory", "Everything about the sensors that changes.", (
@@ -166,7 +156,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("drift", "f8", (6,), "slow error of position [m] and attitude [rad]"),
         ("velocity_w", "f8", (3,), "of the inertial unit at its last sample [m/s]"),
         ("silent_until next_pose next_encoder", "f8", (), "[s]"),
-        ("frames samples", "i4", (), "of the motion capture on their way; of the inertial unit since the last tick"),
+        ("frames samples", "i4", (), "of the motion capture on their way; of the inertial unit since the last tick",
+         ((0, MAX_FRAMES), (0, IMU_SAMPLES))),
         ("frame_time", "f8", (MAX_FRAMES,), "oldest first [s]"),
         ("frame_position_w", "f8", (MAX_FRAMES, 3), "[m]"),
         ("frame_quat_wb", "f8", (MAX_FRAMES, 4), ""),
@@ -177,10 +168,10 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("torque", "f8", (N_JOINTS,), "what they reported [Nm]"),
     )),
     CStruct("touch", "What touches the floor at one instant.", (
-        ("balls", "i4", (N_BALLS,), "whether each foot, then each peg does"),
-        ("ducts", "i4", (), "whether a duct does"),
+        ("balls", "i4", (N_BALLS,), "whether each foot, then each peg does", FLAG),
+        ("ducts", "i4", (), "whether a duct does", FLAG),
         ("slip", "f8", (2 * N_LEGS,), "speed of the touching points of feet, then of the torso's pegs [m/s]"),
-        ("duct_clearance", "f8", (), "height of the lowest duct over the floor [m]"),
+        ("duct_clearance", "f8", (), "height of the lowest duct over the floor [m]", INFINITE),
         ("hit", "f8", (), "largest force on anything but feet and pegs, where there are boxes [N]"),
     )),
     CStruct("plant", "One simulated robot: what it is, and all that changes about it.", (
@@ -188,25 +179,25 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("disturbances", "disturbances", (), ""),
         ("floor_R", "f8", (9,), "attitude of the floor"),
         ("highest_tile", "f8", (), "over the floor's plane [m]"),
-        ("delay vectoring_delay", "i8", (), "between a command and the actuators, in physics steps"),
+        ("delay vectoring_delay", "i8", (), "between a command and the actuators, in physics steps", COUNT),
         ("row", "f8", (MUJOCO_STATE,), "MuJoCo's state"),
         ("state", "robot_state", (), "the true state"),
-        ("clock", "i8", (), "physics steps since the reset"),
-        ("pending_first pending_count", "i4", (), "a ring"),
+        ("clock", "i8", (), "physics steps since the reset", COUNT),
+        ("pending_first pending_count", "i4", (), "a ring", ((0, MAX_PENDING - 1), (0, MAX_PENDING - 1))),
         ("pending", "pending", (MAX_PENDING,), ""),
         ("torque_limit", "f8", (N_JOINTS,), "that the joint servos may use [Nm]"),
-        ("in_contact diverged has_air senses", "i4", (), "touching; no longer finite; something blows; measuring"),
-        ("violated", "i4", (), "bits of sp_constraint, since somebody made it 0"),
+        ("in_contact diverged has_air senses", "i4", (), "touching; no longer finite; something blows; measuring",
+         FLAG),
+        ("violated", "i4", (), "bits of sp_constraint, since somebody made it 0", (0, 31)),
         ("clearance", "f8", (), "least height of everything over the highest tile at the end of the last tick [m]"),
         ("hit", "f8", (), "largest force in the last tick on anything but feet and pegs, where there are boxes [N]"),
-        ("spent_wh", "f8", (), "that the battery lacks at the reset [Wh]"),
-        ("noise", "f8", (N_ROTORS,), "of the thrusts [N]"),
-        ("weather", "weather", (), ""),
+        ("spent_wh", "f8", (), "that the battery lacks at the reset [Wh]", SINCE),
+        ("noise", "f8", (N_ROTORS,), "of the thrusts [N]"), ("weather", "weather", (), ""),
         ("air_force_w", "f8", (3,), "of the air besides the thrust in still air, world [N]"),
         ("air_factor", "f8", (N_DUCTS,), "thrust of each duct over that in still air"),
-        ("falling", "i4", (N_ROTORS,), "modules whose thrust falls"),
+        ("falling", "i4", (N_ROTORS,), "modules whose thrust falls", FLAG),
         ("loose", "f8", (N_JOINTS,), "where each joint is within its play [rad]"),
-        ("is_stuck", "i4", (), "whether the next counts"),
+        ("is_stuck", "i4", (), "whether the next counts", FLAG),
         ("stuck", "f8", (2,), "vectoring angles of a module whose servos have failed [rad]"),
         ("power energy_wh", "f8", (), "[W], since the reset [Wh]"),
         ("sensors", "sensor_memory", (), ""),
@@ -215,7 +206,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     CStruct("goal", "A form to take.", (
         ("start deadline", "f8", (), "when it becomes the target; when the slowest joint arrives [s]"),
         ("joint_target", "f8", (N_JOINTS,), "q [rad]"),
-        ("reached", "i4", (), "whether it was, in time"),
+        ("reached", "i4", (), "whether it was, in time", FLAG),
     )),
     CStruct("draw", "A number of a plant's configuration that is drawn, or a run of them.", (
         ("at count operation", "i4", (), "byte of the configuration; how many; sp_operation"),
@@ -267,12 +258,12 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("estimator", "estimator", (), ""),
         ("seen", "robot_state", (), "what the controller sees: the state, or its estimate where there are sensors"),
         ("action", "f8", (MAX_ENTRIES,), "the last, within [−1, 1]"),
-        ("has_command", "i4", (), "whether there was a tick"),
+        ("has_command", "i4", (), "whether there was a tick", FLAG),
         ("command", "command", (), "the last"),
         ("residual", "residual", (), "what the action added"),
-        ("ticks", "i8", (), "since the reset"),
-        ("failure", "i4", (), "why the episode is over, or −1"),
-        ("truncated over", "i4", (), "whether the horizon is reached; whether the next step is a reset"),
+        ("ticks", "i8", (), "since the reset", COUNT),
+        ("failure", "i4", (), "why the episode is over, or −1", CODE),
+        ("truncated over", "i4", (), "whether the horizon is reached; whether the next step is a reset", FLAG),
         ("reward", "f8", (), ""),
         ("drawn", "f8", (DRAWN_NUMBERS,), "what was drawn of the robot, in the order of the draws"),
     )),
@@ -286,13 +277,14 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("leg_momentum leg_momentum_rate", "f8", (3,), "[Nms], [Nm]"),
         ("joint_velocity", "f8", (N_JOINTS,), "of the joint commands [rad/s]"),
         ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
-        ("forms is_given has_trim", "i4", (), "which sequence; whether the start is given; whether with its trim"),
+        ("forms is_given has_trim", "i4", (), "which sequence; whether the start is given; whether with its trim",
+         ("sequence", FLAG, FLAG)),
         ("offset rotation velocity omega", "f8", (3,), "of the start [m], [rad], of the CoG [m/s], [rad/s]"),
         ("trim", "f8", (6,), "what a hover takes beyond the description [N, Nm]"),
-        ("goals current flown", "i4", (), "how many; which is the target; ticks"),
-        ("knots", "i4", (), "of the path; 0 where there is none"),
+        ("goals current flown", "i4", (), "how many; which is the target; ticks", COUNT),
+        ("knots", "i4", (), "of the path; 0 where there is none", COUNT),
         ("position_sum attitude_sum", "f8", (), "of squared errors [m²], [rad²]"),
-        ("is_led", "i4", (), "whether the controller's advice is done in place of the action"),
+        ("is_led", "i4", (), "whether the controller's advice is done in place of the action", FLAG),
         ("advice", "command", (), "what the controller would have commanded at the last tick"),
     )),
     CStruct("info", "What is told of every robot after a tick.", (
@@ -305,15 +297,16 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("air_force", "f8", (3,), "world [N]"),
         ("power_w energy_wh endurance_min", "f8", (), ""),
         ("cost cost_contact cost_torque cost_duct cost_blown", "f8", (), "of violated constraints: the sum, each"),
-        ("qp_status_code qp_iterations failure_code", "i4", (), "sp_status or −1; of the task or −1"),
+        ("qp_status_code qp_iterations failure_code", "i4", (), "sp_status or −1; of the task or −1",
+         (CODE, COUNT, CODE)),
     )),
     CStruct("hover_info", "What is told of a flight.", (
         ("info", "info", (), ""),
         ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
         ("wrench_desired", "f8", (6,), "[N, Nm]"),
         ("term", "f8", (4,), "of the reward: position, attitude, joints, action"),
-        ("restricted_rotors", "b1", (N_ROTORS,), ""),
-        ("is_success", "b1", (), ""),
+        ("restricted_rotors", "b1", (N_ROTORS,), "", FLAG),
+        ("is_success", "b1", (), "", FLAG),
     )),
     CStruct("watch", "What is looked at in a flight besides what is told.", (
         ("config", "interference_config", (), ""),
@@ -353,16 +346,16 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("touch", "touch", (), ""),
         ("tilt", "f8", (), "of the torso against the floor [rad]"),
         ("way goal", "pose2", (), "seen from the start; world"),
-        ("cycles", "i4", (), "that the way takes; 0 where it is out of reach"),
+        ("cycles", "i4", (), "that the way takes; 0 where it is out of reach", COUNT),
         ("nominal_time", "f8", (), "where joints and torso go exactly as planned [s]"),
         ("error", "f8", (3,), "goal − torso, x, y [m], world, and yaw [rad]"),
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
-        ("crawled swing_ticks timeouts", "i4", (), "ticks; those of the swing; phases that ended by time-out"),
-        ("rested", "i4", (), "ticks, up to now, of resting at the goal, where there is no gait"),
+        ("crawled swing_ticks timeouts", "i4", (), "ticks; those of the swing; phases that ended by time-out", COUNT),
+        ("rested", "i4", (), "ticks, up to now, of resting at the goal, where there is no gait", COUNT),
         ("finished", "f8", (), "when the gait was done, or without one had rested at the goal [s]; 0 before"),
         ("airborne_ticks foot_slip peg_slip", "f8", (N_LEGS,), "ticks of the swing in the air; ways on the floor [m]"),
-        ("duct_clearance", "f8", (), "least so far [m]"),
-        ("duct_contact", "i4", (), "whether a duct has touched the floor"),
+        ("duct_clearance", "f8", (), "least so far [m]", INFINITE),
+        ("duct_contact", "i4", (), "whether a duct has touched the floor", FLAG),
         ("saturation thrust thrust_peak", "f8", (), "sums over ticks: saturated joints, thrust over weight; its peak"),
         ("tilt_legs tilt_torso", "f8", (), "largest tilt while legs are lifted, while the torso moves [rad]"),
     )),
@@ -373,9 +366,10 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("saturation_share thrust_fraction thrust_fraction_mean thrust_fraction_peak", "f8", (), ""),
         ("tilt_rad cost_of_transport", "f8", (), ""),
         ("term", "f8", (6,), "of the reward: progress, goal, level, slip, power, action"),
-        ("phase_code timeouts shortfalls_code", "i4", (), "sp_phase; phases; bits of sp_shortfall"),
-        ("foot_contact", "b1", (N_LEGS,), ""),
-        ("finished is_success", "b1", (), ""),
+        ("phase_code timeouts shortfalls_code", "i4", (), "sp_phase; phases; bits of sp_shortfall",
+         ("phase", COUNT, (0, 255))),
+        ("foot_contact", "b1", (N_LEGS,), "", FLAG),
+        ("finished is_success", "b1", (), "", FLAG),
     )),
     CStruct("course_rules", "The task of a course.", (
         ("rules", "rules", (), ""),
@@ -399,10 +393,11 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("manager", "manager", (), ""),
         ("pilot", "pilot", (), ""),
         ("course", "course", (), ""),
-        ("is_given", "i4", (), "whether it is given, not drawn"),
+        ("is_given", "i4", (), "whether it is given, not drawn", FLAG),
         ("error", "f8", (3,), "goal − torso, x, y [m], world, and yaw [rad]"),
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
-        ("controls flown crawled lies", "i4", (), "ticks, in the air, of crawling; whether it lies"),
+        ("controls flown crawled lies", "i4", (), "ticks, in the air, of crawling; whether it lies",
+         (COUNT, COUNT, COUNT, FLAG)),
         ("arrived", "f8", (), "since when it lies at the goal [s]; 0 if it does not"),
         ("hit most_hit tilt charge", "f8", (), "largest force of the last step, of all [N]; [rad]; of the battery"),
     )),
@@ -411,8 +406,9 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("goal_error", "f8", (3,), "[m], [m], [rad]"),
         ("distance_m time_s flown_s crawled_s charge hit_n most_hit_n tilt_rad thrust_fraction", "f8", (), ""),
         ("term", "f8", (4,), "of the reward: progress, goal, power, safety"),
-        ("phase_code gate", "i4", (), "sp_manager_phase; how many gates and floors are behind it"),
-        ("lies finished is_success", "b1", (), ""),
+        ("phase_code gate", "i4", (), "sp_manager_phase; how many gates and floors are behind it",
+         ("manager_phase", (0, gates.MAX_GATES))),
+        ("lies finished is_success", "b1", (), "", FLAG),
     )),
 )  # fmt: skip
 """In the order of their definition: those inside others first."""

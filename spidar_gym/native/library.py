@@ -118,7 +118,7 @@ class Struct:
 
     def __init__(self, name: str, record: np.ndarray | None = None) -> None:
         """Make one, or look at one inside another."""
-        self.record = np.zeros((), core_layouts()[name]) if record is None else record
+        self.name, self.record = name, np.zeros((), core_layouts()[name]) if record is None else record
         self.pointer = pointer(self.record)
         self.views: dict[str, np.ndarray] = {n: self.record[n] for n in self.record.dtype.names or ()}
 

@@ -1,202 +1,288 @@
-"""Limits of every number of a robot's record: what bytes from outside are held to before the library has them."""
+"""What bytes from outside are held to before the library has them: bounds of every number, and how numbers fit together.
 
-from functools import cache
-from typing import Any
+Bounds stand in the tables that the structs are made of; a whole number without any is an error here, so that no member
+can be forgotten. What is settled where a controller is made is held to what was settled there.
+"""
+
+import operator
+from collections.abc import Callable, Iterator
+from functools import cache, reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from spidar_gym.control.allocation.allocator import AllocationStatus
-from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.course import gates
-from spidar_gym.control.crawl.footsteps import STRIDES
-from spidar_gym.control.crawl.phases import PHASES
-from spidar_gym.control.locomotion import commands, orders
-from spidar_gym.native.constants import (
-    COSTS,
-    MANAGER_KNOTS,
-    MAX_M,
-    MAX_N,
-    MAX_STEPS,
-    MAX_WAYPOINTS,
-    PROGRAMS,
-    ROWS,
-    SIZES,
-    STEPS,
-    program_modes,
-)  # fmt: skip
+from spidar_gym.control.locomotion import orders
+from spidar_gym.native.configurations import configuration_structs
+from spidar_gym.native.constants import ENUMERATIONS, PROGRAMS, ROWS, SIZES, STEPS, program_modes
+from spidar_gym.native.core_structs import CORE_STRUCTS
 from spidar_gym.native.engine_structs import (
-    COURSE_FAILURES,
-    CRAWL_FAILURES,
-    FLIGHT_FAILURES,
-    MAX_FRAMES,
+    ENGINE_ENUMERATIONS,
+    ENGINE_STRUCTS,
     MAX_PENDING,
-    SEQUENCES,
-)  # fmt: skip
-from spidar_gym.robot import N_ROTORS
-from spidar_gym.sim.disturbances import FAULTS
-from spidar_gym.sim.violations import VIOLATIONS
-from spidar_gym.state import IMU_SAMPLES
+    N_DOFS,
+    engine_layouts,
+)
+from spidar_gym.native.structs import USUAL, WORDS, Bounds, CStruct, border_structs
+from spidar_gym.sim.ground import BOXES
 
-TICKS = 2**40
-"""More ticks or physics steps than any episode has."""
-_ANY, _FLAG, _COUNT = (0, 2**64 - 1), (0, 1), (0, TICKS)
-LIMITS: dict[str, tuple[int, int]] = {
-    # of random streams any number is one
-    **dict.fromkeys(
-        ("generator.state_high", "generator.state_low", "generator.increment_high", "generator.increment_low",
-         "generator.half", "generator.pool", "generator.hash", "generator.spawned"), _ANY,
-    ),
-    "generator.has_half": _FLAG,
-    # words
-    "allocation.status": (0, len(AllocationStatus) - 1),
-    "config.allocation": (0, len(ALLOCATIONS) - 1), "flight.allocation": (0, len(ALLOCATIONS) - 1),
-    "gait.stride": (0, len(STRIDES) - 1), "gait.phase": (0, len(PHASES) - 1),
-    "memory.phase": (0, len(orders.PHASES) - 1), "steps.phases": (0, len(STEPS) - 1),
-    "memory.mode": (0, len(PROGRAMS) - 1), "mode.kind": (0, len(PROGRAMS) - 1), "modes.kind": (0, len(PROGRAMS) - 1),
-    "costs.kind": (0, len(COSTS)), "rows.kind": (0, len(ROWS)), "commands.kind": (0, len(commands.KINDS) - 1),
-    "gates.kind": (0, len(gates.KINDS)), "disturbances.fault": (0, len(FAULTS) - 1), "reference.mode": (0, 1),
-    "forms": (0, len(SEQUENCES) - 1),
-    "episode.failure": (-1, max(map(len, (FLIGHT_FAILURES, CRAWL_FAILURES, COURSE_FAILURES))) - 1),
-    # indices and counts
-    "allocation.rows": (0, MAX_M), "memory.rows": (0, MAX_M), "allocation.active": (-1, 1), "memory.active": (-1, 1),
-    "mode.n": (0, MAX_N), "modes.n": (0, MAX_N), "mode.m": (0, MAX_M), "modes.m": (0, MAX_M),
-    "gait.first": (0, MAX_STEPS - 1), "gait.count": (0, MAX_STEPS),
-    "gait.index": (0, max(len(phases) for phases in STEPS.values())),
-    "manager.count": (0, MAX_WAYPOINTS), "manager.knot_count": (0, MANAGER_KNOTS), "course.count": (0, gates.MAX_GATES),
-    "disturbances.lost_rotor": (0, N_ROTORS), "plant.pending_first": (0, MAX_PENDING - 1),
-    "plant.pending_count": (0, MAX_PENDING), "sensors.frames": (0, MAX_FRAMES), "sensors.samples": (0, IMU_SAMPLES),
-    "plant.violated": (0, 2 ** len(VIOLATIONS) - 1), "config.substeps": (0, 1000),
-    "plant.delay": (0, MAX_PENDING * 1000), "plant.vectoring_delay": (0, MAX_PENDING * 1000),
-    "compensation.observer_order": (0, 2), "allocator.max_iter": (0, 10**5),
-    # ticks, and what is counted
-    **dict.fromkeys(
-        ("plant.clock", "pending.due", "pending.vectoring_due", "episode.ticks", "allocation.iterations",
-         "gait.timeouts", "memory.failures", "rested", "flown", "crawled", "controls", "swing_ticks", "timeouts",
-         "cycles"),
-        _COUNT,
-    ),
-    "goals": _COUNT, "current": _COUNT, "knots": _COUNT,  # and held to the fleet's rooms
-    # flags
-    **dict.fromkeys(
-        ("actuators.battery", "aero.wake", "commands.along", "commands.at_once", "commands.has_form",
-         "compensation.has_momentum", "compensation.has_observed", "compensation.has_slow",
-         "compensation.observer_beyond", "config.power", "config.sense", "course.dares", "crawl.power", "crawl.ticked",
-         "demand.lifted", "demand.locked", "demand.lost", "demand.restricted", "episode.has_command", "episode.over",
-         "episode.truncated", "flight.ticked", "gait.rested", "gait.rolling", "generator.has_half",
-         "interference.restricted", "last.flies", "lock.active", "lock.vertical", "memory.rises", "mode.feet_carry",
-         "modes.feet_carry", "pilot.has_target", "plant.diverged", "plant.falling", "plant.has_air",
-         "plant.in_contact", "plant.is_stuck", "plant.senses", "reference.lost_thrust", "reference.lost_vectoring",
-         "residual.has_forces_l", "residual.has_leg_forces_b", "steps.has_angle", "steps.has_height",
-         "steps.has_target", "steps.legs", "touch.balls", "touch.ducts", "is_given", "lies", "duct_contact", "has_trim",
-         "is_led", "reached"), _FLAG,
-    ),
-    "interference.side": (-1, 1),
-}  # fmt: skip
-"""Least and largest value by the struct's member and its own name; of a robot's own members by their name alone."""
-INFINITE = frozenset(
-    ("estimator.past_time", "rows.a", "demand.lower", "demand.upper", "interference.lower", "interference.upper",
-     "weather.next_push")
-)  # fmt: skip
-"""Numbers that may be infinite."""
-LARGEST = 1e15
-"""No other number of a robot is as large, in SI units: what it leads to would be none."""
+_GROUND = PROGRAMS.index("rest")
+"""The first program of the crawl."""
+FARTHEST = 1e12
+"""Positions and velocities have diverged where the sum of their squares is larger; as in `sp_plant_step`."""
 
 
-def limits_of(name: str, member: str) -> tuple[int, int] | None:
-    """Least and largest value of a whole number (None where none is stated).
+class Numbers(NamedTuple):
+    """Numbers of a kind in a struct."""
 
-    Args:
-        name: Of the member.
-        member: Of what it is in; empty for a robot's own.
-    """
-    return LIMITS.get(f"{member}.{name}" if member else name)
+    at: np.ndarray
+    """Bytes to each."""
+    low: np.ndarray
+    """Least value of each."""
+    high: np.ndarray
+    """Largest value of each."""
 
 
 @cache
-def _modes() -> tuple[tuple[int, ...], ...]:
-    """Of every program: whether feet carry, unknowns, rows, and the kinds of its blocks of rows."""
+def _tables() -> dict[str, CStruct]:
+    structs = (*border_structs(), *CORE_STRUCTS, *configuration_structs(), *ENGINE_STRUCTS)
+    return {each.name: each for each in structs}
+
+
+@cache
+def _words() -> dict[str, Bounds]:
+    """Least and largest number of every enumeration."""
+    found = (*ENUMERATIONS.values(), *ENGINE_ENUMERATIONS)
+    return {each.name: (min(each.numbers.values()), max(each.numbers.values())) for each in found}
+
+
+def _members(struct: str) -> Iterator[tuple[str, str, Any]]:
+    """Name and kind of each member of a struct, and its bounds, None where nothing is said of them."""
+    for names, kind, _, _, *given in _tables()[struct].rows:
+        stated: Any = given[0] if given else _words().get(kind)
+        each = isinstance(stated, tuple) and any(isinstance(part, tuple | str) for part in stated)
+        for k, name in enumerate(names.split()):
+            bounds = stated[k] if each else stated
+            yield name, kind, _words()[bounds] if isinstance(bounds, str) else bounds
+
+
+@cache
+def numbers_of(struct: str) -> dict[str, Numbers]:
+    """All numbers of a struct and of those in it, by numpy's name of their kind.
+
+    Raises:
+        LookupError: For a whole number whose bounds its table does not state.
+    """
+    found: dict[str, list[tuple[np.ndarray, ...]]] = {}
+    for name, kind, bounds in _members(struct):
+        member, at = engine_layouts()[struct].fields[name][:2]  # pyright: ignore[reportOptionalSubscript] - it has some
+        starts = at + member.base.itemsize * np.arange(np.prod(member.shape, dtype=int))
+        if kind in _tables():
+            for inner, own in numbers_of(kind).items():
+                places = (starts[:, None] + own.at).ravel()
+                found.setdefault(inner, []).append((places, *(np.tile(each, len(starts)) for each in own[1:])))
+            continue
+        if bounds is None and member.base.kind != "f":
+            raise LookupError(f"{struct}.{name} is a whole number without bounds")
+        own = np.dtype("u1") if member.base.kind == "b" else member.base
+        low, high = bounds or USUAL
+        if own.kind != "f":
+            low, high = max(low, np.iinfo(own).min), min(high, np.iinfo(own).max)
+        limits = (np.full(len(starts), limit, own) for limit in (low, high))
+        found.setdefault(own.str[1:], []).append((starts, *limits))
+    return {kind: Numbers(*map(np.concatenate, zip(*parts, strict=True))) for kind, parts in found.items()}
+
+
+def member_at(struct: str, at: int) -> str:
+    """Name of the member at which so many bytes of a struct lead."""
+    fields: Any = engine_layouts()[struct].fields
+    for name, kind, _ in _members(struct):
+        member, begin = fields[name][:2]
+        if begin <= at < begin + member.itemsize:
+            k, rest = divmod(at - begin, member.base.itemsize)
+            index = f"[{k}]" if member.shape else ""
+            return f"{name}{index}" + (f".{member_at(kind, rest)}" if kind in _tables() else "")
+    return ""
+
+
+def _seen(records: np.ndarray, kind: str) -> np.ndarray:
+    """Records as if there were only numbers of a kind in them, (robots, numbers)."""
+    content = np.ascontiguousarray(records).reshape(-1).view(np.uint8)
+    return content.reshape(-1, records.dtype.itemsize).view(kind)
+
+
+def fault_of(struct: str, records: np.ndarray) -> str:
+    """What of records is outside its bounds or does not fit together, in words; empty where nothing is.
+
+    What MuJoCo and the sensors make of a robot that has diverged may be any number.
+
+    Args:
+        struct: Without `sp_`.
+        records: Of that struct, of any shape.
+    """
+    records = records.reshape(-1)
+    if not records.size:
+        return ""
+    for kind, own in numbers_of(struct).items():
+        seen, at = _seen(records, kind), own.at // np.dtype(kind).itemsize
+        # Least and largest of each number first: that is a fifth of the time.
+        least, largest = (edge(axis=0)[at] for edge in (seen.min, seen.max))
+        if ((least >= own.low) & (largest <= own.high)).all():
+            continue
+        values = seen[:, at]
+        wrong = ~((values >= own.low) & (values <= own.high) | _may_be_anything(struct, records, kind, own.at))
+        if wrong.any():
+            robot, k = np.argwhere(wrong)[0]
+            low, value, high = (f"{number:.9g}" for number in (own.low[k], values[robot, k], own.high[k]))
+            return f"{member_at(struct, int(own.at[k]))} = {value}, expected {low} … {high}"
+    for path, words, fits in _relations(struct):
+        if not np.all(fits(reduce(operator.getitem, path, records))):
+            return ".".join((*path, words))
+    return ""
+
+
+def _may_be_anything(struct: str, records: np.ndarray, kind: str, at: np.ndarray) -> np.ndarray:
+    """Which numbers are what became of a robot that has diverged, (robots, numbers)."""
+    plant, begin = engine_layouts()["plant"], 0
+    if kind != "f8":
+        return np.zeros((len(records), len(at)), bool)
+    if struct != "plant":
+        fields: Any = records.dtype.fields
+        if "plant" not in fields:
+            return np.zeros((len(records), len(at)), bool)
+        records, begin = records["plant"], fields["plant"][1]
+    own: Any = plant.fields
+    inside = (at >= begin + own["floor_R"][1]) & (at < begin + plant.itemsize)
+    return (records["diverged"] != 0)[:, None] & inside
+
+
+def differs(struct: str, records: np.ndarray, settled: np.ndarray, kinds: tuple[str, ...] = ()) -> str:
+    """Which member of records is another than was settled, empty where none is.
+
+    Args:
+        struct: Without `sp_`.
+        records: Of that struct, (robots,).
+        settled: What they are held to, one for all or one for each.
+        kinds: Kinds of numbers that count, all if not given.
+    """
+    for kind, own in numbers_of(struct).items():
+        if kinds and kind not in kinds:
+            continue
+        at = own.at // np.dtype(kind).itemsize
+        wrong = _seen(records, kind)[:, at] != _seen(settled, kind)[:, at]
+        if wrong.any():
+            return member_at(struct, int(own.at[np.argwhere(wrong)[0, 1]]))
+    return ""
+
+
+# ---- how numbers fit together ----
+
+Fits = Callable[[Any], Any]
+"""Which records fit."""
+
+
+@cache
+def _relations(struct: str) -> list[tuple[tuple[str, ...], str, Fits]]:
+    """What holds of a struct and of those in it: names that lead there, words, and whether it does."""
+    found = [((), words, fits) for words, fits in RELATIONS.get(struct, ())]
+    for name, kind, _ in _members(struct):
+        if kind in _tables() and not engine_layouts()[struct][name].shape:
+            found += [((name, *path), words, fits) for path, words, fits in _relations(kind)]
+    return found
+
+
+@cache
+def _modes() -> np.ndarray:
+    """Of every program: whether feet carry, unknowns, rows, kinds of its blocks of rows."""
     found = []
     for mode in program_modes().values():
         rows = [ROWS.index(type(each)) + 1 for each in mode.constraints]
-        found.append(
-            (int(mode.feet_carry), mode.size, len(mode.pattern), *rows, *[0] * (SIZES["MODE_ROWS"] - len(rows)))
-        )
-    return tuple(found)
+        rows += [0] * (SIZES["MODE_ROWS"] - len(rows))
+        found.append([int(mode.feet_carry), mode.size, len(mode.pattern), *rows])
+    return np.array(found)
 
 
-def fault_of(records: np.ndarray, member: str = "", path: str = "") -> str:
-    """What of robots is outside its limits, in words; empty where nothing is.
-
-    Args:
-        records: Records of robots, or of a member of theirs.
-        member: Name of that member.
-        path: Names that lead to it.
-    """
-    for name in records.dtype.names or ():
-        values, own = records[name], f"{path}{name}"
-        if values.dtype.names:
-            fault = fault_of(values, name, f"{own}.")
-            if not fault and "feet_carry" in values.dtype.names:
-                fault = _fault_of_modes(values, own)
-        elif values.dtype.kind == "f":
-            fault = _fault_of_floats(values, own, f"{member}.{name}")
-        else:
-            fault = _fault_of_integers(values, own, limits_of(name, member))
-        if fault:
-            return fault
-    return ""
+def _are_modes(modes: Any, kinds: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether modes of the allocation are those of some kinds: what they say is how far the solver writes."""
+    sizes = np.stack([modes["feet_carry"], modes["n"], modes["m"]], axis=-1)
+    given = np.concatenate([sizes, modes["rows"]["kind"]], axis=-1)
+    return (modes["kind"] == kinds) & (given == _modes()[kinds]).all(axis=-1)
 
 
-def _fault_of_floats(values: np.ndarray, path: str, name: str) -> str:
-    fits = np.abs(values) <= LARGEST
-    if name in INFINITE:
-        fits |= np.isinf(values)
-    return "" if fits.all() else f"{path} = {values[~fits].flat[0]:g}, expected a number within ± {LARGEST:g}"
+def _is_in_a_phase(gait: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether a gait is where its present step can be."""
+    longest = max(map(len, STEPS.values()))
+    words = list(ENUMERATIONS["phase"].words)
+    phases = np.array([[*map(words.index, each), *[-1] * (longest - len(each))] for each in STEPS.values()])
+    step = gait["steps"][np.arange(len(gait)), gait["first"]]
+    runs = (gait["count"] > 0) & (phases[step["phases"], gait["index"]] == gait["phase"])
+    return runs | (gait["phase"] == words.index("done"))
 
 
-def _fault_of_integers(values: np.ndarray, path: str, limits: tuple[int, int] | None) -> str:
-    if limits is None or not values.size:
-        return "" if limits else f"{path}, which has no limits"
-    low, high = limits
-    for value in (int(values.min()), int(values.max())):
-        if not low <= value <= high:
-            return f"{path} = {value}, expected {low} … {high}"
-    return ""
+def _is_on_a_path(manager: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether a manager has the path that it is on."""
+    moving = [orders.PHASES.index(word) for word in ("climb", "hover", "form", "fly")]
+    return (manager["knot_count"] > 0) | ~np.isin(manager["memory"]["phase"], moving)
 
 
-def _fault_of_modes(modes: np.ndarray, path: str) -> str:
-    """Whether a mode of the allocation is another than the core's of its kind; one that is not made yet is all zero."""
-    flat = modes.reshape(-1)
-    for each in flat[[any(mode.tobytes()) for mode in flat]] if flat.size else flat:
-        given = int(each["feet_carry"]), int(each["n"]), int(each["m"]), *each["rows"]["kind"].tolist()
-        if given != _modes()[int(each["kind"])]:
-            return f"{path} is none of the allocation's modes"
-    return ""
+def _has_room(course: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether there are as many boxes as a course is built of, and as many tiles as it has heights."""
+    course_gates = course["gates"]
+    kind, counts = course_gates["kind"], np.arange(gates.MAX_GATES) < course["count"][:, None]
+    rows = np.rint((course_gates["end"] - course_gates["begin"]) / gates.ROW)
+    tiled = counts & (kind == gates.KINDS.index("tiles"))
+    boxes = np.where(tiled, gates.TILE_COLUMNS * rows, 1 + (kind == gates.KINDS.index("slot")))
+    fits = ~tiled | ((rows >= 0) & (rows <= gates.TILE_ROWS))
+    return fits.all(axis=1) & ((boxes * counts).sum(axis=1) < BOXES)
 
 
-def fault_of_plants(plants: np.ndarray) -> str:
-    """What of simulated robots does not fit together; empty where all does."""
-    most = (MAX_PENDING - 2) * plants["config"]["substeps"].astype(np.int64)
-    if np.any(plants["vectoring_delay"] > most) or np.any(plants["delay"] > plants["vectoring_delay"]):
-        return "plant.delay is longer than there is room for"
-    if np.any((plants["is_stuck"] != 0) & (plants["disturbances"]["lost_rotor"] < 1)):
-        return "plant.is_stuck without a lost rotor"
-    return ""
+def _draws(generator: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether a stream of random numbers goes on: one with an even increment may come back to where it was."""
+    return generator["increment_low"] & 1 == 1
 
 
-def fault_of_robots(robots: np.ndarray, rooms: dict[str, int]) -> str:
-    """What of robots is outside its limits or does not fit together, in words; empty where all is well.
+def _is_set(generator: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether there is a stream at all: a robot without noise and weather may have none."""
+    words = ("state_high", "state_low", "increment_high", "increment_low")
+    return reduce(operator.or_, (generator[word] for word in words)) != 0
 
-    Args:
-        robots: Records of `sp_hover`, `sp_crawling` or `sp_coursing`.
-        rooms: How many `goals` and `knots` there is room for.
-    """
-    found: Any = fault_of(robots) or fault_of_plants(robots["plant"])
-    if found or "goals" not in (robots.dtype.names or ()):
-        return found
-    for name, room in rooms.items():
-        if np.any(robots[name] > room):
-            return f"{name} = {int(robots[name].max())}, expected up to {room}"
-    if np.any(robots["current"] >= np.maximum(robots["goals"], 1)):
-        return f"current = {int(robots['current'].max())}, expected one of the goals"
-    return ""
+
+def _is_somewhere(plant: Any) -> Any:  # noqa: ANN401 - numpy's records
+    """Whether a robot has not diverged, or says so, and its time is not before the reset."""
+    row = plant["row"]
+    with np.errstate(over="ignore", invalid="ignore"):
+        near = (row[:, 1 : 2 + 2 * N_DOFS] ** 2).sum(axis=1) < FARTHEST
+    return (near & (row[:, 0] >= 0.0)) | (plant["diverged"] != 0)
+
+
+RELATIONS: dict[str, tuple[tuple[str, Fits], ...]] = {
+    "plant": (
+        ("row is nowhere", _is_somewhere),
+        ("is_stuck without a lost rotor", lambda p: (p["is_stuck"] == 0) | (p["disturbances"]["lost_rotor"] > 0)),
+        ("vectoring_delay is longer than there is room for",
+         lambda p: (p["delay"] <= p["vectoring_delay"])
+         & (p["vectoring_delay"] <= (MAX_PENDING - 2) * p["config"]["substeps"].astype(np.int64))),
+        ("generator draws nothing", lambda p: _draws(p["generator"]) | ~_is_set(p["generator"])),
+    ),
+    "episode": (("generator draws nothing", lambda e: _draws(e["generator"])),),
+    "flight": (
+        ("mode is another than config's", lambda f: _are_modes(f["mode"], f["config"]["allocation"])),
+        ("dt is another than config's", lambda f: f["dt"] == 1.0 / f["config"]["rate_hz"]),
+    ),
+    "crawl": (
+        ("modes are none of the allocation's", lambda c: _are_modes(c["modes"][:, _GROUND :], np.arange(_GROUND, len(PROGRAMS)))),
+        ("dt is another than config's", lambda c: c["dt"] == 1.0 / c["config"]["rate_hz"]),
+    ),
+    "gait_memory": (("phase is none of the present step's", _is_in_a_phase),),
+    "manager": (
+        ("knot_count is 0 on a path", _is_on_a_path),
+        ("flight.config is another than config's",
+         lambda m: not differs("controller_config", m["flight"]["config"], m["config"]["flight"])),
+        ("crawl.config is another than config's",
+         lambda m: not differs("crawler_config", m["crawl"]["config"], m["config"]["crawl"])),
+    ),
+    "info": (("qp_status_code is no status", lambda i: i["qp_status_code"] <= _words()["status"][1]),),
+    "course": (("gates take more boxes than there is room for", _has_room),),
+    "hover": (("current is none of the goals", lambda h: h["current"] < h["goals"]),),
+}  # fmt: skip
+"""How numbers of a struct fit together, vectorised over robots: what does not, and whether it does."""

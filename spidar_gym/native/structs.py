@@ -1,6 +1,7 @@
 """Structs that Python and the onboard core share, written down once: dataclasses, or tables of members."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar
@@ -34,6 +35,40 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("disturbances", "fault"): FAULTS,
 }
 """Fields that are words in Python and numbers in C: the valid ones in order."""
+Bounds = tuple[float, float]
+"""The least and the largest value of a member that the library works with."""
+FLAG: Bounds = (0, 1)
+"""Yes or no."""
+CODE: Bounds = (-1, 2**30)
+"""Of a word, −1 for none; how many words there are is known elsewhere."""
+COUNT: Bounds = (0, 2**30)
+"""Of ticks and the like: far from where a sum of two leaves its kind."""
+ANY: Bounds = (-(2**63), 2**64 - 1)
+"""Whatever its kind holds."""
+USUAL: Bounds = (-1e15, 1e15)
+"""Of a number with a fraction for which nothing else is said: neither NaN nor infinite, and its cube is a number."""
+INFINITE: Bounds = (-math.inf, math.inf)
+"""Of one that may be infinite."""
+SINCE: Bounds = (0.0, 1e15)
+"""Of a time or an amount that is never negative."""
+WHOLE: dict[tuple[str, str], Bounds] = {
+    ("measurement", "pose_count"): (0, POSE_FRAMES),
+    ("measurement", "imu_count"): (0, IMU_SAMPLES),
+    ("interference", "side"): (-1, 1),
+    ("compensation_config", "observer_order"): (1, 2),
+    ("allocator_config", "max_iter"): COUNT,
+    ("plant_config", "substeps"): COUNT,
+    ("disturbances", "lost_rotor"): (0, N_ROTORS),
+}
+"""Bounds of whole numbers that are neither flags nor words, by struct and field."""
+FRACTIONS: dict[tuple[str, str], Bounds] = {
+    ("robot_state", "time"): SINCE,
+    ("interference", "lower"): INFINITE,
+    ("interference", "upper"): INFINITE,
+    ("demand", "lower"): INFINITE,
+    ("demand", "upper"): INFINITE,
+}
+"""Bounds of numbers with a fraction that are others than `USUAL`."""
 OPTIONAL = {("residual", "forces_l"): (N_ROTORS, 3), ("residual", "leg_forces_b"): (N_LEGS, 3)}
 """Arrays that may be missing, with their shapes: in C a flag `has_…` goes before them."""
 
@@ -59,10 +94,14 @@ def samples() -> list[Any]:
     ]  # fmt: skip
 
 
-Row = tuple[str, str, tuple[int, ...], str]
-"""Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment.
+Row = (
+    tuple[str, str, tuple[int, ...], str] | tuple[str, str, tuple[int, ...], str, Bounds | tuple[Bounds, ...] | str]
+)
+"""Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment; bounds.
 
-The kind is `f8`, `f4`, `i4`, `i8`, `u4`, `u8`, `u1`, an enumeration, or a struct that came before.
+The kind is `f8`, `f4`, `i4`, `i8`, `u4`, `u8`, `u1`, an enumeration, or a struct that came before. Bounds are those of
+all of the row's members or of each, or the name of an enumeration; what a saved robot holds is held to them. Every whole
+number that is saved has some; an enumeration has its own, and a fraction without any is `USUAL`.
 """
 
 
@@ -97,17 +136,21 @@ def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
         value, doc = getattr(sample, field.name), docs.get(field.name, "")
         if isinstance(value, RobotSpec):
             continue  # in C a robot is `sp_robot`
-        kind, shape = "i4", ()
-        if (struct, field.name) in OPTIONAL:
-            rows.append((f"has_{field.name}", "i4", (), "Whether the next field counts."))
-            kind, shape = "f8", OPTIONAL[struct, field.name]
+        kind, shape, at = "i4", (), (struct, field.name)
+        if at in OPTIONAL:
+            rows.append((f"has_{field.name}", "i4", (), "Whether the next field counts.", FLAG))
+            kind, shape = "f8", OPTIONAL[at]
         elif dataclasses.is_dataclass(value):
             kind = snake(type(value).__name__)
         elif not isinstance(value, bool | int | str):
             array = np.asarray(value)
             kind, shape = "f8" if array.dtype == float else "i4", array.shape
         flat = (int(np.prod(shape)),) if shape else ()
-        rows.append((field.name, kind, flat, f"{shape} {doc}" if len(shape) > 1 else doc))
+        row = field.name, kind, flat, f"{shape} {doc}" if len(shape) > 1 else doc
+        bounds = (0, len(WORDS[at]) - 1) if at in WORDS else {**WHOLE, **FRACTIONS}.get(at)
+        if np.asarray(value).dtype == bool:
+            bounds = FLAG
+        rows.append(row if bounds is None else (*row, bounds))
     return rows
 
 
@@ -122,7 +165,7 @@ def dtypes(structs: Iterable[CStruct], known: Mapping[str, np.dtype] | None = No
     for struct in structs:
         members = [
             (name, types.get(kind) or np.dtype("i4" if kind in ENUMERATIONS else kind), shape)
-            for names, kind, shape, _ in struct.rows
+            for names, kind, shape, *_ in struct.rows
             for name in names.split()
         ]
         types[struct.name] = np.dtype(members, align=True)

@@ -3,12 +3,12 @@
 from spidar_gym.native import draws
 from spidar_gym.native.codegen.header import define, enumeration, header, struct
 from spidar_gym.native.codegen.ziggurat import ziggurat_header
+from spidar_gym.native.configurations import configuration_structs
 from spidar_gym.native.engine_structs import (
     ENGINE_ENUMERATIONS,
     ENGINE_NUMBERS,
     ENGINE_SIZES,
     ENGINE_STRUCTS,
-    configuration_structs,
 )
 
 DRAWS = ("SEED_POOL", "SEED_START", "SEED_FACTOR", "SEED_LEFT", "SEED_RIGHT", "STATE_START", "STATE_FACTOR")

@@ -114,7 +114,7 @@ def enumeration(each: Enumeration) -> list[str]:
 def struct(each: CStruct) -> list[str]:
     """A struct of C."""
     lines = [f"/* {each.doc.replace('*/', '* /')} */", "typedef struct {"]
-    for names, kind, shape, doc in each.rows:
+    for names, kind, shape, doc, *_ in each.rows:
         size = "".join(f"[{n}]" for n in shape)
         members = ", ".join(name + size for name in names.split())
         comment = f" /* {doc.replace('*/', '* /')} */" if doc else ""

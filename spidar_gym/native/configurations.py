@@ -1,0 +1,19 @@
+"""Structs of what can be chosen about a simulated robot."""
+
+from functools import cache
+
+from spidar_gym.native.structs import CStruct, struct_of
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.air import AeroConfig
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.sensors import SensorConfig
+
+
+@cache
+def configuration_structs() -> tuple[CStruct, ...]:
+    """What can be chosen about a simulated robot, those inside others first."""
+    parts = ActuatorConfig(), AeroConfig(), BodyConfig(), GroundConfig(), SensorConfig(), PlantConfig(), Disturbances()
+    return tuple(map(struct_of, parts))
