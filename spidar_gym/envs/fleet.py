@@ -1,6 +1,7 @@
 """Robots of one environment in the engine, and what goes in and comes out at a tick: one robot or thousands."""
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -177,6 +178,27 @@ class Fleet:
             self.rules["rules"]["is_advised"] = np.any(old.rules["rules"]["is_advised"])
             old.close()
 
+    def way_back(self) -> Callable[[], None]:
+        """What lets robots and rules be again as they are now."""
+        arrays = [self.rules, self.robots, self.goals, self.knots, self.observations, self.infos, *self.extras]
+        contents = [(array, array.copy()) for array in (*arrays, self.engine.copies)]
+        rooms = {"goals": self.goals, "knots": self.knots}
+
+        def back() -> None:
+            for array, content in contents:
+                array[...] = content
+            for name, array in rooms.items():
+                self._give(name, array)
+            self.engine.forget_copies()
+
+        return back
+
+    def _give(self, name: str, array: np.ndarray) -> None:
+        """Let goals or knots be in another array."""
+        setattr(self, name, array)
+        self.engine.share(name, array)
+        self.engine.record[f"{name[:-1]}_room"] = array.shape[1]
+
     def make_room(self, goals: int, knots: int = 0) -> None:
         """Let an episode have at least so many forms, and its path so many knots."""
         with self.engine.turn.lock:
@@ -186,9 +208,7 @@ class Fleet:
                 if wanted > room:
                     wider = np.zeros((robots, wanted), held.dtype)
                     wider[:, :room] = held
-                    setattr(self, name, wider)
-                    self.engine.share(name, wider)
-                    self.engine.record[f"{name[:-1]}_room"] = wanted
+                    self._give(name, wider)
 
     def reset(self, ids: np.ndarray | None = None) -> None:
         """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""

@@ -6,7 +6,7 @@ construction settles. So what a law or an environment of one's own keeps comes a
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from typing import Any, NoReturn
 
@@ -23,7 +23,7 @@ from spidar_gym.envs import saving
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.judge import task_options
-from spidar_gym.envs.options import Task
+from spidar_gym.envs.kept import fault_of
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
@@ -136,52 +136,57 @@ class Restorable(ABC):
         Raises:
             SpidarError: For bytes that are not what fits here, and nothing has changed.
         """
-        before = self.save_state() if self._began else None
+        told, arrays = _opened(saved)
+        for name, here in self._description().items():
+            if told.get(name) != here:
+                raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
+        back = self._way_back()
         try:
-            self._become(saved)
+            seen = self._become(arrays)
         except Exception as error:  # of damaged values anything may come; whatever it is, nothing has changed
-            self._began = before is not None
-            if before is not None:
-                self._become(before)
+            back()
             if isinstance(error, SpidarError):
                 raise
             raise SpidarError(f"the saved state is damaged: {shown(error)}; valid: what save_state() gave") from error
         if self.render_mode == "human":
             self.render()
-        return self._shown()
+        return seen
 
-    def _become(self, saved: bytes) -> None:
+    def _become(self, arrays: dict[str, np.ndarray]) -> tuple[Any, dict[str, Any]]:
         """Take over what was saved; where this raises, some of it may have been."""
-        told, arrays = _opened(saved)
-        for name, here in self._description().items():
-            if told.get(name) != here:
-                raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
         known = unpack_values(arrays["words"], arrays["numbers"], self._modules())
-        parts = dict(self._parts())
+        parts, fleet = dict(self._parts()), self.fleet
         _require_parts(known, parts)
-        fleet = self.fleet
-        if fleet is not None:
-            robot = arrays["robot"].tobytes() if "robot" in arrays else b""
-            self._restore_robot(fleet, known[_ROOT]["task"], robot)
         for path, part in parts.items():
             _recall(part, known[path])
         if fleet is not None:
+            self._obey(fleet)
+            saving.restore(fleet, arrays["robot"].tobytes() if "robot" in arrays else b"", [0])
+            self.plant.refresh()
             self._forget()
-        self._shown()
+        return self._shown()
 
-    def _restore_robot(self, fleet: Fleet, task: Task, saved: bytes) -> None:
-        """Let the engine's robot be the saved one, whose task it may have to be told."""
-        before, rules = self.task, fleet.rules.copy()
-        self.task = task
-        try:
-            self._obey(fleet)
-            saving.restore(fleet, saved, [0])
-        except Exception:
-            self.task = before
-            self._obey(fleet)
-            fleet.rules[...] = rules
-            raise
-        self.plant.refresh()
+    def _way_back(self) -> Callable[[], None]:
+        """What lets everything be again as it is now."""
+        parts, fleet = dict(self._parts()), self.fleet
+        if fleet is not None and self._began:
+            self.plant.keep()
+        robots = None if fleet is None else fleet.way_back()
+        now = {path: _remembered(p) if isinstance(p, IN_BYTES) else vars(p).copy() for path, p in parts.items()}
+
+        def back() -> None:
+            for path, part in parts.items():
+                if isinstance(part, IN_BYTES):
+                    _recall(part, now[path])
+                else:
+                    vars(part).clear()
+                    vars(part).update(now[path])
+            if robots is not None:
+                robots()
+                if self._began:
+                    self.plant.refresh()
+
+        return back
 
     def _parts(self) -> Iterator[tuple[str, Any]]:
         """The environment itself, and what of it remembers something by itself, by the way that leads there."""
@@ -283,18 +288,33 @@ def _recall(part: Any, known: dict[str, Any]) -> None:  # noqa: ANN401 - as abov
 
 def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
     """Raise `SpidarError` for what the parts of this environment cannot remember."""
-    fits = known.keys() == parts.keys() and "task" in known[_ROOT]
-    for path, part in parts.items() if fits else ():
+    valid = "valid: one of an environment with such a controller"
+    if known.keys() != parts.keys() or not all(isinstance(told, dict) for told in known.values()):
+        raise SpidarError(f"the saved state is of other parts; {valid}")
+    for path, part in parts.items():
         told = known[path]
-        fits = fits and isinstance(told, dict) and not any(name in _settled(part) for name in told)
-        if isinstance(part, IN_BYTES) and fits:
-            sizes = [
-                {name: len(value) if isinstance(value, bytes) else 0 for name, value in each.items()}
-                for each in (_remembered(part), told)
-            ]
-            fits = sizes[0] == sizes[1]
-    if not fits:
-        raise SpidarError("the saved state is of other parts; valid: one of an environment with such a controller")
+        if isinstance(part, IN_BYTES):
+            fault = _fault_in_bytes(part, told)
+        elif any(name in _settled(part) for name in told):
+            fault = "attributes that are settled"
+        else:
+            fault = fault_of(part, _names(part), told, is_environment=path == _ROOT)
+        if fault:
+            raise SpidarError(f"the saved state has, of {path}, {fault}; {valid}")
+    env, told = parts[_ROOT], known[_ROOT]
+    if type(told.get("task")) is not type(env.task) or told["_nominal"].robot != env.robot:
+        raise SpidarError(f"the saved state is of another task or robot; {valid}")
+
+
+def _fault_in_bytes(part: Any, told: dict[str, Any]) -> str:  # noqa: ANN401 - as above
+    """What of a part that the library remembers for cannot be, in words; else empty."""
+    sizes = [
+        {name: len(value) if isinstance(value, bytes) else 0 for name, value in each.items()}
+        for each in (_remembered(part), told)
+    ]
+    if sizes[0] != sizes[1]:
+        return "another size"
+    return part.fault_of(Saved(**told) if isinstance(part, Plant) else told)
 
 
 def _opened(saved: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -16,6 +16,7 @@ from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus
 from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetError, closed
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
+from spidar_gym.native import limits
 from spidar_gym.native.codegen.committed import shared_headers
 from spidar_gym.native.constants import MAX_OBSERVATION, PROGRAMS
 from spidar_gym.native.core_structs import core_layouts
@@ -213,6 +214,12 @@ class Core(Generic[M]):
         """Remember what was `remembered` at another time."""
         write(self.whole.record, memory["record"])
         self._last_step = None
+
+    def fault_of(self, memory: Mapping[str, Any]) -> str:
+        """What of a memory of this kind cannot be, in words; empty where nothing is wrong."""
+        own, record = self.whole, np.frombuffer(memory["record"], self.whole.record.dtype)
+        config = {"flight": "controller_config", "crawl": "crawler_config", "manager": "manager_config"}[own.name]
+        return limits.fault_of(own.name, record) or limits.differs(config, record["config"], own["config"])
 
     def write_state(self, state: RobotState) -> None:
         """Give a state to the core; the one that it has already is not written again."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native import limits
 from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import Engine, check_delay
 from spidar_gym.native.engine_structs import AIR_STEPS, engine_layouts
@@ -341,6 +342,13 @@ class Plant:
         """This moment, all of it; `restore` continues from it bit for bit."""
         self.keep()
         return Saved(self._records.tobytes(), self._engine.copies.tobytes())
+
+    def fault_of(self, saved: Saved) -> str:
+        """What of a moment of this kind of simulation cannot be, in words; empty where nothing is wrong."""
+        record = np.frombuffer(saved.robot, self._records.dtype)
+        copies = np.frombuffer(saved.model, np.uint8)[None]
+        fault = limits.fault_of("plant", record) or self._engine.fault_of_copies(copies)
+        return fault or limits.differs("plant_config", record["config"], self._records["config"], ("i4",))
 
     def restore(self, saved: Saved) -> RobotState:
         """Return to a saved moment (`InvalidValueError` for another kind of simulation's)."""

@@ -35,7 +35,7 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("disturbances", "fault"): FAULTS,
 }
 """Fields that are words in Python and numbers in C: the valid ones in order."""
-Bounds = tuple[float, float]
+Bounds = tuple[int | float, int | float]
 """The least and the largest value of a member that the library works with."""
 FLAG: Bounds = (0, 1)
 """Yes or no."""
@@ -95,7 +95,7 @@ def samples() -> list[Any]:
 
 
 Row = (
-    tuple[str, str, tuple[int, ...], str] | tuple[str, str, tuple[int, ...], str, Bounds | tuple[Bounds, ...] | str]
+    tuple[str, str, tuple[int, ...], str] | tuple[str, str, tuple[int, ...], str, Bounds | str | tuple[Bounds | str, ...]]
 )
 """Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment; bounds.
 

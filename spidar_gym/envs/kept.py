@@ -1,0 +1,188 @@
+"""What environments and their parts keep from one step to the next, and what values of a file are held to before they do.
+
+Attributes of our own classes have kinds, by class and name; fields of our own dataclasses are of the kinds that they are
+annotated with, and what a dataclass refuses when it is made it refuses here. What a law or an environment of one's own
+keeps besides is its own business.
+"""
+
+import copy
+import typing
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
+from inspect import getattr_static
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+from jaxtyping import Float
+
+from spidar_gym.arrays import FootForces, JointVector, Vector3, Wrench
+from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
+from spidar_gym.control.course.gates import Course
+from spidar_gym.control.course.pilot import Pilot
+from spidar_gym.control.course.target import Target
+from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig
+from spidar_gym.control.crawl.footsteps import GaitConfig
+from spidar_gym.control.crawl.gait import Gait
+from spidar_gym.control.crawl.memory import CrawlMemory, CrawlRecord
+from spidar_gym.control.crawl.phases import CYCLE, LIFT, PHASES, STAND, GaitMemory
+from spidar_gym.control.estimator import Estimator, EstimatorConfig, EstimatorMemory
+from spidar_gym.control.flight.controller import ControllerConfig, FlightController
+from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord
+from spidar_gym.control.flight.path import Path
+from spidar_gym.control.locomotion import orders
+from spidar_gym.control.locomotion.commands import LocomotionCommand
+from spidar_gym.control.locomotion.manager import Manager, ManagerMemory
+from spidar_gym.control.locomotion.orders import ManagerConfig
+from spidar_gym.envs.hover.task import FlightStart, FormGoal
+from spidar_gym.robot import N_LEGS
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.ground import Touch
+from spidar_gym.state import Command, Reference, RobotState
+
+MOST = 2**53
+"""Whole numbers that are counted with are nearer to 0."""
+_COMMON = {"dt": float, "_torque_limit": JointVector}
+KEPT: dict[type, dict[str, Any]] = {
+    FlightController: _COMMON
+    | {"config": ControllerConfig, "memory": FlightMemory, "last_step": FlightRecord | None},
+    Crawler: _COMMON | {"config": CrawlerConfig, "memory": CrawlMemory, "last_step": CrawlRecord | None},
+    Gait: {"config": GaitConfig, "joint_speed": float, "dt": float, "home_b": FootForces, "memory": GaitMemory},
+    Allocator: {"config": AllocatorConfig},
+    Estimator: {
+        "config": EstimatorConfig, "_bandwidth": Float[np.ndarray, "32"], "_lever_b": Vector3,
+        "memory": EstimatorMemory,
+    },
+    Manager: {
+        "config": ManagerConfig, "dt": float, "memory": ManagerMemory, "commands": list[LocomotionCommand],
+        "path": Path | None, "lying": JointVector,
+    },
+    Pilot: {"last": Target | None},
+}  # fmt: skip
+"""Kinds of what parts of an environment keep, by class."""
+KEPT_BY_ENVIRONMENTS: dict[str, Any] = {
+    "ticks": int, "sampled_parameters": dict[str, np.ndarray], "trim": Wrench | None, "_began": bool, "_failure": str,
+    "_np_random": np.random.Generator | None, "_np_random_seed": int | None, "_action": np.ndarray,
+    "_command": Command | None, "_choices": dict[str, Any], "_now": dict[str, Any], "_disturbances": Disturbances,
+    "_nominal": PlantConfig, "_start": FlightStart | None, "_reference": Reference | None,
+    "_goals": list[FormGoal] | None, "_given": Course | None, "_control_state": ControlState, "_leg_momentum": Vector3,
+    "_leg_momentum_rate": Vector3, "_joint_velocity": JointVector, "_touch": Touch, "_tilt": float,
+}  # fmt: skip
+"""Kinds of what environments keep besides their task."""
+OF_THE_TICK: dict[str, Any] = {
+    "state": RobotState, "seen": RobotState, "way": tuple[float, float, float], "path": Path | None, "course": Course,
+    "truth": ControlState,
+}  # fmt: skip
+"""Kinds of what is known of a tick."""
+
+
+def fault_of(part: object, names: Collection[str], told: Mapping[str, Any], *, is_environment: bool) -> str:
+    """What of saved attributes no such object keeps, in words; empty where it keeps all.
+
+    Args:
+        part: An environment or a part of one.
+        names: What it keeps now.
+        told: What it is to keep, by name.
+        is_environment: Which of them it is.
+    """
+    kinds = KEPT_BY_ENVIRONMENTS if is_environment else _kinds(type(part))
+    for name in told:
+        if not (isinstance(name, str) and name.isidentifier()):
+            return "a name that is none"
+        if callable(meaning := getattr_static(type(part), name, None)) or isinstance(meaning, property):
+            return f"{name}, which is no attribute"
+    for name in names:
+        if name in kinds and name not in told:
+            return f"no {name}"
+    for name, value in told.items():
+        if not _fits(value, kinds.get(name, Any)):
+            return f"{name} of another kind"
+        if fault := _fault_of_value(value, set()):
+            return f"{name}: {fault}"
+    for name, value in (told.get("_now") or {}).items() if is_environment else ():
+        if not _fits(value, OF_THE_TICK.get(name, Any)):
+            return f"{name} of another kind"
+    here = vars(part).get("_action")
+    return "_action of another shape" if here is not None and np.shape(told.get("_action")) != here.shape else ""
+
+
+def _kinds(kind: type) -> dict[str, Any]:
+    return next((names for each, names in KEPT.items() if issubclass(kind, each)), {})
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    """Annotations of a dataclass's fields; none where they name what is not there."""
+    try:
+        return typing.get_type_hints(kind)
+    except (NameError, TypeError):
+        return {}
+
+
+def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 - any value; an annotation
+    """Whether a value is of the kind that an annotation says; one that says nothing that is known here takes any."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return any(_fits(value, each) for each in arguments)
+    if origin is Literal:
+        return value in arguments
+    if hint is float:
+        return isinstance(value, float | int | np.floating | np.integer) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int | np.integer) and not isinstance(value, bool) and -MOST < value < MOST
+    if hint is bool:
+        return isinstance(value, bool | np.bool_)
+    if hint is None:
+        return value is None
+    if origin is tuple and arguments and arguments[-1] is not ...:
+        return isinstance(value, tuple) and len(value) == len(arguments) and all(map(_fits, value, arguments))
+    if origin in (tuple, list, deque, set, frozenset, Sequence) and arguments:
+        return isinstance(value, origin) and all(_fits(each, arguments[0]) for each in value)
+    if origin in (dict, Mapping) and arguments:
+        return isinstance(value, origin) and all(
+            _fits(key, arguments[0]) and _fits(each, arguments[1]) for key, each in value.items()
+        )
+    kind = hint if origin is None else origin
+    return hint is Any or not isinstance(kind, type) or isinstance(value, kind)
+
+
+def _fault_of_value(value: Any, seen: set[int]) -> str:  # noqa: ANN401 - any value
+    """What of a value and of those in it is not as its class says."""
+    if isinstance(value, str | int | float | np.ndarray | NoneType) or id(value) in seen:
+        return ""
+    seen.add(id(value))
+    own = is_dataclass(value) and type(value).__module__.startswith("spidar_gym.")
+    if is_dataclass(value):
+        parts = [getattr(value, each.name) for each in fields(value)]
+    else:
+        parts = [*value.keys(), *value.values()] if isinstance(value, Mapping) else value
+    if isinstance(parts, list | tuple | deque | set | frozenset):
+        for each in parts:
+            if fault := _fault_of_value(each, seen):
+                return fault
+    return _fault_of_ours(value) if own else ""
+
+
+def _fault_of_ours(value: Any) -> str:  # noqa: ANN401 - one of our dataclasses
+    kind, hints = type(value), _hints(type(value))
+    for each in fields(value):
+        if not _fits(getattr(value, each.name), hints.get(each.name, Any)):
+            return f"{kind.__name__} with {each.name} of another kind"
+    if hasattr(kind, "__post_init__"):
+        copy.copy(value).__post_init__()
+    if isinstance(value, GaitMemory) and not _is_in_a_phase(value):
+        return "phase is none of the present step's"
+    if isinstance(value, ManagerMemory) and value.phase not in orders.PHASES:
+        return "phase is none of the manager's"
+    return ""
+
+
+def _is_in_a_phase(memory: GaitMemory) -> bool:
+    """Whether a gait is where its present step can be."""
+    steps, phase = memory.steps, memory.phase
+    known = all(each.phases in (CYCLE, LIFT, STAND) and {*each.legs} <= {*range(N_LEGS)} for each in steps)
+    runs = bool(steps) and 0 <= memory.index < len(steps[0].phases) and steps[0].phases[memory.index] == phase
+    return known and (runs or phase == PHASES[0])
