@@ -126,7 +126,7 @@ static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_carry(e, thread, robot);
     sp_enter(&thread->sim, sp_plant_of(e, robot));
-    thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
+    if (sp_is_somewhere(&thread->sim)) thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
 }
 
 /* The only robot is what its loaded simulation shows: who writes into MuJoCo's data moves it. */

@@ -78,6 +78,10 @@ void sp_leave(const sp_sim *sim, sp_plant *p)
     sim->mujoco->get_state(sim->model, sim->data, p->row, (int)sim->mujoco->state_kind);
 }
 
+/* Whether a loaded robot is anywhere: once a number of its state is none it stays so, and MuJoCo takes a second to look
+ * for contacts there. */
+int sp_is_somewhere(const sp_sim *sim) { return sp_finite(sim->qpos, SP_QPOS) && sp_finite(sim->qvel, SP_DOFS); }
+
 /* ---- what is read of it ---- */
 
 static void read_state(const sp_world *world, const sp_sim *sim, const sp_plant *p, sp_robot_state *s)
@@ -226,7 +230,7 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     p->hit = 0.0;
     dispatch(world, sim, command, p);
     sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
-    for (int k = 0; k < substeps; k++) {
+    for (int k = 0; k < substeps && sp_is_somewhere(sim); k++) {
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
         if (boxed && *sim->contacts) p->hit = sp_max(p->hit, sp_hit(world, sim));
