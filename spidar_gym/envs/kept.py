@@ -1,7 +1,7 @@
-"""What environments and their parts keep from one step to the next, and what values of a file are held to before they do.
+"""What environments and their parts keep between steps, and what values of a file are held to before they do.
 
-Attributes of our own classes have kinds, by class and name; fields of our own dataclasses are of the kinds that they are
-annotated with, and what a dataclass refuses when it is made it refuses here. What a law or an environment of one's own
+Attributes of our own classes have kinds, by class and name; fields of our own dataclasses are of the kinds that their
+annotations say, and what a dataclass refuses when it is made it refuses here. What a law or an environment of one's own
 keeps besides is its own business.
 """
 
@@ -9,7 +9,7 @@ import copy
 import typing
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from inspect import getattr_static
 from types import NoneType, UnionType
@@ -79,7 +79,7 @@ OF_THE_TICK: dict[str, Any] = {
 """Kinds of what is known of a tick."""
 
 
-def fault_of(part: object, names: Collection[str], told: Mapping[str, Any], *, is_environment: bool) -> str:
+def fault_of(part: object, names: Collection[str], told: dict[str, Any], *, is_environment: bool) -> str:
     """What of saved attributes no such object keeps, in words; empty where it keeps all.
 
     Args:
@@ -89,24 +89,25 @@ def fault_of(part: object, names: Collection[str], told: Mapping[str, Any], *, i
         is_environment: Which of them it is.
     """
     kinds = KEPT_BY_ENVIRONMENTS if is_environment else _kinds(type(part))
-    for name in told:
-        if not (isinstance(name, str) and name.isidentifier()):
-            return "a name that is none"
-        if callable(meaning := getattr_static(type(part), name, None)) or isinstance(meaning, property):
-            return f"{name}, which is no attribute"
-    for name in names:
-        if name in kinds and name not in told:
-            return f"no {name}"
-    for name, value in told.items():
-        if not _fits(value, kinds.get(name, Any)):
+    wrong = [name for name in told if not _is_attribute(part, name)] or [
+        n for n in names if n in kinds and n not in told
+    ]
+    if wrong:
+        return f"{wrong[0]!s:.40} missing, or where it is no attribute"
+    now = told.get("_now") if is_environment else None
+    for name, value in (told | (now or {})).items():
+        if not _fits(value, OF_THE_TICK.get(name, Any) if now and name in now else kinds.get(name, Any)):
             return f"{name} of another kind"
         if fault := _fault_of_value(value, set()):
             return f"{name}: {fault}"
-    for name, value in (told.get("_now") or {}).items() if is_environment else ():
-        if not _fits(value, OF_THE_TICK.get(name, Any)):
-            return f"{name} of another kind"
     here = vars(part).get("_action")
     return "_action of another shape" if here is not None and np.shape(told.get("_action")) != here.shape else ""
+
+
+def _is_attribute(part: object, name: object) -> bool:
+    """Whether an object may have an attribute of this name, and nothing else is called so."""
+    meaning = getattr_static(type(part), name, None) if isinstance(name, str) else None
+    return isinstance(name, str) and name.isidentifier() and not (callable(meaning) or isinstance(meaning, property))
 
 
 def _kinds(kind: type) -> dict[str, Any]:
@@ -169,7 +170,10 @@ def _fault_of_value(value: Any, seen: set[int]) -> str:  # noqa: ANN401 - any va
 def _fault_of_ours(value: Any) -> str:  # noqa: ANN401 - one of our dataclasses
     kind, hints = type(value), _hints(type(value))
     for each in fields(value):
-        if not _fits(getattr(value, each.name), hints.get(each.name, Any)):
+        own, hint = getattr(value, each.name), hints.get(each.name, Any)
+        shaped = hint is np.ndarray and each.default_factory is not MISSING
+        flat = hint is np.ndarray and not np.ndim(own)  # an array of ours has a dimension
+        if not _fits(own, hint) or flat or (shaped and own.shape != np.shape(each.default_factory())):  # pyright: ignore[reportCallIssue] - it is given
             return f"{kind.__name__} with {each.name} of another kind"
     if hasattr(kind, "__post_init__"):
         copy.copy(value).__post_init__()

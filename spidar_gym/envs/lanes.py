@@ -25,15 +25,33 @@ def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - w
     return value
 
 
-def numbered(ids: Any, robots: int) -> list[int]:  # noqa: ANN401 - whatever a user gives
+def _plain_array(value: Any) -> np.ndarray:  # noqa: ANN401 - whatever a user gives
+    """A list, tuple, range or array as an array; one of no dimension for what is none of them, and for a ragged one."""
+    try:
+        return np.array(value) if isinstance(value, list | tuple | range | np.ndarray) else np.array(None)
+    except Exception:  # how an entry becomes a number is foreign code
+        return np.array(None)
+
+
+def numbered(ids: Any, robots: int, *, rising: bool = False) -> list[int]:  # noqa: ANN401 - whatever a user gives
     """Robots by number, all if not given (`InvalidValueError` for what is no such list)."""
     if ids is None:
         return list(range(robots))
-    given = np.array(ids) if isinstance(ids, list | tuple | range | np.ndarray) else np.array(None)
+    given = _plain_array(ids)
     fits = given.ndim == 1 and (given.dtype.kind in "iu" or not given.size)
     if not fits or len({*given.tolist()}) < given.size or np.any((given < 0) | (given >= robots)):
         raise InvalidValueError("ids", ids, f"numbers of robots, each once, within 0 … {robots - 1}")
+    if rising and np.any(np.diff(given) < 0):
+        raise InvalidValueError("ids", ids, "numbers of robots in rising order")
     return given.astype(int).tolist()
+
+
+def masked(flags: Any, robots: int) -> np.ndarray:  # noqa: ANN401 - whatever a user gives
+    """Which robots begin (robots,) (`InvalidValueError` for what does not say so)."""
+    mask = _plain_array(flags)
+    if mask.shape != (robots,) or mask.dtype != bool or not mask.any():
+        raise InvalidValueError("reset_mask", flags, f"{robots} flags, one of them at least True")
+    return mask
 
 
 def seeds(seed: int | Sequence[int | None] | None, mask: np.ndarray, *, began: bool) -> dict[int, int | None]:

@@ -28,8 +28,11 @@ from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
 from spidar_gym.model.dynamics import Model
+from spidar_gym.native import limits
+from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import Core, version
 from spidar_gym.native.plant import Plant, Saved
+from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
 
 TITLE = "state.json"
@@ -302,8 +305,13 @@ def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
         if fault:
             raise SpidarError(f"the saved state has, of {path}, {fault}; {valid}")
     env, told = parts[_ROOT], known[_ROOT]
-    if type(told.get("task")) is not type(env.task) or told["_nominal"].robot != env.robot:
-        raise SpidarError(f"the saved state is of another task or robot; {valid}")
+    nominal = np.zeros(2, engine_layouts()["plant_config"])
+    for record, config in zip(nominal, (told["_nominal"], env._made[1]), strict=True):
+        fill(record, config)
+    nominal["ground"][1] = nominal["ground"][0]  # the episode's
+    fault = limits.fault_of("plant_config", nominal) or limits.differs("plant_config", nominal[:1], nominal[1:])
+    if fault or type(told.get("task")) is not type(env.task) or told["_nominal"].robot != env.robot:
+        raise SpidarError(f"the saved state is of another task or robot ({fault}); {valid}")
 
 
 def _fault_in_bytes(part: Any, told: dict[str, Any]) -> str:  # noqa: ANN401 - as above

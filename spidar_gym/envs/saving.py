@@ -118,7 +118,10 @@ def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
             return fault
     if fleet.kind == "hover" and not ((robots["goals"] <= goals.shape[1]) & (robots["knots"] <= knots.shape[1])).all():
         return "more goals or knots than there is room for"
-    if not (robots["episode"]["failure"] < fleet.failures).all() or not (infos["info"]["failure_code"] < fleet.failures).all():
+    if (
+        not (robots["episode"]["failure"] < fleet.failures).all()
+        or not (infos["info"]["failure_code"] < fleet.failures).all()
+    ):
         return f"episode.failure, expected −1 … {fleet.failures - 1}"
     rules = fleet.rules[ids] if fleet.rules.ndim else fleet.rules
     owner, member, struct = _CONTROLLERS[fleet.kind]

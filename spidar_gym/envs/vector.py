@@ -17,7 +17,7 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.judge import Judge
-from spidar_gym.envs.lanes import arrays_of, autoreset, copied, listed, numbered, parsed, said_at_reset, seeds
+from spidar_gym.envs.lanes import arrays_of, autoreset, copied, listed, masked, numbered, parsed, said_at_reset, seeds
 from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
@@ -205,9 +205,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
         if "reset_mask" in given:
-            mask = np.array(given["reset_mask"])
-            if mask.shape != (n,) or mask.dtype != bool or not mask.any():
-                raise InvalidValueError("reset_mask", given["reset_mask"], f"{n} flags, one of them at least True")
+            mask = masked(given["reset_mask"], n)
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
         generators = {k: np_random(one) for k, one in seeds(seed, mask, began=self._began).items()}
@@ -289,6 +287,9 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         Args:
             actions: As of `step`.
             ids: Which robots move, in rising order; all if not given. A task of your own moves all.
+
+        Raises:
+            InvalidValueError: As of `step`, and for robots that there are not; nothing has moved.
         """
         fleet = self.fleet
         shape = fleet.actions.shape
@@ -301,6 +302,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         if ids is not None and self._judge is not None:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
+        ids = None if ids is None else np.array(numbered(ids, self.num_envs, rising=True), np.int32)
         fleet.actions[:] = given
         if self._judge is None and self._shown is None:
             fleet.step(ids)

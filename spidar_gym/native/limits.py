@@ -1,4 +1,4 @@
-"""What bytes from outside are held to before the library has them: bounds of every number, and how numbers fit together.
+"""What bytes from outside are held to before the library has them: bounds of numbers, and how they fit together.
 
 Bounds stand in the tables that the structs are made of; a whole number without any is an error here, so that no member
 can be forgotten. What is settled where a controller is made is held to what was settled there.
@@ -23,7 +23,7 @@ from spidar_gym.native.engine_structs import (
     N_DOFS,
     engine_layouts,
 )
-from spidar_gym.native.structs import USUAL, WORDS, Bounds, CStruct, border_structs
+from spidar_gym.native.structs import USUAL, Bounds, CStruct, border_structs
 from spidar_gym.sim.ground import BOXES
 
 _GROUND = PROGRAMS.index("rest")
@@ -193,7 +193,7 @@ def _relations(struct: str) -> list[tuple[tuple[str, ...], str, Fits]]:
 
 @cache
 def _modes() -> np.ndarray:
-    """Of every program: whether feet carry, unknowns, rows, kinds of its blocks of rows."""
+    """A row for every program: whether feet carry, unknowns, rows, kinds of its blocks of rows."""
     found = []
     for mode in program_modes().values():
         rows = [ROWS.index(type(each)) + 1 for each in mode.constraints]
@@ -270,7 +270,8 @@ RELATIONS: dict[str, tuple[tuple[str, Fits], ...]] = {
         ("dt is another than config's", lambda f: f["dt"] == 1.0 / f["config"]["rate_hz"]),
     ),
     "crawl": (
-        ("modes are none of the allocation's", lambda c: _are_modes(c["modes"][:, _GROUND :], np.arange(_GROUND, len(PROGRAMS)))),
+        ("modes are none of the allocation's",
+         lambda c: _are_modes(c["modes"][:, _GROUND:], np.arange(_GROUND, len(PROGRAMS)))),
         ("dt is another than config's", lambda c: c["dt"] == 1.0 / c["config"]["rate_hz"]),
     ),
     "gait_memory": (("phase is none of the present step's", _is_in_a_phase),),

@@ -40,17 +40,17 @@ Bounds = tuple[int | float, int | float]
 FLAG: Bounds = (0, 1)
 """Yes or no."""
 CODE: Bounds = (-1, 2**30)
-"""Of a word, −1 for none; how many words there are is known elsewhere."""
+"""A word by number, −1 for none; how many words there are is known elsewhere."""
 COUNT: Bounds = (0, 2**30)
-"""Of ticks and the like: far from where a sum of two leaves its kind."""
+"""Ticks and the like: far from where a sum of two leaves its kind."""
 ANY: Bounds = (-(2**63), 2**64 - 1)
 """Whatever its kind holds."""
 USUAL: Bounds = (-1e15, 1e15)
-"""Of a number with a fraction for which nothing else is said: neither NaN nor infinite, and its cube is a number."""
+"""A number with a fraction for which nothing else is said: neither NaN nor infinite, and its cube is a number."""
 INFINITE: Bounds = (-math.inf, math.inf)
-"""Of one that may be infinite."""
+"""A number that may be infinite."""
 SINCE: Bounds = (0.0, 1e15)
-"""Of a time or an amount that is never negative."""
+"""A time or an amount that is never negative."""
 WHOLE: dict[tuple[str, str], Bounds] = {
     ("measurement", "pose_count"): (0, POSE_FRAMES),
     ("measurement", "imu_count"): (0, IMU_SAMPLES),
@@ -95,13 +95,14 @@ def samples() -> list[Any]:
 
 
 Row = (
-    tuple[str, str, tuple[int, ...], str] | tuple[str, str, tuple[int, ...], str, Bounds | str | tuple[Bounds | str, ...]]
+    tuple[str, str, tuple[int, ...], str]
+    | tuple[str, str, tuple[int, ...], str, Bounds | str | tuple[Bounds | str, ...]]
 )
 """Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment; bounds.
 
 The kind is `f8`, `f4`, `i4`, `i8`, `u4`, `u8`, `u1`, an enumeration, or a struct that came before. Bounds are those of
-all of the row's members or of each, or the name of an enumeration; what a saved robot holds is held to them. Every whole
-number that is saved has some; an enumeration has its own, and a fraction without any is `USUAL`.
+all of the row's members or of each, or the name of an enumeration; what a saved robot holds is held to them. Every
+whole number that is saved has some; an enumeration has its own, and a fraction without any is `USUAL`.
 """
 
 

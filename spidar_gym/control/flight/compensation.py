@@ -90,15 +90,15 @@ class CompensationMemory:
     """Filtered feed-forward torque [Nm]."""
     observed_momentum: np.ndarray | None
     """Linear and angular momentum of the robot at the last tick, world axes [Ns, Nms]; None before the first."""
-    delivered_w: np.ndarray
+    delivered_w: Wrench
     """Wrench that the rotors are believed to give, world axes [N, Nm]."""
-    external_w: np.ndarray
+    external_w: Wrench
     """Observed external wrench, world axes [N, Nm]."""
-    residual_w: np.ndarray
+    residual_w: Wrench
     """What is behind the first low-pass of an observer that has two, world axes [N, Nm]."""
-    fed_w: np.ndarray
+    fed_w: Wrench
     """Wrench that was fed forward in the last tick, the weight too, world axes [N, Nm]."""
-    slow_w: np.ndarray | None
+    slow_w: Wrench | None
     """What the feedback asks for behind the low-pass of its lead, world axes [N, Nm]; None before the first tick."""
 
 
