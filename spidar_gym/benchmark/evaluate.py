@@ -15,7 +15,7 @@ from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario, pl
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.border import require_form
 from spidar_gym.errors import InvalidValueError, require_least
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import close_guests, keeps_to_itself, open_policy
 from spidar_gym.policies.policy import Policy, acts_in_batches, policy_digest, policy_name
 
 BEHAVIOUR = (
@@ -89,9 +89,9 @@ def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
     """Do pieces of work of one policy on one track, each with a policy that has seen nothing before: at once or not."""
     first = shards[0]
     how: dict[str, Any] = {"act_limit_s": first.act_limit_s, "control": first.control, "run": first.run}
-    if acts_in_batches(load_policy(first.policy)):
-        return play(load_policy(first.policy), first.track, [shard.scenario for shard in shards], **how)
-    return [play(load_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
+    if acts_in_batches(open_policy(first.policy)):
+        return play(open_policy(first.policy), first.track, [shard.scenario for shard in shards], **how)
+    return [play(open_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
 
 
 def play(policy: Policy, name: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - of `play_scenario`
@@ -198,7 +198,9 @@ def run_shards(
 ) -> list[dict[str, Any]]:
     """Do pieces of work; arguments and results are those of `finish`."""
     require_least(1, workers=workers)
-    policies = {spec: load_policy(spec) for spec in dict.fromkeys(shard.policy for shard in shards)}
+    policies = {spec: open_policy(spec) for spec in dict.fromkeys(shard.policy for shard in shards)}
+    if not all(map(keeps_to_itself, policies)):
+        folder = None  # what a policy can write is no result
     names: dict[str, tuple[str, str]] = {}
     if folder is not None:
         names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
@@ -214,10 +216,15 @@ def run_shards(
         else k
         for k, shard in enumerate(shards)
     ]
-    return finish(
-        play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
-        label=lambda k: str(shards[k]), on_done=on_done, together=together,
-    )  # fmt: skip
+    if workers > 1 or ray is not None:
+        close_guests()  # each worker has one of its own
+    try:
+        return finish(
+            play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
+            label=lambda k: str(shards[k]), on_done=on_done, together=together,
+        )  # fmt: skip
+    finally:
+        close_guests()
 
 
 def _check_result(shard: Shard, result: dict[str, Any]) -> None:

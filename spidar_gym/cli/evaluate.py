@@ -40,7 +40,7 @@ from spidar_gym.cli.console import drawn, goes_on, kept, progress
 from spidar_gym.cli.held_out import held_out
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, refresh, write_text
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import open_policy
 from spidar_gym.policies.policy import defined_on, policy_name
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot.description import assets_dir
@@ -93,7 +93,7 @@ def eval_(
     _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
     rows: list[Row] = []
     for specs in [(spec,) for spec in BASELINES] if baselines else [policy]:
-        policies = [load_policy(spec) for spec in specs]
+        policies = [open_policy(spec) for spec in specs]
         require_one_policy(policies, specs)
         defined = defined_on(policies[0])
         chosen = [t for t in (tracks or TRACKS) if TRACKS[t].env_id in defined]

@@ -35,7 +35,7 @@ def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, 
 
 def is_own(spec: str) -> bool:
     """Whether nothing but our own code runs for it: the package's, a committed baseline's, or none, for an artifact."""
-    return spec.endswith(ARTIFACT) or _home(module_of(spec)[0].split(".")[0]) is not None
+    return spec.endswith(ARTIFACT) or (not spec.endswith(ZIP) and _home(module_of(spec)[0].split(".")[0]) is not None)
 
 
 def _home(package: str) -> Path | None:

@@ -197,7 +197,7 @@ def test_a_policy_is_told_the_runs_number_and_nothing_of_the_scenario(short):
         def act(self, observation):
             return np.zeros(6)
 
-    class Many(Zero):
+    class Many(Alone):
         def reset_batch(self, seeds):
             told.extend(seeds)
 
