@@ -112,6 +112,7 @@ def play_scenarios(
         act_limit_s: How long the policy may think about one action of each [s].
         control: As in `play_scenario`; what is not of the engine alone is played one by one.
         track: As in `play_scenario`.
+        run: As in `play_scenario`.
 
     Returns:
         For each what `play_scenario` gives, its timing the scenario's share.

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -55,7 +56,7 @@ class Guest:
         """How long an answer may take [s]."""
         self._owner = os.getpid()
         scratch = tempfile.mkdtemp(prefix="spidar-policy-")
-        script = [sys.executable, "-P", confine.__file__]
+        script = [sys.executable, "-P", *(["-B"] if sys.dont_write_bytecode else []), confine.__file__]
         told = json.dumps([spec, trust, [str(Path(path).resolve()) for path in sys.path], scratch, MEMORY])
         self._process = subprocess.Popen(
             [*script, told], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
@@ -79,7 +80,7 @@ class Guest:
     @property
     def is_open(self) -> bool:
         """Whether its process can still be asked by this one."""
-        return self._owner == os.getpid() and self._end.alive and self._process.poll() is None
+        return self._owner == os.getpid() and self._end.alive and not _has_ended(self._process)
 
     def close(self) -> None:
         """End the process, and what it has started with it."""
@@ -148,13 +149,22 @@ class Guest:
 
     def _fate(self, error: str) -> str:
         """What became of the process, in words."""
-        try:
-            code = self._process.wait(1.0)
-        except subprocess.TimeoutExpired:
+        ended = _has_ended(self._process, 1.0)
+        self.close()
+        code = self._process.returncode
+        if not ended:
             return f"its process answered with {error}"
-        finally:
-            self.close()
         return f"its process was killed by {signal.Signals(-code).name}" if code < 0 else f"its process ended ({code})"
+
+
+def _has_ended(process: subprocess.Popen[bytes], within_s: float = 0.0) -> bool:
+    """Whether a process has ended, or does so in time; its number stays its own until `_end` has used it."""
+    end = time.monotonic() + within_s
+    while process.returncode is None and not os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT):
+        if time.monotonic() >= end:
+            return False
+        time.sleep(0.005)
+    return True
 
 
 def _end(process: subprocess.Popen[bytes], scratch: str, owner: int) -> None:

@@ -44,12 +44,11 @@ class Honest:
 
 class Patches(Honest):
     def cheat(self, observation):
-        from spidar_gym.benchmark import metrics, scoring, tally, track
-        from spidar_gym.envs import fleet
-        tally.Tally.metrics = scoring.Tally.metrics = lambda *a: {"error": 1e-9, "success": True, "failed": False}
-        track.flight_error = tally.flight_error = lambda *a, **k: 1e-9
-        metrics.differences = lambda *a, **k: {}
-        np.isfinite = np.allclose = lambda *a, **k: True
+        from spidar_gym.benchmark import metrics, tally
+        if not hasattr(tally, "real"):
+            tally.real = tally.Tally.metrics
+            tally.Tally.metrics = lambda *given: {**tally.real(*given), "error": 1e-9, "success": True}
+            metrics.differences = lambda *given, **how: {}
 
 
 class Seed(Honest):
@@ -76,12 +75,11 @@ class Reaches(Honest):
         kinds = {"SpidarEnv", "HoverEnv", "Fleet", "Tally", "Scenario", "FleetWatch", "EnvWatch"}
         if any(type(each).__name__ in kinds for each in gc.get_objects()):
             raise RuntimeError("found an environment")
-        for name in ("mem", "environ", "fd/0"):
+        from spidar_gym.policies.confine import landlock
+        for name in ("mem", "environ", "fd/0") if landlock() else ():
             with suppress(OSError):
                 open(f"/proc/{os.getppid()}/{name}", "r+b").close()
                 raise RuntimeError(f"opened {name} of its parent")
-        with suppress(OSError):
-            os.kill(os.getppid(), signal.SIGTERM)
 
 
 class Sleeps(Honest):
@@ -263,5 +261,5 @@ def test_what_a_guest_chooses_is_data_and_code_that_sees_the_state_is_refused():
     assert chosen is not None
     assert chosen["controller"].joint_speed == 0.7
     assert policy_arguments(open_policy("mine:Tuned"), "spidar_gym/Crawl-v0") is None
-    with pytest.raises(PolicyError, match="law = .* code from outside the package acts by its actions alone"):
+    with pytest.raises(PolicyError, match=r"law = .* code from outside the package acts by its actions alone"):
         policy_arguments(open_policy("mine:OwnLaw"), "spidar_gym/Hover-v0")
