@@ -62,11 +62,11 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
             raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated anew")
 
 
-def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> Shard:
+def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL, *, trust: bool = False) -> Shard:
     """What has to be played again for a run of a row on the k-th of its scenarios of a track."""
     split = row.split(track)
     scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
-    return Shard(row.policies[run], track, split, scenario, control=control)
+    return Shard(row.policies[run], track, split, scenario, control=control, trust=trust)
 
 
 def other_conditions(row: Row, control: str = CONTROL) -> str:
@@ -113,7 +113,7 @@ def verify(
         track = row.tracks[rng.integers(len(row.tracks))]
         run, k = int(rng.integers(len(row.policies))), int(rng.integers(len(row.scenarios(track))))
         picks.append((row, track, run, k))
-        shards.append(shard_of(row, track, run, k, control))
+        shards.append(shard_of(row, track, run, k, control, trust=trust))
     for row in {id(row): row for row, *_ in picks}.values():
         require_own_policies(row, trust=trust)
     checks: dict[int, Check] = {}
