@@ -5,9 +5,8 @@ imported it does so by `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")`.
 """
 
 import importlib
-import importlib.util
 import sys
-from collections.abc import Iterable
+from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -16,22 +15,24 @@ __version__ = "0.1.0"
 
 
 class _Registration(MetaPathFinder):
-    """Registers the environments as soon as there is Gymnasium: who allocates thrust on a robot never imports it."""
+    """Registers the environments once Gymnasium is executed: thrust allocation on a robot never imports it."""
 
     def find_spec(
-        self, fullname: str, path: Iterable[str] | None = None, target: ModuleType | None = None
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Have the environments registered once Gymnasium is imported; whoever else looks finds nothing here."""
+        """Gymnasium's own specification, whose execution registers the environments; a look at it changes nothing."""
         if fullname != "gymnasium":
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
+        found = (finder.find_spec(fullname, path, target) for finder in [*sys.meta_path] if finder is not self)
+        spec = next(filter(None, found), None)
         if spec is not None and spec.loader is not None:
             execute = spec.loader.exec_module
 
             def execute_and_register(module: ModuleType) -> None:
                 execute(module)
-                _register()
+                if self in sys.meta_path:
+                    sys.meta_path.remove(self)
+                    _register()
 
             spec.loader.exec_module = execute_and_register
         return spec

@@ -11,6 +11,7 @@ import math
 import re
 import stat
 import struct
+import tomllib
 import zipfile
 from collections.abc import Mapping
 from itertools import chain
@@ -90,6 +91,14 @@ def parse_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
     except (ValueError, RecursionError) as error:
         raise BorderError(f"no JSON: {error!s:.99}") from error
     return value
+
+
+def read_toml(path: Path, most: int) -> dict[str, Any]:
+    """What a TOML file of at most `most` bytes says (`BorderError` when it cannot be read, or is none)."""
+    try:
+        return tomllib.loads(read_file(path, most).decode())
+    except (ValueError, RecursionError) as error:
+        raise BorderError(f"no TOML: {error!s:.99}" if isinstance(error, RecursionError) else str(error)) from None
 
 
 def require_form(value: object, form: Any, name: str) -> None:  # noqa: ANN401 - a recursive description

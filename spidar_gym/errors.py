@@ -11,7 +11,7 @@ import numpy as np
 
 SHOWN = 200
 """No more characters of a refused value are shown."""
-_REAL = "?bBhHiIlLqQefd"
+REAL = "?bBhHiIlLqQefd"
 """Kinds of array that a float64 can hold: no text, no objects, nothing complex, nothing longer."""
 
 
@@ -21,6 +21,11 @@ class SpidarError(Exception):
     def __reduce__(self) -> tuple[object, ...]:
         """Cross processes with the finished message, which the classes below compose."""
         return _with_message, (type(self), str(self))
+
+
+def closed() -> SpidarError:
+    """The error of everything that is called on an environment, a vector or a controller that is closed."""
+    return SpidarError("this environment is closed; valid: a new one")
 
 
 def _with_message(kind: type[SpidarError], message: str) -> SpidarError:
@@ -147,7 +152,7 @@ def require_array(name: str, value: object, expected: str) -> np.ndarray:
         array = np.asarray(value)
     except Exception:  # `__array__` is foreign code
         array = np.array(None)
-    if array.dtype.char not in _REAL:
+    if array.dtype.char not in REAL:
         raise InvalidValueError(name, value, expected)
     return array.astype(float)
 

@@ -42,23 +42,22 @@ class StableVecEnv(VecEnv):
     """Robots of a native vector, as Stable-Baselines3 has its environments.
 
     An `info` is a dictionary that is empty until an episode ends; then it holds `terminal_observation`,
-    `TimeLimit.truncated`, and `is_success`. What else is told of robots is in the vector: `vector.buffers["infos"]`.
+    `TimeLimit.truncated`, and what a single environment's `info` says of the end: `is_success`, `failure` ("" where
+    there is none), `energy_wh` [Wh] and the others, and `time_s`, how long the episode was [s]. So these are names for
+    `VecMonitor(…, info_keywords=…)`. What is told in mid-episode is in the vector: `vector.buffers["infos"]`.
     """
 
     def __init__(self, vector: NativeVectorEnv) -> None:
-        """Take a vector whose episodes begin in the step in which the last one ends.
+        """Take a vector, whose episodes begin in the step in which the last one ends from now on.
 
         Args:
-            vector: What `gymnasium.make_vec(…, autoreset_mode="SameStep")` gives.
-
-        Raises:
-            InvalidValueError: For a vector of another mode.
+            vector: What `gymnasium.make_vec(…)` gives, before its first reset.
         """
-        mode = vector.metadata["autoreset_mode"]
-        if mode is not AutoresetMode.SAME_STEP:
-            raise InvalidValueError("autoreset_mode", mode.value, AutoresetMode.SAME_STEP.value)
+        if vector.autoreset_mode is not AutoresetMode.SAME_STEP:
+            vector.set_autoreset_mode(AutoresetMode.SAME_STEP)
         self.vector = vector
         self._actions = np.zeros(0)
+        self._steps = np.zeros(vector.num_envs, int)
         super().__init__(vector.num_envs, vector.single_observation_space, vector.single_action_space)
 
     def reset(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
@@ -71,6 +70,7 @@ class StableVecEnv(VecEnv):
                 raise InvalidValueError("options", name, "an option that all robots have, or none")
             options[name] = values
         observations, _ = self.vector.reset(seed=self._seeds, options=options)
+        self._steps[:] = 0
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in robots]
@@ -86,14 +86,17 @@ class StableVecEnv(VecEnv):
         now = self.vector.buffers
         done = now["terminated"] | now["truncated"]
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        self._steps += 1
         last = now["final_observations"]
         for k in np.flatnonzero(done).tolist():
             ended = {name: rows[k] for name, rows in last.items()} if isinstance(last, dict) else last[k]
             infos[k] = {
                 "terminal_observation": copied(ended),
                 "TimeLimit.truncated": bool(now["truncated"][k] and not now["terminated"][k]),
-                "is_success": bool(now["final_infos"]["is_success"][k]),
+                "time_s": float(self._steps[k] / self.vector.metadata["render_fps"]),
+                **self.vector.ended(k),
             }
+        self._steps[done] = 0
         return copied(now["observations"]), now["rewards"].astype(np.float32), done, infos
 
     def close(self) -> None:
@@ -150,6 +153,9 @@ class StablePolicy:
 
     Wrappers of an environment are not in a zip; only those of `VecNormalize` are made up for.
     """
+
+    kind = "learned"
+    """Class of its row."""
 
     def __init__(self, path: str | Path) -> None:
         """Load it, which runs whatever code is in its pickles: only from whom you trust.

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from spidar_gym.border import MOST_DEPTH, MOST_PARTS, BorderError, pack, parse_json, read_file, require_form, unpack
+from spidar_gym.errors import SpidarError
+from spidar_gym.robot import RobotSpec
+from spidar_gym.sim.randomize import Randomization
 
 ARRAYS = {
     "matrix": np.arange(6.0).reshape(2, 3).T,
@@ -211,3 +214,13 @@ def test_only_regular_files_within_their_size_are_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")  # nobody writes into it
     with pytest.raises(BorderError, match="no regular file"):
         read_file(tmp_path / "pipe", 4)
+
+
+@pytest.mark.parametrize("option", ["robot", "randomization"])
+def test_toml_of_many_levels_is_refused_in_one_line(tmp_path, option):
+    deep = tmp_path / "deep.toml"
+    deep.write_text("a = " + "[" * 20000)
+    parse = {"robot": RobotSpec.parse, "randomization": Randomization.parse}[option]
+    with pytest.raises(SpidarError, match=f"{option}: .* cannot be read: no TOML") as error:
+        parse(str(deep))
+    assert "\n" not in str(error.value)

@@ -27,6 +27,7 @@ CASES = {
     "flights to the horizon": (HOVER, {"forms": "equal"}, 12),
     "crawls of drawn robots": (CRAWL, {"sensors": True, "randomization": 0.3}, 15),
 }
+KEYWORDS = ("failure", "energy_wh", "time_s")
 
 
 def vector(case, robots=3, mode="SameStep", **options):
@@ -207,10 +208,34 @@ def test_there_is_no_environment_of_each_robot_to_be_called():
     env.close()
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
-def test_a_vector_of_another_mode_is_refused(mode):
-    with pytest.raises(InvalidValueError, match="SameStep"):
-        StableVecEnv(vector("flights to the horizon", mode=mode))
+@pytest.mark.parametrize("mode", ["NextStep", "Disabled", "SameStep"])
+def test_a_vector_of_any_mode_is_one_whose_episodes_begin_in_the_step_of_the_end(mode):
+    vector = gymnasium.make_vec(HOVER, 2, autoreset_mode=mode, max_episode_steps=3)
+    env = VecMonitor(StableVecEnv(vector), None, KEYWORDS)
+    env.reset()
+    lengths = []
+    for _ in range(7):
+        *_, done, infos = env.step(np.zeros((2, 6)))
+        for info in infos:
+            lengths += [info["episode"]["l"]] if "episode" in info else []
+        if done.all():
+            assert infos[0]["episode"]["failure"] == ""
+            assert infos[0]["episode"]["time_s"] == pytest.approx(0.075)
+            assert infos[0]["episode"]["energy_wh"] > 0.0
+    assert lengths == [3] * 4
+    env.close()
+
+
+def test_the_word_that_an_episode_ended_with_reaches_the_monitor():
+    options = {"action_mode": "direct", "forms": "form1"}
+    env = VecMonitor(StableVecEnv(gymnasium.make_vec(HOVER, 2, **options)), None, ("failure",))
+    env.reset()
+    actions, words = np.random.default_rng(0).normal(0.0, 0.7, (200, 2, 40)), set()
+    for each in actions:
+        words |= {info["episode"]["failure"] for info in env.step(each)[3] if "episode" in info}
+    assert words <= {"contact", "tilt", "position"}
+    assert words
+    env.close()
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])

@@ -147,7 +147,7 @@ def play_scenarios(
         fleet.seed(k, np_random(scenario.seed)[0])
     fleet.reset()
     for k, scenario in enumerate(scenarios):
-        draws = drawn(fleet, k) if track.options.get("randomization") else {}
+        draws = drawn(fleet.robots[k]["episode"]["drawn"]) if track.options.get("randomization") else {}
         check_drawn(draws, scenario, f"{name}, scenario {scenario.index}")
     actor.reset_batch([run] * count)
     tally, times = _fly(

@@ -1,6 +1,7 @@
 """Command lines that speak plainly: what ends them is one line, and the status 2, 130 of Ctrl-C, or 143 of SIGTERM."""
 
 import contextlib
+import errno
 import gc
 import io
 import os
@@ -19,7 +20,7 @@ from typing import Any
 from tqdm import tqdm
 
 from spidar_gym.errors import MissingDependencyError, SpidarError
-from spidar_gym.files import json_text, write_text
+from spidar_gym.files import FULL, json_text, write_text
 from spidar_gym.processes import LostWorkerError
 
 PATIENCE = 0.1, 10.0
@@ -55,12 +56,14 @@ def published(folder: Path, name: str, result: dict[str, Any], table: str, json:
     return text if json else table
 
 
-def drawn(what: str, draw: Callable[[], object]) -> None:
-    """Draw what can be drawn here; where a library is missing, say so and go on."""
+def drawn(what: str, draw: Callable[[], object]) -> bool:
+    """Draw what can be drawn here; where a library is missing, say so and go on. Whether it was drawn."""
     try:
         draw()
     except MissingDependencyError as error:
         print(f"no {what}: {error}", file=sys.__stderr__)
+        return False
+    return True
 
 
 def named_steps(bar: tqdm) -> Callable[[str], None]:
@@ -134,7 +137,7 @@ def run_cli(prog: str, call: Callable[[], object]) -> None:
         print(f"{prog}: {' '.join('; '.join(words).split())}", file=sys.__stderr__)
 
     try:
-        with contextlib.redirect_stderr(told), _terminated(), _pipe():
+        with contextlib.redirect_stderr(told), _terminated(), _output():
             call()
     except SpidarError as error:
         say(str(error), *getattr(error, "__notes__", ()))
@@ -157,21 +160,39 @@ def run_cli(prog: str, call: Callable[[], object]) -> None:
 
 
 @contextlib.contextmanager
-def _pipe() -> Iterator[None]:
-    """Where whoever read stdout has gone, as `head` goes, end without a word, by the status that shells give it."""
+def _output() -> Iterator[None]:
+    """Write what a command prints: characters that its encoding lacks become question marks.
+
+    A reader that has gone, as `head` goes, ends it without a word, by the status that shells give; a full disk ends it
+    in `SpidarError`.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
     try:
         try:
             yield
         finally:
-            sys.stdout.flush()
+            if sys.__stdout__ is not None:  # None where the shell closed it
+                sys.stdout.flush()
     except BrokenPipeError:
         broken = select.poll()
         broken.register(sys.stdout.fileno(), 0)
         if not broken.poll(0):  # it was another pipe
             raise
-        # What is left is written to nobody, or Python would complain of it at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         sys.exit(141)
+    except OSError as error:
+        if error.errno not in (*FULL, errno.EBADF) or error.filename is not None:  # of a file
+            raise
+        _discard_output()
+        raise SpidarError(
+            f"cannot write the standard output: {error.strerror}; valid: a terminal, a pipe, a file on a disk with room"
+        ) from error
+
+
+def _discard_output() -> None:
+    """Send to nowhere what is left of the standard output, or Python would complain of it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}

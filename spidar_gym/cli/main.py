@@ -203,3 +203,7 @@ def main(arguments: list[str] | None = None) -> None:
         if given == ["--version"]
         else lambda: app.cli(prog="spidar", description=description, args=given),
     )
+
+
+if __name__ == "__main__":
+    main()

@@ -21,6 +21,7 @@ from spidar_gym.paper import flight as experiments
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper.trial import CONDITIONS
 from spidar_gym.processes import cpu_count
+from spidar_gym.sim.renderer import require_pictures
 from spidar_gym.sim.stage import FIXED, VIEWS
 from spidar_gym.text import format_table
 
@@ -91,6 +92,7 @@ def flight(
         return
     require_name("preset", preset, PRESETS)
     folder = output_folder(out)
+    video = options.video and drawn("video", require_pictures)
     with progress(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}") as bar:
         log = experiments.fly_paper(preset, noise=options.noise, seed=options.seed, on_tick=bar.update)
     figures = experiments.flight_figures(log)
@@ -98,7 +100,7 @@ def flight(
     text = published(folder, "flight", result, format_table(experiments.flight_lines(figures)), options.json)
     # After the flight, so that drawing does not disturb the times that it reports.
     drawn("figure", lambda: viz.flight_figure(log, folder / "flight.png"))
-    if options.video:
+    if video:
         drawn("video", lambda: _film(viz.flight_take(log), folder / "flight.mp4", options.camera))
     _report(text, folder, "flight.*", options.json)
 
@@ -207,6 +209,7 @@ def crawl(
     if study or draws:
         _crawl_study(folder, options.json, draws, seeds, workers)
         return
+    video = options.video and drawn("video", require_pictures)
     how: dict[str, Any] = dict(**where, power=power, noise=options.noise, seed=options.seed)
     log = _crawled(preset, how)
     fast = log if preset == "overlapped" else _crawled("overlapped", how)
@@ -215,6 +218,6 @@ def crawl(
     text = published(folder, "crawl", result, format_table(crawl_experiment.crawl_lines(figures)), options.json)
     drawn("figure", lambda: viz.crawl_figure(log, folder / "crawl.png"))
     drawn("strip", lambda: viz.crawl_strip(log, folder / "cycle.png"))
-    if options.video:
+    if video:
         drawn("video", lambda: _film(viz.crawl_take(log), folder / "crawl.mp4", options.camera))
     _report(text, folder, "c*.*", options.json)

@@ -42,7 +42,7 @@ class WebOptions:
     randomization: float = 0.0
     """Strength of the domain randomisation, 0 … 1."""
     host: str = HOST
-    """Address to listen on: 127.0.0.1 is for this machine alone, 0.0.0.0 lets everybody who reaches it steer."""
+    """Address to listen on: 127.0.0.1 is for this machine alone; any other is open to the network, by a token."""
     port: int = PORT
     """Port to listen on, 1 … 65535; 0 takes any that is free."""
 
@@ -62,7 +62,7 @@ def view(
 
     The viewer needs a display. The page needs the extra web and a browser, here or at the other end of
     `ssh -L 8080:localhost:8080`, and no OpenGL on this machine: thrusts, jets, contact forces, errors; form, reference,
-    wind, faults, preset and policy change in flight. Ctrl-C ends it.
+    wind, faults, preset and policy change in flight. Requests of other web pages are refused. Ctrl-C ends it.
 
     Args:
         env_id: Environment of the page.
@@ -88,7 +88,9 @@ def view(
         with served(session, dict(policies(env_id, page)), host=page.host, port=page.port) as (shown, address):
             print(f"{address} shows {env_id}; Ctrl-C ends it", flush=True)
             if not is_loopback(page.host):
-                print(f"spidar: warning: whoever reaches {page.host} can steer it", file=sys.__stderr__)
+                print(
+                    "spidar: warning: this address, with its token, is all that it takes to steer", file=sys.__stderr__
+                )
             keep_time(shown, lambda: False)
     finally:
         session.close()

@@ -11,7 +11,7 @@ import numpy as np
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.errors import REAL, InvalidValueError, SpidarError
 
 
 class Robots(ABC):
@@ -108,6 +108,10 @@ class VectorTask(ABC, Generic[R]):
 
     Each method is called once a tick for all robots. What one robot gets may not depend on the others: no products of
     matrices over robots, no draws but those of `draw`.
+
+    What a method gives is checked where it enters: an answer of another kind or shape, or one that is not finite for a
+    robot that has not diverged, is an `InvalidValueError` that names task, method, term and robot; what a method
+    raises itself goes through unchanged. In a step the robots have moved by then: `reset` begins anew.
     """
 
     robots: ClassVar[type[Robots]]
@@ -139,15 +143,55 @@ class VectorTask(ABC, Generic[R]):
 
     @abstractmethod
     def terms(self, robots: R, /) -> Mapping[str, np.ndarray]:
-        """Terms of the reward (N,) in [0, 1]; the reward is their sum weighted with `reward_terms`."""
+        """Terms of the reward (N,), any finite numbers; the reward is their sum weighted with `reward_terms`."""
 
     @abstractmethod
     def failed(self, robots: R, /) -> Mapping[str, np.ndarray]:
-        """Whose episode is over why (N,), by word; the first that holds counts."""
+        """Whose episode is over why (N,), booleans by word; the first that holds counts."""
 
     @abstractmethod
     def succeeded(self, robots: R, /) -> np.ndarray:
-        """Who has done what was to be done (N,)."""
+        """Who has done what was to be done (N,), booleans."""
+
+
+def checked_array(name: str, given: object, shape: tuple[int, ...], kinds: str = REAL) -> np.ndarray:
+    """A task's answer: an array of a kind and shape, (N,) for (N, 1) too (`InvalidValueError` for another)."""
+    expected = f"an array of shape {shape} of {'booleans' if kinds == '?' else 'real numbers'}"
+    try:
+        array = np.asarray(given)
+    except Exception:  # rows of several lengths, and foreign `__array__`
+        raise InvalidValueError(name, given, expected) from None
+    if array.dtype.char not in kinds:
+        raise InvalidValueError(name, f"{array.dtype}", expected)
+    if array.shape != shape and (array.shape != shape[:1] or shape[1:] != (1,)):
+        raise InvalidValueError(name, array.shape, expected)
+    return array.reshape(shape)
+
+
+def require_finite(name: str, values: np.ndarray, robots: np.ndarray) -> None:
+    """Refuse numbers (N, …) that are not finite for a robot that has not diverged (`InvalidValueError`)."""
+    if np.isfinite(values).all():
+        return
+    whole = np.isfinite(values).reshape(len(values), -1).all(axis=1) | (robots["plant"]["diverged"] != 0)
+    if not whole.all():
+        robot = int(np.argmin(whole))
+        raise InvalidValueError(
+            name, values[robot].tolist(), f"finite numbers for every robot, and so for robot {robot}"
+        )
+
+
+def checked_records(name: str, given: object, like: np.ndarray, robots: np.ndarray) -> np.ndarray:
+    """Records that a task gives, of the kind of `like`, finite for robots that have not diverged."""
+    if not (isinstance(given, np.ndarray) and given.dtype == like.dtype and given.shape == like.shape):
+        raise InvalidValueError(
+            name, getattr(given, "dtype", given), f"records of shape {like.shape} with the fields of the default"
+        )
+    # All at once: whole numbers read as floats are finite, but for negative ones.
+    if not np.isfinite(np.ascontiguousarray(given).view(np.float64)).all():
+        for member in given.dtype.names or ():
+            if given[member].dtype.kind == "f":
+                require_finite(f"{name}: {member}", given[member], robots)
+    return given
 
 
 def length(v: np.ndarray) -> np.ndarray:

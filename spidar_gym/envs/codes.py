@@ -7,11 +7,8 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.single import SETS, words_of
 from spidar_gym.errors import InvalidValueError, require_name
-from spidar_gym.native.library import STATUS
-
-SETS = ("shortfalls",)
-"""What names several words at once: their numbers are bits."""
 
 
 class Coded(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstructorArgs):
@@ -28,8 +25,7 @@ class Coded(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstruct
         inner = env.unwrapped
         if not isinstance(inner, SpidarEnv):
             raise InvalidValueError("env", inner, "an environment of spidar_gym, wrapped or not")
-        status = tuple(str(word) for word in STATUS)
-        self.words: dict[str, tuple[str, ...]] = {"qp_status": status, "failure": inner.failures, **inner.words}
+        self.words = words_of(inner.failures, inner.words)
         """What numbers mean, by the word's name in `info`: −1 is none, in `shortfalls` bit k is the k-th."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -25,7 +25,7 @@ from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path import task as path_task
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
-from spidar_gym.robot import field_docs
+from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
@@ -141,7 +141,7 @@ CHAPTERS: dict[str, Chapter] = {
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
             "phase": ("str", "", "phase of the gait"),
-            "finished": ("bool", "", "the gait has nothing left to do and thrust is off"),
+            "finished": ("bool", "", "the gait has nothing left to do and thrust is off; in `direct`, see Episode End"),
             "time_s, nominal_time_s": ("float", "s", "time so far, or until finished; what the preset needs by plan"),
             "airborne_share": ("float", "", "share of its swing in which the worst foot was in the air"),
             "foot_contact": ("(4,) bool", "", "feet that touch the floor"),
@@ -159,7 +159,11 @@ CHAPTERS: dict[str, Chapter] = {
         f"`is_success`: the gait finished within {crawl_task.SUCCESS_TIME:g} times its nominal time, the torso within\n"
         f"{1000 * crawl_task.SUCCESS_POSITION:g} mm and {crawl_task.SUCCESS_YAW:g} rad of the goal, every foot in the "
         f"air for {crawl_task.SUCCESS_AIRBORNE:.0%} of its swing, no phase\nended by time-out, no foot slid "
-        f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.",
+        f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.\n"
+        f"In `direct` no gait is stepped: a crawl is finished when the robot has lain on its pegs for "
+        f"{crawl_task.REST_TIME:g} s, so near\nthe goal, below {crawl_task.REST_SPEED:g} m/s, "
+        f"{crawl_task.REST_TURN:g} rad/s and {crawl_task.REST_JOINT_SPEED:g} rad/s of every joint, with less than "
+        f"{crawl_task.REST_THRUST:.0%} of its\nweight commanded as thrust.",
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
         "controller keeps the nominal numbers.",
         law="Crawler",
@@ -259,7 +263,7 @@ def page(name: str) -> str:
         f"# {name}",
         "Written by `spidar assets` from the code; a test compares it with the spaces.",
         "## Description",
-        f"{task.__doc__} {own.step}",
+        f"{source_doc(task)} {own.step}",
         f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or\n'
         f'remote, does so by the id: `gymnasium.make("{import_id(name)}")`.',
         "## Action Space",
@@ -343,6 +347,8 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "observation": "one of " + ", ".join(f"`{n}`" for n in OBSERVATIONS),
         "goal_reward": "one of " + ", ".join(f"`{n}`" for n in REWARDS) + ", where the observation is `goal`",
         "disturbances": "dictionary with any of " + ", ".join(f"`{n}`" for n in field_docs(Disturbances)),
+        "max_episode_steps": "steps after which an episode is truncated, at most those of `horizon_s` where that is "
+        "given too; −1 for no end",
         "render_mode": "one of " + ", ".join(f"`{n}`" for n in SpidarEnv.metadata["render_modes"]),
         "camera": "one of " + ", ".join(f"`{n}`" for n in CAMERAS),
         "width": "of pictures [px]",

@@ -12,7 +12,6 @@ import numpy as np
 from gymnasium import spaces
 
 from spidar_gym.control.estimator import Estimator
-from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.orders import Orders
@@ -27,7 +26,8 @@ from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.observed import Observed
 from spidar_gym.envs.options import Task, own_robot
 from spidar_gym.envs.readable import Readable
-from spidar_gym.envs.view import RENDER_MODES, View
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import RENDER_MODES, View, fps
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import RobotSpec
@@ -42,13 +42,13 @@ ProgressT = TypeVar("ProgressT")
 
 
 class SpidarEnv(
-    Readable, Disturbable, Restorable, Observed, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+    Readable, Disturbable, Observed, Restorable, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
         "render_modes": [*RENDER_MODES],
-        "render_fps": int(CONTROL_RATE),
+        "render_fps": fps(1),
     }
     task: TaskT
     """What is to be done."""
@@ -84,6 +84,7 @@ class SpidarEnv(
         disturbances: Mapping[str, Any] | Disturbances | None = None,
         observation: str = "vector",
         goal_reward: str = "sparse",
+        max_episode_steps: int | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
         width: int = 640,
@@ -110,6 +111,8 @@ class SpidarEnv(
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
             observation: `vector`, `goal` or `asymmetric`, see `OBSERVATIONS`.
             goal_reward: `sparse` or `dense`, where it is `goal`, see `REWARDS`.
+            max_episode_steps: Steps after which an episode is truncated, at most those of `horizon_s` where that is
+                given too; −1 for no end, as without it where the environment is not made by `gymnasium.make`.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
             width: Width of the pictures [px].
@@ -138,6 +141,8 @@ class SpidarEnv(
             self.reward_terms, self.failures = own.reward_terms, tuple(own.failures)
             layout = (*layout, *own.fields)
         self._mode, self.layout = mode, layout
+        if max_episode_steps is not None:
+            self.end(max_episode_steps)
         self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
         self._nominal = replace(
@@ -154,6 +159,7 @@ class SpidarEnv(
         self.sampled_parameters: dict[str, np.ndarray] = {}
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         self.render_mode = render_mode
+        self.metadata = self.metadata | {"render_fps": fps(self.hold)}
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
         high = np.concatenate([np.full(f.size, f.bound) for f in layout]).astype(np.float32)
         flat = spaces.Box(-high, high, dtype=np.float32)
@@ -161,7 +167,6 @@ class SpidarEnv(
         self.observation_space = flat if self.sight is None else self.sight.space
         self._now: dict[str, Any] = {}
         self.ticks = 0
-        """Steps since the reset."""
         self._began = False
         self._command: Command | None = None
         self._made = self.task, self._nominal
@@ -188,6 +193,7 @@ class SpidarEnv(
         self.controller = self._make_controller()
         self._now = {}
 
+    @in_turn
     def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
         """What is known of this tick; where the engine does it all, it is read when somebody asks."""
         if name not in self._now:
@@ -207,6 +213,7 @@ class SpidarEnv(
         return self.plant.state() if name == "state" else single.look(self.fleet, name)
 
     @property
+    @in_turn
     def command(self) -> Command:
         """The last command (`SpidarError` before the first step)."""
         if not self.ticks:
@@ -233,6 +240,7 @@ class SpidarEnv(
         """How far the episode has come (`SpidarError` before the first reset)."""
         return self._known("episode")
 
+    @in_turn
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode.
 
@@ -271,6 +279,7 @@ class SpidarEnv(
             )
         return observation, info
 
+    @in_turn
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """`hold` control periods of 25 ms: one, unless the environment says otherwise.
 
@@ -278,8 +287,7 @@ class SpidarEnv(
             action: In [−1, 1]; what lies outside is clipped.
 
         Returns:
-            Observation, reward (in [0, 1], or as `goal_reward` says), terminated, truncated (False, as the wrapper
-            `Horizon` truncates), info.
+            Observation, reward (in [0, 1], or as `goal_reward` says), terminated, truncated, info.
 
         Raises:
             InvalidValueError: For an action of the wrong shape or with a NaN; nothing has moved.
@@ -304,12 +312,12 @@ class SpidarEnv(
         info = self._info(failure)
         if failure == "diverged":
             shown = self._show(np.zeros(len(self._bound), np.float32), info)
-            return shown, self._judged(shown, 0.0), True, False, info
+            return shown, self._judged(shown, 0.0), True, self.is_over, info
         reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in self.reward_terms.items())
         if self.render_mode == "human":
             self.render()
         shown = self._show(self._observation(), info)
-        return shown, self._judged(shown, reward), failure != "", False, info
+        return shown, self._judged(shown, reward), failure != "", self.is_over, info
 
     def _shown(self) -> tuple[Any, dict[str, Any]]:
         if self.fleet is not None:
@@ -320,19 +328,9 @@ class SpidarEnv(
         flat = np.zeros(len(self._bound), np.float32) if has_diverged else self._observation()
         return self._show(flat, info), info
 
-    def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
-        """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
-        return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
-
-    def close(self) -> None:
-        """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
-        self.view.close()
-        self._empty()
-
     def _empty(self) -> None:
         self.controller.close()
-        if self.fleet is not None:
-            self.fleet.close()
+        self.plant.close()
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
         """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
@@ -392,7 +390,7 @@ class SpidarEnv(
         single.begin(fleet, self._judge, self.np_random)
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = single.drawn(fleet) if self._randomization.draws else {}
+        self.sampled_parameters = single.drawn(fleet.robots[0]["episode"]["drawn"]) if self.is_drawn else {}
 
     def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         self.plant.keep()
@@ -404,7 +402,7 @@ class SpidarEnv(
         if self.render_mode == "human":
             self.render()
         reward = self._judged(observation, float(fleet.rewards[0]))
-        return observation, reward, bool(fleet.terminated[0]), False, info
+        return observation, reward, bool(fleet.terminated[0]), self.is_over, info
 
     def judge(self, fleet: Fleet | None, before: Judge | None = None) -> Judge | None:
         """Who judges these robots by the task of one's own, if there is one; as `Judge`."""
@@ -414,5 +412,8 @@ class SpidarEnv(
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
-        draws = single.drawn(fleet, robot) if self._randomization.draws else {}
-        return single.info(fleet, self.reward_terms, self.failures, robot, self._judge) | {"randomization": draws}
+        values = None if self._judge is None else self._judge.terms[robot]
+        draws = single.drawn(fleet.robots[robot]["episode"]["drawn"]) if self.is_drawn else {}
+        words = single.words_of(self.failures, self.words)
+        info = single.info(fleet.infos[robot : robot + 1], self.reward_terms, values, words)
+        return info | {"randomization": draws}

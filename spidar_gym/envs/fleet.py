@@ -10,7 +10,7 @@ from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.course import write_course
 from spidar_gym.native.draws import from_numpy
-from spidar_gym.native.engine import AT_ONCE, Engine
+from spidar_gym.native.engine import Engine
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import write
 from spidar_gym.native.structs import fill
@@ -21,8 +21,8 @@ _LOG = logging.getLogger("spidar_gym.mujoco")
 _SHARED = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun",
            "infos", "final_infos", "goals", "knots")  # fmt: skip
 """Arrays that the engine reads and writes where they lie."""
-_SETTLING_AT_ONCE = 4
-"""Robots that a thread lays on tiles before Ctrl-C is answered: one takes up to 70 ms to come to rest there."""
+_AT_ONCE, _SETTLING_AT_ONCE = 256, 4
+"""Robots that a thread resets before Ctrl-C is answered: on tiles one takes up to 70 ms to come to rest."""
 
 
 class Fleet:
@@ -159,35 +159,37 @@ class Fleet:
 
         Their generators, and what was said of their next episodes, go on too.
         """
-        for name in (
-            "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
-            "final_infos",
-        ):  # fmt: skip
-            setattr(self, name, getattr(old, name))
-            self.engine.share(name, getattr(self, name))
-        self.make_room(old.goals.shape[1], old.knots.shape[1])
-        self.goals[:, : old.goals.shape[1]], self.knots[:, : old.knots.shape[1]] = old.goals, old.knots
-        plants = self.robots["plant"].copy()
-        self.robots[:] = old.robots
-        self.robots["plant"] = plants
-        self.rules["rules"]["is_advised"] = np.any(old.rules["rules"]["is_advised"])
-        old.close()
+        with old.engine.turn.lock, self.engine.turn.lock:
+            for name in (
+                "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
+                "final_infos",
+            ):  # fmt: skip
+                setattr(self, name, getattr(old, name))
+                self.engine.share(name, getattr(self, name))
+            self.make_room(old.goals.shape[1], old.knots.shape[1])
+            self.goals[:, : old.goals.shape[1]], self.knots[:, : old.knots.shape[1]] = old.goals, old.knots
+            plants = self.robots["plant"].copy()
+            self.robots[:] = old.robots
+            self.robots["plant"] = plants
+            self.rules["rules"]["is_advised"] = np.any(old.rules["rules"]["is_advised"])
+            old.close()
 
     def make_room(self, goals: int, knots: int = 0) -> None:
         """Let an episode have at least so many forms, and its path so many knots."""
-        for name, wanted in (("goals", goals), ("knots", knots)):
-            held = getattr(self, name)
-            robots, room = held.shape
-            if wanted > room:
-                wider = np.zeros((robots, wanted), held.dtype)
-                wider[:, :room] = held
-                setattr(self, name, wider)
-                self.engine.share(name, wider)
-                self.engine.record[f"{name[:-1]}_room"] = wanted
+        with self.engine.turn.lock:
+            for name, wanted in (("goals", goals), ("knots", knots)):
+                held = getattr(self, name)
+                robots, room = held.shape
+                if wanted > room:
+                    wider = np.zeros((robots, wanted), held.dtype)
+                    wider[:, :room] = held
+                    setattr(self, name, wider)
+                    self.engine.share(name, wider)
+                    self.engine.record[f"{name[:-1]}_room"] = wanted
 
     def reset(self, ids: np.ndarray | None = None) -> None:
         """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""
-        self._run("reset", ids, _SETTLING_AT_ONCE if self._settles else AT_ONCE)
+        self._run("reset", ids, _SETTLING_AT_ONCE if self._settles else _AT_ONCE)
 
     def step(self, ids: np.ndarray | None = None) -> None:
         """One control period of robots, with `actions`; of all if not said which, in rising order.
@@ -198,18 +200,7 @@ class Fleet:
         Raises:
             SpidarError: For a robot that MuJoCo cannot put where its next episode begins.
         """
-        if not self._settles:
-            self._run("step", ids)
-            return
-        episode, horizon = self.robots["episode"], self.rules["rules"]["horizon"]
-        begins = (episode["over"] > 0) | (episode["ticks"] + 1 >= horizon)
-        everybody = np.arange(len(begins)) if ids is None else ids
-        for some, at_once in (
-            (everybody[~begins[everybody]], AT_ONCE),
-            (everybody[begins[everybody]], _SETTLING_AT_ONCE),
-        ):
-            if some.size:
-                self._run("step", some, at_once)
+        self._run("step", ids)
 
     def show(self) -> None:
         """Write observations and infos of what is now, where Python judges."""
@@ -219,7 +210,7 @@ class Fleet:
         """Look at flights with the references that Python has written, where episodes have just begun; show them."""
         self._run("regard", ids)
 
-    def _run(self, job: str, ids: np.ndarray | None, at_once: int = AT_ONCE) -> None:
+    def _run(self, job: str, ids: np.ndarray | None, at_once: int | None = None) -> None:
         failed = self.engine.run(f"sp_{job}_{self.kind}s", ids, at_once=at_once)
         if failed and job == "step":
             lost = [robot for robot in failed if not self.begun[robot]]

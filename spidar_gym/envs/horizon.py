@@ -1,5 +1,6 @@
 """When an episode is over: after `horizon_s` or `max_episode_steps`, whichever is given, the shorter where both are."""
 
+import copy
 from typing import Any
 
 import gymnasium
@@ -12,9 +13,11 @@ from spidar_gym.envs.registry import RegisteredSteps
 
 
 class Horizon(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstructorArgs):
-    """Truncates, and tells the environment when, so that success is judged there; `gymnasium.make` puts it outermost.
+    """Gives the environment its end, so that success is judged there; `gymnasium.make` puts it outermost.
 
-    The registered `TimeLimit` below it knows nothing of `horizon_s`, and the environment nothing of `TimeLimit`.
+    The registered `TimeLimit` below it knows nothing of `horizon_s`, and the environment nothing of `TimeLimit`. The
+    specification of a made environment has the end among its arguments, and not this wrapper: so `gymnasium.make_vec`,
+    which refuses wrappers, makes a native vector of it.
     """
 
     def __init__(self, env: gymnasium.Env[Any, np.ndarray]) -> None:
@@ -25,18 +28,18 @@ class Horizon(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstru
         assert isinstance(inner, SpidarEnv)
         assert env.spec is not None
         steps = env.spec.max_episode_steps
-        inner.most_steps = None if isinstance(steps, RegisteredSteps) else steps
-        self._inner, self._ends = inner, steps is not None
+        inner.end(-1 if steps is None else None if isinstance(steps, RegisteredSteps) else steps)
+        self._inner, self._spec = inner, copy.deepcopy(env.spec)
 
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One step; truncated where the episode is over, never with `max_episode_steps=-1`."""
+        """One step; truncated where the environment says so, which goes before `TimeLimit`."""
         observation, reward, terminated, _, info = self.env.step(action)
-        return observation, reward, terminated, self._ends and self._inner.ticks >= self._inner.horizon, info
+        return observation, reward, terminated, self._inner.is_over, info
 
     @property
     def spec(self) -> EnvSpec | None:
         """The specification with the steps after which the episode really ends."""
-        spec = super().spec
-        if spec is not None:
-            spec.max_episode_steps = self._inner.horizon if self._ends else None
-        return spec
+        steps = self._inner.horizon if self._inner.truncates else None
+        self._spec.max_episode_steps = steps
+        self._spec.kwargs["max_episode_steps"] = -1 if steps is None else steps
+        return self._spec

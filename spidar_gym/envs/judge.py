@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.envs.batch import Robots, VectorTask, check_weights, weighted
+from spidar_gym.envs.batch import Robots, VectorTask, check_weights, checked_array, require_finite, weighted
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.options import Task
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import REAL, InvalidValueError, require_array, require_keys
 from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine_structs import AUTORESETS
 
@@ -139,8 +139,7 @@ class Judge:
             for k in ids.tolist():
                 episode = fleet.robots[k]["episode"]
                 rng = to_numpy(episode["generator"])
-                for name, value in task.draw(rng).items():
-                    self._memory[name][k] = value
+                self._remember(k, task.draw(rng))
                 episode["generator"] = from_numpy(rng)
         robots = self._robots()
         robots.begin(task, ids)
@@ -161,14 +160,18 @@ class Judge:
         task.advance(robots)
         diverged = records["plant"]["diverged"] != 0
         failure = np.full(len(records), -1)
-        found = _rows(task.failed(robots), [word for word in self._words if word != "diverged"], "failed", len(robots))
+        words = [word for word in self._words if word != "diverged"]
+        found = self._rows(task.failed(robots), words, "failed", "?")
         for word, mask in reversed(list(found.items())):
             failure[mask] = self._words.index(word)
         failure[diverged] = self._words.index("diverged")
         self.terms[:] = self._terms(robots)
         self.terms[diverged] = 0.0
-        fleet.rewards[:] = weighted(self.terms, self._weights)
-        fleet.infos["is_success"] = task.succeeded(robots) & (failure < 0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            fleet.rewards[:] = weighted(self.terms, self._weights)
+        require_finite(f"{self._name}: sum of terms", fleet.rewards, records)
+        succeeded = checked_array(f"{self._name}.succeeded", task.succeeded(robots), (len(records),), "?")
+        fleet.infos["is_success"] = succeeded & (failure < 0)
         truncated = (episode["ticks"] >= rules["horizon"]) & bool(rules["truncates"])
         failure[begun], truncated[begun], fleet.rewards[begun] = -1, False, 0.0
         over = (failure >= 0) | truncated
@@ -196,30 +199,49 @@ class Judge:
         shown = self._fleet.observations
         given = task.observe(robots)
         names = [f.name for f in task.fields]
-        if not isinstance(given, dict) or given.keys() != {*names}:
-            raise InvalidValueError("observe", given, f"a dictionary with an array for each of {', '.join(names)}")
+        self._require_names(given, names, "observe")
         own = []
         for f in task.fields:
-            values = np.asarray(given[f.name], float)
-            shape = len(robots), f.size
-            if values.shape not in (shape, shape[:1] if f.size == 1 else shape):
-                raise InvalidValueError(f"observe: {f.name}", values.shape, f"an array of shape {shape}")
-            own.append(values.reshape(shape))
+            values, shape, name = given[f.name], (len(robots), f.size), f"{self._name}.observe: {f.name}"
+            values = checked_array(name, values, shape).astype(float)
+            require_finite(name, values, robots.robots)
+            own.append(values)
         seen = np.clip(np.concatenate(own, axis=1), -self._bound, self._bound)
         seen[robots.robots["plant"]["diverged"] != 0] = 0.0
         self._seen[chosen, : shown.shape[1]], self._seen[chosen, shown.shape[1] :] = shown[chosen], seen[chosen]
 
     def _terms(self, robots: Robots) -> np.ndarray:
-        found = _rows(self.task.terms(robots), self.task.reward_terms, "terms", len(robots))
-        return np.stack(list(found.values()), axis=1)
+        found = self._rows(self.task.terms(robots), list(self.task.reward_terms), "terms", REAL)
+        terms = np.stack(list(found.values()), axis=1).astype(float)
+        if not np.isfinite(terms).all():
+            for name, values in found.items():
+                require_finite(f"{self._name}.terms: {name}", values, robots.robots)
+        return terms
 
+    @property
+    def _name(self) -> str:
+        return type(self.task).__name__
 
-def _rows(given: Any, names: Iterable[str], method: str, robots: int) -> dict[str, np.ndarray]:  # noqa: ANN401 - a user's
-    """What a task gives by name, an entry for every robot each, in the order of its table."""
-    names = list(names)
-    if not isinstance(given, dict) or given.keys() != {*names}:
-        raise InvalidValueError(method, given, f"a dictionary with an array for each of {', '.join(names)}")
-    for name in names:
-        if np.shape(given[name]) != (robots,):
-            raise InvalidValueError(f"{method}: {name}", np.shape(given[name]), f"an array of shape ({robots},)")
-    return {name: given[name] for name in names}
+    def _remember(self, robot: int, drawn: Any) -> None:  # noqa: ANN401 - a user's
+        """Write what a task has drawn for a robot into its memory."""
+        method = f"{self._name}.draw"
+        memory = self._memory[robot]
+        for name, value in require_keys(
+            method, "entry of the memory", drawn, [row[0] for row in self.task.memory]
+        ).items():
+            shape = np.shape(memory[name])
+            values = require_array(f"{method}: {name}", value, f"numbers of shape {shape}")
+            if values.shape not in ((), shape) or not np.isfinite(values).all():
+                raise InvalidValueError(f"{method}: {name}", value, f"finite numbers of shape {shape}")
+            memory[name] = value
+
+    def _rows(self, given: Any, names: list[str], method: str, kinds: str) -> dict[str, np.ndarray]:  # noqa: ANN401 - a user's
+        """What a task gives by name, an entry for every robot each, in the order of its table."""
+        self._require_names(given, names, method)
+        shape, name = (len(self._memory),), f"{self._name}.{method}"
+        return {each: checked_array(f"{name}: {each}", given[each], shape, kinds) for each in names}
+
+    def _require_names(self, given: Any, names: list[str], method: str) -> None:  # noqa: ANN401 - a user's
+        if not isinstance(given, dict) or given.keys() != {*names}:
+            expected = f"a dictionary with an array for each of {', '.join(names)}"
+            raise InvalidValueError(f"{self._name}.{method}", given, expected)

@@ -1,13 +1,19 @@
 """What a vector is told and gives: a value for each robot, a seed for each, ways of beginning anew, copies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from spidar_gym.envs.course.task import parse_course
+from spidar_gym.envs.fleet import Fleet, told
 from spidar_gym.envs.hover.task import FlightStart
+from spidar_gym.envs.judge import Judge
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.engine_structs import SEQUENCES
+from spidar_gym.sim.disturbances import Disturbances
 
 
 def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - whatever a user gives
@@ -17,6 +23,17 @@ def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - w
     if len(value) != robots:
         raise InvalidValueError(name, value, f"one for all robots, or a list of {robots}")
     return value
+
+
+def numbered(ids: Any, robots: int) -> list[int]:  # noqa: ANN401 - whatever a user gives
+    """Robots by number, all if not given (`InvalidValueError` for what is no such list)."""
+    if ids is None:
+        return list(range(robots))
+    given = np.array(ids) if isinstance(ids, list | tuple | range | np.ndarray) else np.array(None)
+    fits = given.ndim == 1 and (given.dtype.kind in "iu" or not given.size)
+    if not fits or len({*given.tolist()}) < given.size or np.any((given < 0) | (given >= robots)):
+        raise InvalidValueError("ids", ids, f"numbers of robots, each once, within 0 … {robots - 1}")
+    return given.astype(int).tolist()
 
 
 def seeds(seed: int | Sequence[int | None] | None, mask: np.ndarray, *, began: bool) -> dict[int, int | None]:
@@ -58,3 +75,52 @@ def start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
 def copied(shown: Any) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
     """A copy of what is shown of robots."""
     return {name: rows.copy() for name, rows in shown.items()} if isinstance(shown, dict) else shown.copy()
+
+
+def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
+    """What an option of `reset` that makes nothing anew is for each robot.
+
+    Args:
+        name: Which.
+        value: One for all, or a list.
+        robots: Of how many.
+        task: Theirs.
+    """
+    ways = {
+        "disturbances": Disturbances.parse,
+        "forms": lambda forms: SEQUENCES.index(replace(task, forms=forms).forms),
+        "start": start,
+        "course": parse_course,
+    }
+    each = listed(name, list(value) if isinstance(value, tuple) else value, robots)
+    return [ways[name](one) for one in each]
+
+
+def said_at_reset(fleet: Fleet, judge: Judge | None, robot: int, options: Mapping[str, Any]) -> None:
+    """Say what options, as `parsed`, are for a robot from its next episode on."""
+    if "disturbances" in options:
+        fleet.disturb(robot, options["disturbances"])
+    if "forms" in options:
+        fleet.robots["forms"][robot] = options["forms"]
+    if "start" in options:
+        fleet.begin_with(robot, options["start"])
+        if judge is not None:
+            judge.is_given[robot] = options["start"] is not None
+    if "course" in options:
+        fleet.go(robot, options["course"])
+
+
+def arrays_of(fleet: Fleet, judge: Judge | None, terms: Iterable[str], *, final: bool) -> dict[str, Any]:
+    """`info` of all robots, words in it as codes: arrays of their own, (N, …) each.
+
+    Args:
+        fleet: The robots.
+        judge: What judges them, where the engine does not.
+        terms: Names of the terms of the reward.
+        final: Whether of the ends of episodes after which others have begun in the same step.
+    """
+    # Each a block of its own: JAX takes no view into records.
+    info = {name: each.copy() for name, each in told(fleet.final_infos if final else fleet.infos).items()}
+    if judge is not None:
+        info["term"] = (judge.final_terms if final else judge.terms).copy()
+    return info | {f"reward_{name}": column for name, column in zip(terms, info["term"].T.copy(), strict=True)}

@@ -5,7 +5,8 @@ from typing import Any
 
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.remade import Remade
-from spidar_gym.errors import SpidarError
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.errors import SpidarError, require_within
 from spidar_gym.native.plant import Plant
 from spidar_gym.sim.disturbances import Disturbances
 
@@ -20,6 +21,7 @@ class Disturbable(Remade):
     _disturbances: Disturbances
     _began: bool
 
+    @in_turn
     def disturb(self, disturbances: Mapping[str, Any] | Disturbances | None, towards: float = 0.0) -> None:
         """Let something else happen to the robot from now on, without a reset, and in the episodes after this one.
 
@@ -33,6 +35,7 @@ class Disturbable(Remade):
             SpidarError: When `reset` was never called.
         """
         chosen = Disturbances.parse(disturbances)
+        require_within(-1e6, 1e6, "rad", towards=towards)
         if not self._began:
             raise SpidarError("there is no episode to disturb before reset(); valid: call reset() first")
         self._disturbances = chosen

@@ -24,6 +24,7 @@ from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.judge import task_options
 from spidar_gym.envs.options import Task
+from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
 from spidar_gym.model.dynamics import Model
@@ -40,7 +41,8 @@ IN_BYTES = (Core, Plant)
 SETTLED = (
     "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
     "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
-    "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms", "failures",
+    "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms", "failures", "turn",
+    "is_closed", "truncates", "metadata",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}
@@ -74,6 +76,7 @@ class Restorable(ABC):
     def horizon(self) -> int:
         """Steps after which the episode ends, unless it fails before."""
 
+    @in_turn
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of; who looks into the engine's memory looks into the copy's there."""
         state = vars(self).copy()
@@ -102,6 +105,7 @@ class Restorable(ABC):
             self._ruled = self.task
         fleet.rules["rules"]["horizon"] = self.horizon
 
+    @in_turn
     def save_state(self) -> bytes:
         """All that there is of this moment: the robot, the controller, the task, what is drawn next; nothing changes.
 
@@ -119,6 +123,7 @@ class Restorable(ABC):
             arrays["robot"] = np.frombuffer(saving.save(self.fleet, [0]), np.uint8)
         return pack(TITLE, self._description(), arrays, sealed=True)
 
+    @in_turn
     def restore_state(self, saved: bytes) -> tuple[Any, dict[str, Any]]:
         """Go on from a moment that was saved, bit for bit as that environment would have.
 
@@ -131,6 +136,22 @@ class Restorable(ABC):
         Raises:
             SpidarError: For bytes that are not what fits here, and nothing has changed.
         """
+        before = self.save_state() if self._began else None
+        try:
+            self._become(saved)
+        except Exception as error:  # of damaged values anything may come; whatever it is, nothing has changed
+            self._began = before is not None
+            if before is not None:
+                self._become(before)
+            if isinstance(error, SpidarError):
+                raise
+            raise SpidarError(f"the saved state is damaged: {shown(error)}; valid: what save_state() gave") from error
+        if self.render_mode == "human":
+            self.render()
+        return self._shown()
+
+    def _become(self, saved: bytes) -> None:
+        """Take over what was saved; where this raises, some of it may have been."""
         told, arrays = _opened(saved)
         for name, here in self._description().items():
             if told.get(name) != here:
@@ -146,9 +167,7 @@ class Restorable(ABC):
             _recall(part, known[path])
         if fleet is not None:
             self._forget()
-        if self.render_mode == "human":
-            self.render()
-        return self._shown()
+        self._shown()
 
     def _restore_robot(self, fleet: Fleet, task: Task, saved: bytes) -> None:
         """Let the engine's robot be the saved one, whose task it may have to be told."""

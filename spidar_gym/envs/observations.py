@@ -13,7 +13,7 @@ from gymnasium import spaces
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.goals import Goal
 from spidar_gym.native.engine_structs import N_DUCTS, engine_layouts
-from spidar_gym.robot import N_JOINTS, N_ROTORS
+from spidar_gym.robot import N_JOINTS, N_ROTORS, RobotSpec
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
@@ -33,7 +33,7 @@ _READ: tuple[tuple[str, Field], ...] = (
     ("state.joint_position", Field("joint_position", N_JOINTS, 2.0, "rad", "q")),
     ("state.joint_velocity", Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇")),
     ("state.joint_torque", Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos")),
-    ("state.thrust", Field("thrust", N_ROTORS, 42.0, "N", "λ₁ … λ₈ delivered")),
+    ("state.thrust", Field("thrust", N_ROTORS, RobotSpec.max_thrust, "N", "λ₁ … λ₈ delivered")),
     ("air_factor", Field("duct_thrust", N_DUCTS, 1.0, "", "of each duct over that in still air")),
     ("air_force_w", Field("air_force", 3, 50.0, "N", "of the air besides the thrust in still air, world")),
     ("weather.mean_w", Field("wind", 3, 10.0, "m/s", "mean, world")),

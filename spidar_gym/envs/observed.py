@@ -12,7 +12,9 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import REWARDS, Goal
 from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
-from spidar_gym.errors import InvalidValueError, NoGoalError, require_name
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import View
+from spidar_gym.errors import InvalidValueError, NoGoalError, closed, require_name
 from spidar_gym.native.plant import Plant
 
 
@@ -21,6 +23,8 @@ class Rewarding:
 
     sight: Sight | None
     """What is shown in place of the flat numbers, if anything."""
+    is_closed: bool
+    """Whether `close` was called."""
 
     @property
     def compute_reward(self) -> Callable[[Any, Any, Any], Any]:
@@ -38,6 +42,8 @@ class Rewarding:
         return self._goal("compute_truncated").compute_truncated
 
     def _goal(self, name: str) -> Goal:
+        if self.is_closed:
+            raise closed()
         if not isinstance(self.sight, GoalSight):
             raise NoGoalError(f"there is no {name} without a goal; valid: observation='goal'")
         return self.sight.goal
@@ -54,6 +60,7 @@ class Observed(Rewarding):
     """What of `info` only a critic may know, with its scale."""
     fleet: Fleet | None
     plant: Plant
+    view: View
     own_task: VectorTask[Any] | None
 
     def _choose_sight(
@@ -82,6 +89,11 @@ class Observed(Rewarding):
             wanted = self._wanted()[None] if isinstance(self.sight, GoalSight) else None
             robots = Robots(self.plant.records, lambda name: np.asarray(info[name], float)[None], wanted)
         return {name: rows[0].copy() for name, rows in self.sight.look(flat[None], robots).items()}
+
+    @in_turn
+    def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
+        """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
+        return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
 
     def _judged(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
         """The reward of what is shown: that of its goal, if it has one."""

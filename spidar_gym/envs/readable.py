@@ -36,6 +36,11 @@ class Readable(ABC):
     def state(self) -> RobotState:
         """The true state of the robot."""
 
+    @property
+    def is_drawn(self) -> bool:
+        """Whether robots are drawn."""
+        return self._randomization.draws
+
     def _control_period(self) -> str:
         """Control and simulate one period; why the episode is over."""
         self._command = command = self._act(self._action)
@@ -48,7 +53,7 @@ class Readable(ABC):
 
     def _draw_robot(self, rng: np.random.Generator) -> None:
         """Become the robot of this episode, where robots are drawn."""
-        if self._randomization.draws:
+        if self.is_drawn:
             config, self.sampled_parameters = randomize(self._nominal, rng, self._randomization)
             self.plant.configure(config)
 

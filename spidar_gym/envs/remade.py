@@ -9,7 +9,10 @@ from typing import Any, ClassVar
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.judge import find_task, task_options
-from spidar_gym.errors import InvalidValueError, require_keys
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import View
+from spidar_gym.errors import InvalidValueError, require_keys, require_least
+from spidar_gym.turn import Turn
 
 
 class Remade(ABC):
@@ -27,8 +30,18 @@ class Remade(ABC):
     """Control periods of a step."""
     reset_options: tuple[str, ...] = ("disturbances",)
     """Names of the options of `reset` beside the arguments that it takes anew."""
+    view: View
+    """How it is looked at."""
+    turn: Turn
+    """Orders the calls on it from several threads."""
+    is_closed: bool = False
+    """Whether `close` was called: nothing else can be from then on."""
     most_steps: int | None = None
     """Steps that whoever made it allows an episode; None where the task alone says."""
+    truncates: bool = False
+    """Whether an episode is truncated at its horizon."""
+    ticks: int
+    """Steps since the reset."""
     _arguments: dict[str, Any]
     """What it is made of, but for `_choices`."""
     _choices: dict[str, Any]
@@ -48,6 +61,7 @@ class Remade(ABC):
         """Keep what it is made of, so that `reset` can have another argument."""
         del args
         env = super().__new__(cls)
+        env.turn = Turn()
         env._keep(kwargs)
         return env
 
@@ -63,6 +77,27 @@ class Remade(ABC):
             return own
         return min(self.most_steps, own) if "horizon_s" in self._arguments else self.most_steps
 
+    @in_turn
+    def end(self, max_episode_steps: int | None) -> None:
+        """Say when an episode is truncated.
+
+        Args:
+            max_episode_steps: After how many steps, at most those of `horizon_s` where that was given; −1 for never;
+                None for the task's `horizon_s`.
+
+        Raises:
+            InvalidValueError: For a number below 1 other than −1.
+        """
+        self.truncates = max_episode_steps != -1
+        if max_episode_steps is not None and self.truncates:
+            require_least(1, max_episode_steps=max_episode_steps)
+            self.most_steps = int(max_episode_steps)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the episode has come to its end."""
+        return self.truncates and self.ticks >= self.horizon
+
     @property
     def reset_arguments(self) -> tuple[str, ...]:
         """Arguments that `reset` takes as options: those of the task, its own too, and how robots are drawn."""
@@ -77,6 +112,15 @@ class Remade(ABC):
     def _empty(self) -> None:
         """Let go of robot and controller."""
 
+    def close(self) -> None:
+        """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
+        with self.turn.lock:
+            if not self.is_closed:
+                self.is_closed = True
+                self.view.close()
+                self._empty()
+
+    @in_turn
     def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
         """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
 

@@ -1,5 +1,6 @@
 """What the tasks of the environments, each `task.py`, are to the engine: records of their numbers."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,7 @@ def hover_rules(task: hover.HoverTask, controller: ControllerConfig, *, describe
     record["form"] = list(FORMS.values())
     for k, name in enumerate(DRAWN):
         record["range"][k], record["drawn_legs"][k] = hover.DRAWN_FORMS[name]
-    record["weight"] = [weight for weight, _ in hover.REWARD_TERMS.values()]
+    _weigh(record, hover.REWARD_TERMS)
     record["margin"][: len(hover.MARGINS)] = hover.MARGINS
     for name in (
         "max_tilt", "max_distance", "success_position", "success_attitude", "arrival_grace", "arrival_tolerance",
@@ -152,11 +153,11 @@ def crawl_rules(task: crawl.CrawlTask, controller: CrawlerConfig, settle_ticks: 
     record["steps"], record["terrain"] = task.steps, TERRAINS.index(task.terrain)
     record["obstacles"] = len(task.obstacles)
     record["obstacle"][: len(task.obstacles)] = np.reshape(task.obstacles, (-1, 3))
-    record["weight"] = [weight for weight, _ in crawl.CRAWL_REWARD_TERMS.values()]
+    _weigh(record, crawl.CRAWL_REWARD_TERMS)
     for name in (
         "obstacle_height", "goal_clearance", "goal_margin", "level_margin", "slip_margin", "most_power", "turn_length",
         "max_tilt", "max_astray", "saturated", "success_position", "success_yaw", "success_airborne", "success_slip",
-        "success_time",
+        "success_time", "rest_time", "rest_speed", "rest_turn", "rest_joint_speed", "rest_thrust",
     ):  # fmt: skip
         record[name] = getattr(crawl, name.upper())
     return record
@@ -174,7 +175,7 @@ def course_rules(task: course.CourseTask, manager: ManagerConfig, *, is_waypoint
     record["depth"] = [course.DEPTHS.get(kind, 0.0) for kind in KINDS]
     record["charge"] = course.CHARGE if task.charge is None else task.charge
     record["is_waypoint"], record["hold"] = is_waypoint, hold
-    record["weight"] = [weight for weight, _ in course.COURSE_REWARD_TERMS.values()]
+    _weigh(record, course.COURSE_REWARD_TERMS)
     for name in (
         "first_gap", "gap", "goal_way", "floor_gap", "floor_length", "middle", "goal_side", "goal_yaw", "decide",
         "goal_margin", "hit_margin", "most_power", "max_hit", "max_tilt", "lies", "at_rest", "carried",
@@ -183,3 +184,11 @@ def course_rules(task: course.CourseTask, manager: ManagerConfig, *, is_waypoint
     ):  # fmt: skip
         record[name] = getattr(course, name.upper())
     return record
+
+
+def _weigh(record: np.ndarray, terms: Mapping[str, tuple[float, str]]) -> None:
+    """Write weights of the reward's terms, which have to be as many as the engine computes (`InvalidValueError`)."""
+    if len(terms) != record["weight"].size:
+        expected = f'{record["weight"].size} terms, those of the engine; with others make it with control="python"'
+        raise InvalidValueError("reward_terms", list(terms), expected)
+    record["weight"] = [weight for weight, _ in terms.values()]

@@ -2,20 +2,25 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.border import BorderError, parse_json, require_form
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.errors import InvalidValueError, SpidarError, shown
 from spidar_gym.native.library import version
+from spidar_gym.native.limits import fault_of, fault_of_robots
 from spidar_gym.robot.description import model_hash
 
 MAGIC = b"spidar robots\n"
 """What saved robots begin with; a line of JSON that says what they are follows, their numbers, and a checksum."""
 ROOMS = ("goals", "knots")
 """Arrays of a fleet of which a robot has more or fewer entries."""
+_WORDS = "environment", "robot", "task", "version", "set of options"
+"""What the head says in words."""
 CHECKSUM = hashlib.sha256().digest_size
 
 
@@ -47,32 +52,58 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
             options, and nothing has changed.
         InvalidValueError: For another number of robots than were saved, and nothing has changed.
     """
+    told, body = _opened(fleet, saved, ids)
+    rooms = {name: told[name] for name in ROOMS}
+    rows = _rows(fleet, body, len(ids), rooms)
+    others = (fault_of(row, "", f"{name}.") for name, row in zip(ROOMS, rows[1:3], strict=True))
+    for fault in filter(None, (fault_of_robots(rows[0], rooms), *others)):
+        raise SpidarError(f"the saved robots are none: {fault}; valid: the bytes that save() gave")
+    chosen = list(ids)
+    with fleet.engine.turn.lock:
+        fleet.make_room(*(told[name] for name in ROOMS))
+        for part, row in zip(_parts(fleet), rows, strict=True):
+            if part is fleet.goals or part is fleet.knots:
+                part[chosen, : row.shape[1]] = row
+            else:
+                part[chosen] = row
+        fleet.engine.forget_copies()
+
+
+def _opened(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> tuple[dict[str, Any], bytes]:
+    """Head and body of saved robots that fit here; errors as of `restore`."""
     if not (isinstance(saved, bytes) and saved.startswith(MAGIC)):
         raise SpidarError("these are no saved robots; valid: the bytes that save() gave")
     content, checksum = saved[:-CHECKSUM], saved[-CHECKSUM:]
     if hashlib.sha256(content).digest() != checksum:
         raise SpidarError("the saved robots are damaged; valid: the bytes that save() gave, all of them")
-    head, body = content[len(MAGIC) :].split(b"\n", 1)
-    told = json.loads(head)
+    head, _, body = content[len(MAGIC) :].partition(b"\n")
+    try:
+        told = parse_json(head)
+        require_form(told, dict.fromkeys(_WORDS, str) | dict.fromkeys(("robots", *ROOMS), int), "head")
+    except BorderError as error:
+        raise SpidarError(f"the saved robots are damaged: {error}; valid: the bytes that save() gave") from error
     for name, here in _description(fleet, ids).items():
-        if told.get(name) != here:
-            raise SpidarError(f"the saved robots are of another {name}: {told.get(name)}; valid here: {here}")
+        if told[name] != here:
+            raise SpidarError(f"the saved robots are of another {name}: {shown(told[name])}; valid here: {here}")
     if told["robots"] != len(ids):
         raise InvalidValueError("ids", list(ids), f"{told['robots']} robots, as many as were saved")
-    fleet.make_room(*(told[name] for name in ROOMS))
-    parts, at = _parts(fleet), 0
-    for part in parts:
+    return told, body
+
+
+def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list[np.ndarray]:
+    """Arrays of saved robots, one for each of `_parts` (`SpidarError` for a body of another size)."""
+    shapes = []
+    for part in _parts(fleet):
         name = next((name for name in ROOMS if part is getattr(fleet, name)), None)
-        room = part[0].size if name is None else told[name]
-        size = room * part.dtype.itemsize
-        for k in ids:
-            row = np.frombuffer(body, part.dtype, room, at)
-            if name is not None:
-                part[k, :room] = row
-            else:
-                part[k] = row.reshape(part[k].shape)
-            at += size
-    fleet.engine.forget_copies()
+        shapes.append((robots, *(part.shape[1:] if name is None else (rooms[name],))))
+    sizes = [part.dtype.itemsize * math.prod(shape) for part, shape in zip(_parts(fleet), shapes, strict=True)]
+    if min(rooms.values()) < 0 or sum(sizes) != len(body):
+        raise SpidarError(f"the saved robots have {len(body)} bytes; valid: {sum(sizes)}, the bytes that save() gave")
+    ends = np.cumsum(sizes).tolist()
+    return [
+        np.frombuffer(body[end - size : end], part.dtype).reshape(shape)
+        for part, shape, size, end in zip(_parts(fleet), shapes, sizes, ends, strict=True)
+    ]
 
 
 def _parts(fleet: Fleet) -> list[np.ndarray]:

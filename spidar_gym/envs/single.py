@@ -1,7 +1,7 @@
 """The one robot of a fleet, as an environment of a single robot tells of it: in objects, words and single numbers."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,38 +41,55 @@ def look(fleet: Fleet, name: str) -> RobotState | Command:
     return read_state(episode["seen"]) if name == "seen" else read_command(episode["command"])
 
 
-def drawn(fleet: Fleet, robot: int = 0) -> dict[str, np.ndarray]:
-    """What was drawn of a robot, by field of `PlantConfig`."""
-    numbers, draws, at = fleet.robots[robot]["episode"]["drawn"], dict[str, np.ndarray](), 0
+def drawn(numbers: np.ndarray) -> dict[str, np.ndarray]:
+    """What was drawn of robots (…, numbers), by field of `PlantConfig`: arrays (…, shape of the field)."""
+    draws, at = dict[str, np.ndarray](), 0
     for row in TABLE:
         size = math.prod(row.shape)
-        draws[row.field] = numbers[at : at + size].reshape(row.shape).copy()
+        draws[row.field] = numbers[..., at : at + size].reshape((*numbers.shape[:-1], *row.shape)).copy()
         at += size
     return draws
 
 
+SETS = ("shortfalls",)
+"""What names several words at once: their numbers are bits."""
+
+
+def words_of(failures: Iterable[str], words: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Words of `info` by name, in the order of their codes.
+
+    Args:
+        failures: Why an episode may be over.
+        words: What else an environment has.
+    """
+    return {"qp_status": tuple(str(word) for word in STATUS), "failure": tuple(failures), **words}
+
+
+def spoken(name: str, code: int, words: Sequence[str]) -> str:
+    """What a code of `info` means: −1 is none, in `SETS` bit k is the k-th word."""
+    if name in SETS:
+        return ", ".join(word for k, word in enumerate(words) if code >> k & 1)
+    return words[code] if code >= 0 else "none" if name == "qp_status" else ""
+
+
 def info(
-    fleet: Fleet, terms: Iterable[str], failures: Sequence[str], robot: int = 0, judge: Judge | None = None
+    record: np.ndarray, terms: Iterable[str], values: np.ndarray | None, words: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
     """What is told of a robot, an array, a number or a word each.
 
     Args:
-        fleet: It and others.
-        terms: Names of the terms of the reward, in the order of who judges.
-        failures: Why an episode may be over, in the same order.
-        robot: Its number.
-        judge: Who judges, where the engine does not.
+        record: `sp_hover_info` or one of the other tasks', shape (1,).
+        terms: Names of the terms of the reward.
+        values: Their values in this order, where they are not the record's own.
+        words: What codes mean, by the word's name, in the order of the codes.
     """
-    now = told(fleet.infos[robot : robot + 1].copy())
+    now = told(record.copy())
     found = {name: value[0] if value.ndim > 1 else value.item() for name, value in now.items()}
-    status, failure = found.pop("qp_status_code"), found.pop("failure_code")
-    found["qp_status"] = "none" if status < 0 else str(STATUS[status])
     built_in = found.pop("term")
-    values = built_in if judge is None else judge.terms[robot]
-    for name, value in zip(terms, values.tolist(), strict=True):
+    for name, value in zip(terms, (built_in if values is None else values).tolist(), strict=True):
         found[f"reward_{name}"] = value
-    found["failure"] = "" if failure < 0 else failures[failure]
-    return found
+    coded = {name: found.pop(f"{name}_code") for name in words if f"{name}_code" in found}
+    return found | {name: spoken(name, code, words[name]) for name, code in coded.items()}
 
 
 def readable_info(

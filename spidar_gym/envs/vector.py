@@ -1,7 +1,6 @@
 """Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -12,27 +11,26 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import parse_course
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.fleet import Fleet, told
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.envs.judge import Judge
-from spidar_gym.envs.lanes import autoreset, copied, listed, seeds, start
+from spidar_gym.envs.lanes import arrays_of, autoreset, copied, listed, numbered, parsed, said_at_reset, seeds
 from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
+from spidar_gym.envs.single import drawn, words_of
+from spidar_gym.envs.single import info as single_info
+from spidar_gym.envs.turns import in_turn, whole
 from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
-from spidar_gym.native.engine_structs import N_DOFS, SEQUENCES
-from spidar_gym.native.structs import read
-from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.native.draws import to_numpy
+from spidar_gym.native.engine_structs import AUTORESETS
+from spidar_gym.turn import Turn
 
 ValueT = TypeVar("ValueT")
 KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
@@ -76,6 +74,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             InvalidValueError: For a value out of range.
         """
         environment(name)
+        self.turn = Turn()
+        """Orders the calls on it from several threads."""
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = autoreset(autoreset_mode)
         kind = KINDS[name]
@@ -86,10 +86,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._single, self._envs = single, [single] * num_envs
         self.render_mode = single.render_mode
         self.task, self.layout, self.num_envs = single.task, single.layout, num_envs
-        ends = max_episode_steps != -1
-        if ends and max_episode_steps is not None and not isinstance(max_episode_steps, RegisteredSteps):
-            require_least(1, max_episode_steps=max_episode_steps)
-            single.most_steps = int(max_episode_steps)
+        single.end(None if isinstance(max_episode_steps, RegisteredSteps) else max_episode_steps)
+        ends = single.truncates
         self._steps = single.horizon if ends else None
         self._spec: EnvSpec | None = None
         self.autoreset_mode = mode
@@ -99,16 +97,50 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
         self.sight, self._shown = single.sight, None
-        way = mode.name.lower()
-        if single.sight is not None:
-            self._shown = Shown(single.sight, num_envs, same_step=mode is AutoresetMode.SAME_STEP)
-            way = "disabled" if mode is AutoresetMode.SAME_STEP else way
-        self._threads, self._how = num_threads, {"autoreset": way, "truncates": ends}
+        self._threads, self._how = num_threads, {"autoreset": "disabled", "truncates": ends}
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
-        self._judge = single.judge(self.fleet)
+        self._judge: Judge | None = None
         self._everybody = np.ones(num_envs, bool)
+        self.set_autoreset_mode(mode)
         self._began = False
+        self._seeds = [-1] * num_envs
+
+    @in_turn
+    def set_autoreset_mode(self, mode: AutoresetMode | str) -> None:
+        """Choose what happens at the end of an episode; robots that have begun have to begin anew.
+
+        Args:
+            mode: As at the beginning.
+
+        Raises:
+            InvalidValueError: For a mode that does not exist.
+        """
+        self.autoreset_mode = mode = autoreset(mode)
+        self.metadata = {**self.metadata, "autoreset_mode": mode}
+        way, same_step = mode.name.lower(), mode is AutoresetMode.SAME_STEP
+        if self.sight is not None:
+            self._shown = Shown(self.sight, self.num_envs, same_step=same_step)
+            way = "disabled" if same_step else way  # it is left to what is shown
+        self._how["autoreset"] = way
+        self.fleet.rules["rules"]["autoreset"] = AUTORESETS.index(way)
+        self._judge = self._envs[0].judge(self.fleet, self._judge)
+        self._began = False
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleMethodOverride] - as in SyncVectorEnv
+        """Seed of each robot's generator, as in Gymnasium's own vectors; −1 before the first reset."""
+        return tuple(self._seeds)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride] - likewise
+        """Copies of the robots' generators: what is drawn of them moves no robot's."""
+        return tuple(to_numpy(each) for each in self.robots["episode"]["generator"])
+
+    @property
+    def is_closed(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride] - it follows `closed`
+        """Whether `close` was called: nothing else can be from then on."""
+        return self.closed
 
     @property
     def robots(self) -> np.ndarray:
@@ -146,6 +178,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             value.kwargs["max_episode_steps"] = -1 if self._steps is None else self._steps
         self._spec = value
 
+    @in_turn
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -177,19 +210,21 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
                 raise InvalidValueError("reset_mask", given["reset_mask"], f"{n} flags, one of them at least True")
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
-        generators = {k: np_random(one)[0] for k, one in seeds(seed, mask, began=self._began).items()}
+        generators = {k: np_random(one) for k, one in seeds(seed, mask, began=self._began).items()}
         asked = {name: listed(name, given[name], n) for name in others if name in given and name not in own}
-        chosen = {name: self._each(name, given[name]) for name in own if name in given}
+        chosen = {name: parsed(name, given[name], n, self.task) for name in own if name in given}
         ids = np.flatnonzero(mask)
         if asked:
             self._ask(asked, ids)
             fleet = self.fleet
         for k in ids.tolist():
-            self._choose(k, {name: values[k] for name, values in chosen.items()})
+            said_at_reset(fleet, self._judge, k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
-                fleet.seed(k, generators[k])
-        self._began = True
+                generator, self._seeds[k] = generators[k]
+                fleet.seed(k, generator)
+        self._began = False  # where this is interrupted, some have begun and others have not
         self._shows.reset(ids)
+        self._began = True
         return self._seen(), self._info(mask.copy())
 
     def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
@@ -210,32 +245,6 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._envs, self.task = envs, envs[0].task
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
-    def _choose(self, robot: int, options: dict[str, Any]) -> None:
-        """Say what options of `reset` are for a robot from its next episode on."""
-        fleet = self.fleet
-        if "disturbances" in options:
-            fleet.disturb(robot, options["disturbances"])
-        if "forms" in options:
-            fleet.robots["forms"][robot] = options["forms"]
-        if "start" in options:
-            fleet.begin_with(robot, options["start"])
-            if self._judge is not None:
-                self._judge.is_given[robot] = options["start"] is not None
-        if "course" in options:
-            fleet.go(robot, options["course"])
-
-    def _each(self, name: str, value: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
-        """What an option of `reset` is for each robot."""
-        ways = {"disturbances": Disturbances.parse, "forms": self._sequence, "start": start, "course": parse_course}
-        parse = ways[name]
-        return [parse(one) for one in listed(name, list(value) if isinstance(value, tuple) else value, self.num_envs)]
-
-    def _sequence(self, forms: Any) -> int:  # noqa: ANN401 - whatever a user gives
-        """`sp_sequence` of forms."""
-        task = self.task
-        assert isinstance(task, HoverTask)
-        return SEQUENCES.index(replace(task, forms=forms).forms)
-
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
         """What is seen of all robots now."""
         if self._shown is None:
@@ -243,8 +252,12 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._shown.look(self.fleet, self._shows.observations)
         return copied(self._shown.now)
 
+    @in_turn
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of 25 ms of every robot.
+
+        In the mode `Disabled` a robot whose episode is over goes on until `reset` begins its next, where those of
+        Gymnasium refuse to step.
 
         Where an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are
         those of the end, and `info["_final_obs"]`, `info["_final_info"]` say whose; the other rows mean nothing.
@@ -269,6 +282,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         ends = fleet.terminated.copy(), fleet.truncated.copy()
         return copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
 
+    @in_turn
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
         """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told.
 
@@ -285,25 +299,36 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise InvalidValueError("actions", "nan or inf", "finite numbers within −1 … 1")
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        fleet.actions[:] = given
-        if self._judge is None:
-            fleet.step(ids)
-        elif ids is None:
-            self._judge.step()
-        else:
+        if ids is not None and self._judge is not None:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
-        if self._shown is not None:
-            self._shown.conclude(fleet, self._judge, ids)
+        fleet.actions[:] = given
+        if self._judge is None and self._shown is None:
+            fleet.step(ids)
+            return
+        with whole():  # the engine ends its part for all robots; here is more
+            if self._judge is None:
+                fleet.step(ids)
+            else:
+                self._judge.step()
+            if self._shown is not None:
+                self._shown.conclude(fleet, self._judge, ids)
 
     def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
         """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
-        fleet, judge = self.fleet, self._judge
-        # Each a block of its own: JAX takes no view into records.
-        info = {name: each.copy() for name, each in told(fleet.final_infos if final else fleet.infos).items()}
-        if judge is not None:
-            info["term"] = (judge.final_terms if final else judge.terms).copy()
+        info = arrays_of(self.fleet, self._judge, self._single.reward_terms, final=final)
+        if self._single.is_drawn:
+            info["randomization"] = drawn(self.robots["episode"]["drawn"])
         return info | {f"_{name}": mask for name in info}
 
+    @in_turn
+    def ended(self, robot: int) -> dict[str, Any]:
+        """How the last episode of a robot ended that has begun anew in the same step, as `info` of a single one."""
+        own, judge = self._single, self._judge
+        values = None if judge is None else judge.final_terms[robot]
+        record = self.fleet.final_infos[robot : robot + 1]
+        return single_info(record, own.reward_terms, values, words_of(own.failures, own.words))
+
+    @in_turn
     def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
         """Pictures of robots, each over its own floor.
 
@@ -321,14 +346,9 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         if self.render_mode is None:
             gymnasium.logger.warn("render() without a render_mode; valid: rgb_array, depth_array")
             return None
-        chosen = self._choice(ids)
-        return tuple(self._draw(k) for k in chosen)
+        return tuple(self._single.view.draw_plant(self.robots["plant"][k]) for k in self._choice(ids))
 
-    def _draw(self, robot: int) -> np.ndarray:
-        plant = self.robots["plant"][robot]
-        ground = read(GroundConfig, plant["config"]["ground"])
-        return self._single.view.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)
-
+    @in_turn
     def save(self, ids: Sequence[int] | None = None) -> bytes:
         """All that there is of robots; nothing changes.
 
@@ -341,6 +361,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """
         return save(self.fleet, self._choice(ids))
 
+    @in_turn
     def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[Any, dict[str, Any]]:
         """Let robots be those that were saved: from here on each goes on as the saved one would have, bit for bit.
 
@@ -367,12 +388,17 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """Robots by number."""
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        if ids is None:
-            return list(range(self.num_envs))
-        chosen = [int(k) for k in ids]
-        if len({*chosen}) < len(chosen) or not all(0 <= k < self.num_envs for k in chosen):
-            raise InvalidValueError("ids", chosen, f"numbers of robots, each once, within 0 … {self.num_envs - 1}")
-        return chosen
+        return numbered(ids, self.num_envs)
+
+    def close(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
+        """Stop the threads once their tick is done; a second call does nothing."""
+        with self.turn.lock:
+            super().close(**kwargs)
+
+    @in_turn
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of (`SpidarError` where it is closed)."""
+        return vars(self).copy()
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads, release the OpenGL context."""

@@ -5,7 +5,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.errors import InvalidValueError, require_name
+from spidar_gym.native.engine_structs import N_DOFS
+from spidar_gym.native.structs import read
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
@@ -13,6 +16,12 @@ from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 """A window, a picture, distances."""
+
+
+def fps(hold: int) -> int | float:
+    """Pictures a second that play in real time, one a step of `hold` control periods."""
+    rate = CONTROL_RATE / hold
+    return int(rate) if rate.is_integer() else rate
 
 
 class View:
@@ -74,6 +83,11 @@ class View:
         if self.mode == "human":
             return self._renderer.render(qpos)
         return self._renderer.render(qpos, depth=self.mode == "depth_array")
+
+    def draw_plant(self, plant: np.ndarray | np.void) -> Any:  # noqa: ANN401 - as of `draw`
+        """What is seen of a robot in the engine, a record of `sp_plant`, over its own floor."""
+        ground = read(GroundConfig, plant["config"]["ground"])
+        return self.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)
 
     def close(self) -> None:
         """Release window or OpenGL context; a second call does nothing."""

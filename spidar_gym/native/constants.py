@@ -79,7 +79,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
                      "BENEATH", "ALIGNED", "FORMED")),
     ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "ARRIVED", "PATIENCE")),
     ("PATH_", path, ("EASE", "DETOUR", "RUN_AHEAD", "TOGETHER", "LEAST_SECONDS", "FADE", "REST",
-               "TURN_RATE", "KNOT_TIME", "SUBSTEPS", "AHEAD_STEP")),
+               "TURN_RATE", "KNOT_TIME", "PEAK", "DRIFT", "SWING", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
                      "LEAST_LIFT", "TRIAL")),
 )  # fmt: skip

@@ -10,7 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from spidar_gym.errors import InvalidValueError, SpidarError, require_least
+from spidar_gym import turn
+from spidar_gym.errors import InvalidValueError, closed, require_least
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
 from spidar_gym.native.library import Room, load_core, pointer, require_version, version, write
 from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world
@@ -20,8 +21,6 @@ from spidar_gym.sim.scene import TIMESTEP, scene
 
 MAX_THREADS = 256
 """Threads of an engine at most."""
-AT_ONCE = 256
-"""Robots that a thread has in a call of the library at most: Python answers Ctrl-C between two calls."""
 _POINTERS = (
     "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
     "own_copies", "job", "argument", "rules", "goals", "knots", "actions", "observations", "final_observations",
@@ -81,6 +80,8 @@ class Engine:
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
         self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
+        self.turn = turn.Turn()
+        """Orders the calls into the library, their end, and what they find at the addresses in `record`."""
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
         """`sp_engine`."""
@@ -94,12 +95,13 @@ class Engine:
         self.share("first", self.robots)
         self.share("copies", self.copies)
         numbers = {
-            "apply": self._pool.apply, "batch": self._pool.address, "stride": self.robots.itemsize,
+            "stride": self.robots.itemsize,
             "copy_bytes": self.copies.shape[1], "thread_count": threads, "piece_count": len(names),
             "own_copies": not alike,
         }  # fmt: skip
         for name, number in numbers.items():
             self.record[name] = number
+        self._use_pool()
         configs = np.zeros(robots, layouts["plant_config"])
         fill(configs[0], config)
         configs[1:] = configs[0]
@@ -109,12 +111,25 @@ class Engine:
         elif alike:
             self.robots[1:] = self.robots[0]
 
+    def _use_pool(self) -> None:
+        """Let the library have the pool's threads, none of which has been at work yet."""
+        self.record["apply"], self.record["batch"] = self._pool.apply, self._pool.address
+        self._threads[:, -3:] = 0  # seat, busy, carries of `sp_thread`
+
+    def _open(self) -> None:
+        """Make threads anew in a forked process; raise where they are stopped."""
+        if not self._pool.address:
+            raise closed()
+        if self._pool.process != turn.process:
+            self._pool = Pool(len(self.robots), len(self.rooms))
+            self._use_pool()
+
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of: numbers, and no address (`SpidarError` where the threads are stopped)."""
-        if not self._pool.address:
-            raise SpidarError("this environment is closed; valid: a copy made before")
-        models = [simulation.model for simulation in self.simulations]  # somebody may have changed their gravity
-        robots, copies = self.robots.tobytes(), self.copies.tobytes()
+        with self.turn.lock:
+            self._open()
+            models = [simulation.model for simulation in self.simulations]  # their gravity may have been changed
+            robots, copies = self.robots.tobytes(), self.copies.tobytes()
         return {"version": version(), "made": self._made, "models": models, "robots": robots, "copies": copies}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -134,20 +149,28 @@ class Engine:
             ids: Whose count, all if not given.
             goes_on: Whether their episodes go on as these others.
         """
-        self._threads[:, -1] = 0  # no thread carries a part of a model any more
-        self.run("sp_change_plants" if goes_on else "sp_configure_plants", ids, configs)
+        with self.turn.lock:
+            self.forget_copies()
+            self.run("sp_change_plants" if goes_on else "sp_configure_plants", ids, configs)
 
     def forget_copies(self) -> None:
         """No thread carries a part of a model any more: for who has written `copies`."""
-        self._threads[:, -1] = 0
+        with self.turn.lock:
+            self._threads[:, -1] = 0
 
     def share(self, name: str, array: np.ndarray) -> None:
         """Let the engine have an array as one of its members."""
-        self._kept[name] = array
-        self.record[name] = array.ctypes.data
+        with self.turn.lock:
+            self._kept[name] = array
+            self.record[name] = array.ctypes.data
 
     def run(
-        self, job: str, ids: np.ndarray | None = None, argument: np.ndarray | None = None, *, at_once: int = AT_ONCE
+        self,
+        job: str,
+        ids: np.ndarray | None = None,
+        argument: np.ndarray | None = None,
+        *,
+        at_once: int | None = None,
     ) -> Sequence[int]:
         """Run a job of the library.
 
@@ -155,7 +178,8 @@ class Engine:
             job: Name of its function.
             ids: Which robots in rising order, all if not given.
             argument: What it takes, an entry for every robot.
-            at_once: How many robots a thread may have before a signal is answered; who comes behind is left as it was.
+            at_once: How many robots a thread has before Ctrl-C is answered, after which the rest is as it was; all if
+                not given: it is answered when the job is done.
 
         Returns:
             Robots that MuJoCo gave up in it: theirs is undone or half done.
@@ -163,31 +187,48 @@ class Engine:
         Raises:
             SpidarError: Where the threads are stopped.
         """
-        if not self._pool.address:
-            raise SpidarError("this environment is closed; valid: a new one")
-        chosen = None if ids is None else np.ascontiguousarray(ids, np.int32)
-        count = len(self.robots) if chosen is None else len(chosen)
-        if count > (most := at_once * len(self.rooms)):
-            each = np.arange(count, dtype=np.int32) if chosen is None else chosen
-            parts = np.split(each, range(most, count, most))
-            return [robot for part in parts for robot in self.run(job, part, argument, at_once=at_once)]
-        arguments = [] if argument is None else [pointer(argument)]
-        where = None if chosen is None else pointer(chosen)
-        began = time.perf_counter()
-        gave_up = getattr(self.library, job)(self.address, where, count, *arguments)
-        self.seconds += time.perf_counter() - began
-        if not gave_up:
-            return ()
-        failed = self._pool.failed
-        return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()
+        with self.turn.lock:
+            self._open()
+            chosen = None if ids is None else np.ascontiguousarray(ids, np.int32)
+            count = len(self.robots) if chosen is None else len(chosen)
+            if at_once is not None and count > (most := at_once * len(self.rooms)):
+                each = np.arange(count, dtype=np.int32) if chosen is None else chosen
+                parts = np.split(each, range(most, count, most))
+                return [robot for part in parts for robot in self.run(job, part, argument)]
+            arguments = [] if argument is None else [pointer(argument)]
+            where = None if chosen is None else pointer(chosen)
+            began = time.perf_counter()
+            gave_up = getattr(self.library, job)(self.address, where, count, *arguments)
+            self.seconds += time.perf_counter() - began
+            if not gave_up:
+                return ()
+            failed = self._pool.failed
+            return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()
+
+    def call(self, function: str, *arguments: Any) -> None:  # noqa: ANN401 - of ctypes
+        """Call a function of the library on the calling thread.
+
+        Args:
+            function: Its name.
+            arguments: What it takes.
+
+        Raises:
+            SpidarError: Where the threads are stopped.
+        """
+        with self.turn.lock:
+            self._open()
+            getattr(self.library, function)(*arguments)
 
     def words(self, robot: int) -> str:
         """Why MuJoCo gave a robot up, in one line."""
-        return " ".join(self._pool.words(robot).split())
+        with self.turn.lock:
+            self._open()
+            return " ".join(self._pool.words(robot).split())
 
     def close(self) -> None:
-        """Stop the threads; a second call does nothing."""
-        self._pool.close()
+        """Stop the threads once their job is done; a second call does nothing."""
+        with self.turn.lock:
+            self._pool.close()
 
 
 def check_delay(config: PlantConfig) -> None:

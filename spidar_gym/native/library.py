@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus
-from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetError
+from spidar_gym.errors import MissingDependencyError, SpidarError, StaleAssetError, closed
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import vectoring_to_force
 from spidar_gym.native.codegen.committed import shared_headers
@@ -101,7 +101,7 @@ class Closed:
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - never
         """None of its functions."""
-        raise SpidarError("this environment or controller is closed; valid: a new one")
+        raise closed()
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
@@ -196,7 +196,7 @@ class Core(Generic[M]):
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of, with a memory of its own (`SpidarError` where it is closed)."""
         if isinstance(self.library, Closed):
-            raise SpidarError("this controller is closed; valid: a copy made before")
+            raise closed()
         return {"version": version(), "made": (self.config, self.model), "memory": self.remembered()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

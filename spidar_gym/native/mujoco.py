@@ -5,7 +5,6 @@
 
 import copy
 import ctypes
-import os
 import weakref
 from functools import cache, lru_cache
 from pathlib import Path
@@ -15,6 +14,7 @@ import mujoco
 import numpy as np
 from mujoco.introspect import structs
 
+from spidar_gym import turn
 from spidar_gym.errors import SpidarError
 from spidar_gym.native.engine_structs import (
     MAX_BODIES,
@@ -281,7 +281,7 @@ def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.nda
 
 def _delete(own: ctypes.CDLL, batch: int, process: int) -> None:
     """Stop a pool's threads, which a forked process does not have."""
-    if os.getpid() == process:
+    if turn.process == process:
         own.mjb_deleteBatch(ctypes.c_void_p(batch))
 
 
@@ -309,7 +309,9 @@ class Pool:
         self._status = np.ctypeslib.as_array(own.mjb_status(ctypes.c_void_p(made)), (robots,))
         self._library = own
         # Who forgets an environment without closing it gives its memory back too; at the process's end nobody asks.
-        self._release = weakref.finalize(self, _delete, own, made, os.getpid())
+        self.process = turn.process
+        """Where its threads are."""
+        self._release = weakref.finalize(self, _delete, own, made, self.process)
         self._release.atexit = False
 
     @property

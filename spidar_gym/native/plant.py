@@ -231,7 +231,7 @@ class Plant:
 
     def keep(self) -> None:
         """Let the robot be where `data` has it: who writes there moves it."""
-        self._engine.library.sp_keep_now(self._engine.address)
+        self._engine.call("sp_keep_now", self._engine.address)
 
     def state(self) -> RobotState:
         """The true state."""
@@ -242,7 +242,7 @@ class Plant:
         if not self.record["senses"]:
             raise InvalidValueError("sense", self.config.sense, "True at the reset")
         found = np.zeros((), engine_layouts()["measurement"])
-        self._engine.library.sp_measure(pointer(self._engine.robots), pointer(found))
+        self._engine.call("sp_measure", pointer(self._engine.robots), pointer(found))
         shapes = {"pose_position_w": (-1, 3), "pose_quat_wb": (-1, 4), "gyro_b": (-1, 3), "specific_force_b": (-1, 3),
                   "vectoring": (N_ROTORS, 2)}  # fmt: skip
         values = {}
@@ -278,7 +278,7 @@ class Plant:
     def touch(self) -> Touch:
         """What touches the floor, and how it slides."""
         found = np.zeros((), engine_layouts()["touch"])
-        self._engine.library.sp_touching_now(self._engine.address, pointer(found))
+        self._engine.call("sp_touching_now", self._engine.address, pointer(found))
         balls = found["balls"] != 0
         return Touch(
             balls[:N_LEGS], balls[N_LEGS:], bool(found["ducts"]), found["slip"][:N_LEGS], found["slip"][N_LEGS:],
@@ -333,6 +333,10 @@ class Plant:
         net = data.qfrc_actuator - data.qfrc_bias
         return net[:3], net[3:6]
 
+    def close(self) -> None:
+        """Stop the engine's threads; a second call does nothing."""
+        self._engine.close()
+
     def save(self) -> Saved:
         """This moment, all of it; `restore` continues from it bit for bit."""
         self.keep()
@@ -344,10 +348,11 @@ class Plant:
         if (len(saved.robot), len(saved.model)) != sizes:
             given = len(saved.robot), len(saved.model)
             raise InvalidValueError("saved", given, f"a moment of {sizes[0]} and {sizes[1]} bytes from save()")
-        self._records[:] = np.frombuffer(saved.robot, self._records.dtype)
-        self._engine.copies[0] = np.frombuffer(saved.model, np.uint8)
-        self.refresh()
-        return self.state()
+        with self._engine.turn.lock:
+            self._records[:] = np.frombuffer(saved.robot, self._records.dtype)
+            self._engine.copies[0] = np.frombuffer(saved.model, np.uint8)
+            self.refresh()
+            return self.state()
 
     def refresh(self) -> None:
         """Let `model` and `data` show the robot, where others have written its memory."""

@@ -57,19 +57,24 @@ def find_compiler() -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc", *target]
 
 
+def source_bytes(path: Path) -> bytes:
+    """Content of a text file that goes into a digest: with LF as the end of lines, whatever ends them on this disk."""
+    return path.read_bytes().replace(b"\r\n", b"\n")
+
+
 def library_digest(headers: Mapping[str, bytes] | None = None) -> str:
     """Digest of what a library is compiled from; it says its own when `sp_interface` is asked.
 
     Args:
         headers: `SHARED_HEADERS` with their texts; the committed ones by default.
     """
-    texts = headers or {name: (GENERATED / name).read_bytes() for name in SHARED_HEADERS}
+    texts = headers or {name: source_bytes(GENERATED / name) for name in SHARED_HEADERS}
     digest = hashlib.sha256()
     for name in SHARED_HEADERS:
         digest.update(name.encode() + b"\0" + texts[name])
     for folder in SOURCES:
         for file in sorted(folder.glob("*.[ch]")):
-            digest.update(f"{folder.name}/{file.name}".encode() + b"\0" + file.read_bytes())
+            digest.update(f"{folder.name}/{file.name}".encode() + b"\0" + source_bytes(file))
     return digest.hexdigest()[:32]
 
 

@@ -21,7 +21,7 @@ from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
-from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, RobotSpec, field_docs
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, RobotSpec, field_docs, source_doc
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
 
@@ -86,7 +86,7 @@ def border_structs() -> tuple[CStruct, ...]:
 
 def struct_of(sample: Any) -> CStruct:  # noqa: ANN401 - any of the dataclasses
     """The struct of a dataclass, from an instance of it."""
-    return CStruct(snake(type(sample).__name__), (type(sample).__doc__ or "").splitlines()[0], _rows(sample))
+    return CStruct(snake(type(sample).__name__), source_doc(type(sample)).partition("\n")[0], _rows(sample))
 
 
 def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses

@@ -20,7 +20,7 @@ from spidar_gym.native.codegen.header import (
     presets_header,
     structs_header,
 )
-from spidar_gym.native.recipe import interface_header
+from spidar_gym.native.recipe import interface_header, source_bytes
 from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
@@ -75,9 +75,9 @@ def export_files(
         }
     for part, (sources, pattern) in PARTS.items():
         for source in sorted(sources.glob(pattern)):
-            files[f"{part}/{source.name}"] = source.read_bytes()
+            files[f"{part}/{source.name}"] = source_bytes(source)
     for name in PAGES:
-        files[name] = (ONBOARD / name).read_bytes()
+        files[name] = source_bytes(ONBOARD / name)
     generated = {
         "constants": constants_header(), "structs": structs_header(), "modes": modes_header(),
         "model": model_header(robot), "presets": presets_header(robot), "policy": policy_header(artifact, rate),

@@ -25,7 +25,7 @@ from spidar_gym.native.codegen.header import (
 from spidar_gym.native.constants import MAX_ACTION, MAX_WAYPOINTS, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
+from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec, source_doc
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
 
 RUNNER = Path(__file__).resolve().parent / "runner"
@@ -127,7 +127,7 @@ FAULTS = {
 
 def _of(kind: type[IntEnum], prefix: str = "") -> Enumeration:
     return Enumeration(
-        snake(kind.__name__), (kind.__doc__ or "").splitlines()[0], tuple(each.name for each in kind), prefix,
+        snake(kind.__name__), source_doc(kind).partition("\n")[0], tuple(each.name for each in kind), prefix,
         tuple(each.value for each in kind),
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from spidar_gym.policies.choices import from_data
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.messages import LateError, Line
 from spidar_gym.policies.policy import Policy
-from spidar_gym.policies.source import ZIP, PolicyError, is_own, source_file
+from spidar_gym.policies.source import PolicyError, is_own, source_file
 
 START_S = 120.0
 """How long its process may take to begin and to say what the policy is [s]."""
@@ -50,7 +50,7 @@ class Guest:
         Raises:
             PolicyError: When there is none, it does not start, or does not say in time what it is.
         """
-        self.path = Path(spec) if spec.endswith(ZIP) else source_file(spec)
+        self.path = source_file(spec)
         """The file that it comes from."""
         self.limit_s = START_S
         """How long an answer may take [s]."""

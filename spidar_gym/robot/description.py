@@ -21,6 +21,7 @@ from spidar_gym.errors import StaleAssetError
 from spidar_gym.robot.inertial import Inertial
 from spidar_gym.robot.spec import (
     GIMBAL_NAMES,
+    GRAVITY,
     JOINT_NAMES,
     N_LEGS,
     ROBOT,
@@ -170,7 +171,7 @@ def mjcf(spec: RobotSpec = ROBOT) -> str:
     _add(root, "compiler", angle="radian", autolimits="true")
     _add(
         root, "option", timestep=0.0025, integrator="implicitfast", cone="elliptic", impratio=10, jacobian="dense",
-        tolerance=1e-8, gravity=[0, 0, -9.81],
+        tolerance=1e-8, gravity=[0, 0, -GRAVITY],
     )  # fmt: skip
     default = _add(_add(root, "default"), "default", class_="spidar")
     stop = [-spec.joint_stop, spec.joint_stop]

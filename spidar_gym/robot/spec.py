@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -329,6 +330,15 @@ def differences(spec: RobotSpec) -> str:
         f"is of the robot that RobotSpec describes, but ROBOT in memory has {other}: give RobotSpec these numbers in "
         "spidar_gym/robot/spec.py"
     )
+
+
+def source_doc(of: type | ModuleType) -> str:
+    """The docstring of a class or module, as it is written in the source: `python -OO` keeps no other."""
+    tree = ast.parse(inspect.getsource(of))
+    found = ast.get_docstring(
+        next(node for node in tree.body if isinstance(node, ast.ClassDef)) if isinstance(of, type) else tree
+    )
+    return found or ""
 
 
 def field_docs(cls: type) -> dict[str, str]:

@@ -1,12 +1,11 @@
 """Which numbers make a robot: read from what a user gives, and refused in one line that says what would be valid."""
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from spidar_gym.border import BorderError, read_file
+from spidar_gym.border import BorderError, read_toml
 from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_instance, require_keys, require_name
 from spidar_gym.robot.payload import Payload, numbers
 
@@ -92,8 +91,8 @@ def _payload(given: object) -> Payload:
 
 def _read(path: Path) -> Mapping[str, Any]:
     try:
-        return tomllib.loads(read_file(path, MOST_BYTES).decode())
-    except (BorderError, ValueError) as error:
+        return read_toml(path, MOST_BYTES)
+    except BorderError as error:
         raise SpidarError(
             f"robot: {path} cannot be read: {error}; valid: a TOML file with numbers of RobotSpec by name, as "
             "pitch_to_foot = 0.6138"

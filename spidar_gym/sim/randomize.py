@@ -4,7 +4,6 @@ The controller keeps the nominal numbers: the mismatch is the experiment.
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.border import BorderError, read_file
+from spidar_gym.border import BorderError, read_toml
 from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_name
 from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.sim.config import PlantConfig
@@ -62,7 +61,7 @@ TABLE: tuple[Row, ...] = (
     Row("actuators.duct_imbalance", "add", -0.05, 0.05, "1", PHYSICS, (N_ROTORS,)),
     Row("actuators.thrust_tilt", "add", -math.radians(1.5), math.radians(1.5), "rad", PHYSICS, (N_ROTORS, 2)),
     Row("actuators.thrust_offset", "add", -0.003, 0.003, "m", PHYSICS, (N_ROTORS, 2)),
-    Row("actuators.max_thrust", "set", 31.8, 42.0, "N", "[JSK], empty to full pack"),
+    Row("actuators.max_thrust", "set", 31.8, RobotSpec.max_thrust, "N", "[JSK], empty to full pack"),
     Row("actuators.thrust_lag", "set", 0.010, 0.060, "s", CRAWL),
     Row("actuators.spin_down", "set", 0.5, 1.2, "1", PHYSICS),
     Row("actuators.thrust_noise", "set", 0.0, 0.3, "N", PHYSICS),
@@ -171,8 +170,8 @@ def _neutral(row: Row, nominal: PlantConfig) -> Any:  # noqa: ANN401 - a number,
 
 def _read(path: Path) -> Mapping[str, Any]:
     try:
-        return tomllib.loads(read_file(path, MOST_BYTES).decode())
-    except (BorderError, ValueError) as error:
+        return read_toml(path, MOST_BYTES)
+    except BorderError as error:
         raise SpidarError(
             f"randomization: {path} cannot be read: {error}; valid: a TOML file with strength and ranges by field, as "
             '"body.total_mass" = [15.5, 17.0]'

@@ -7,7 +7,6 @@ import copy
 import ctypes.util
 import importlib
 import os
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,25 +17,44 @@ import mujoco.viewer
 import numpy as np
 from mujoco.rendering.classic import gl_context
 
-from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
+from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.opengl import INSTALL_GL, require_opengl
+from spidar_gym.sim.opengl import SCREENS, has_display, no_opengl, require_opengl
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
+from spidar_gym.turn import Turn
+
+_DRAWING = Turn()
+"""One thread draws at a time: the contexts of all share one display."""
+_OPENED: set[int] = set()
+"""Processes, this one and those that it was forked from, that have opened OpenGL."""
+_LOST: list[Any] = []
+"""What a forked process cannot give back."""
 
 
-def has_display() -> bool:
-    """Whether there is a screen to open windows on."""
-    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+def _is_lost() -> bool:
+    """Whether OpenGL was opened before this process was forked: its threads do not exist here, and it would hang."""
+    return bool(_OPENED - {os.getpid()})
+
+
+def _require_here() -> None:
+    """Raise `SpidarError` where OpenGL is lost; from here on it counts as opened."""
+    if _is_lost():
+        raise SpidarError(
+            "OpenGL was opened before this process was forked; valid: the start method spawn, or a fork before the "
+            "first picture"
+        )
+    _OPENED.add(os.getpid())
 
 
 def require_display() -> None:
     """Refuse to go on without a screen: MuJoCo's viewer would end the whole process."""
     if not has_display():
+        named = ", ".join(f"{name}={os.environ[name]!r}" for name in SCREENS if os.environ.get(name))
         raise SpidarError(
-            "no display to open a window on; valid without one: render_mode rgb_array or depth_array, on the command "
-            "line `spidar run --out FILE.mp4` or `spidar view --web`"
+            f"no display to open a window on{' by ' * bool(named)}{named}; valid without one: render_mode "
+            "rgb_array or depth_array, on the command line `spidar run --out FILE.mp4` or `spidar view --web`"
         )
 
 
@@ -44,18 +62,42 @@ def require_display() -> None:
 def offscreen_library() -> Iterator[None]:
     """Where an OpenGL context is opened without a window; `MissingDependencyError` says what to install.
 
-    Without a screen MuJoCo draws with EGL or OSMesa, also where it was imported before anyone could say so.
+    Without a screen MuJoCo draws with EGL or OSMesa, also where it was imported before this module.
     """
     require_opengl()
     try:
-        if not has_display() and "MUJOCO_GL" not in os.environ:
+        named = os.environ.get("MUJOCO_GL", "").lower()
+        if named not in ("egl", "osmesa") and not has_display():
+            if named in ("glfw", "glx"):
+                raise no_opengl()
             for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
                 if ctypes.util.find_library(library):
                     gl_context.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
                     break
+            else:
+                raise no_opengl()
         yield
     except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
-        raise MissingDependencyError("an OpenGL library", INSTALL_GL) from error
+        raise no_opengl() from error
+
+
+def require_pictures() -> None:
+    """Open an OpenGL context and close it again (`MissingDependencyError` where nothing can be drawn)."""
+    with _DRAWING.lock, offscreen_library():
+        context = gl_context.GLContext(16, 16)
+        try:
+            context.make_current()
+        finally:
+            context.free()
+
+
+def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of whichever library
+    """Have no context current on this thread, so that any thread can draw with this one."""
+    library = type(context).__mro__[1].__module__
+    if library == "mujoco.egl":
+        importlib.import_module(library).EGL.eglReleaseThread()
+    elif library == "mujoco.glfw":
+        importlib.import_module("glfw").make_context_current(None)
 
 
 class Drawn:
@@ -91,9 +133,12 @@ class OffscreenRenderer(Drawn):
         if width > MAX_WIDTH or height > MAX_HEIGHT:
             raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}")
         super().__init__(ground, robot, film=False)
-        self._camera = camera
-        with offscreen_library():
+        self._camera = mujoco.MjvCamera()
+        self._camera.type, self._camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
+        _require_here()
+        with _DRAWING.lock, offscreen_library():
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
+            _leave(self._renderer._gl_context)
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
 
@@ -104,20 +149,27 @@ class OffscreenRenderer(Drawn):
             qpos: Configuration of the simulated robot.
             depth: Distances instead of colours.
         """
-        self._place(qpos)
-        if depth:
-            self._renderer.enable_depth_rendering()
-        self._renderer.update_scene(self._data, self._camera, self._options)
-        image = self._renderer.render().copy()
-        if depth:
-            self._renderer.disable_depth_rendering()
-        return image
+        _require_here()
+        with _DRAWING.lock, self._renderer._gl_context.as_current():
+            self._place(qpos)
+            if depth:
+                self._renderer.enable_depth_rendering()
+            # MuJoCo lays infinite planes around where the camera of the scene before was.
+            mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._renderer.scene)
+            self._renderer.update_scene(self._data, self._camera, self._options)
+            image = self._renderer.render().copy()
+            if depth:
+                self._renderer.disable_depth_rendering()
+            return image
 
     def close(self) -> None:
         """Give the OpenGL context back; a second call does nothing."""
         renderer, self._renderer = self._renderer, None
-        if renderer is not None:
-            renderer.close()
+        if renderer is not None and _is_lost():
+            _LOST.append(renderer)
+        elif renderer is not None:
+            with _DRAWING.lock:
+                renderer.close()
 
 
 class Window(Drawn):

@@ -16,7 +16,7 @@ from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, UNRESTRICTED, FlightLog
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.opengl import require_opengl
+from spidar_gym.sim.renderer import require_pictures
 from spidar_gym.sim.stage import FIXED, Stage, between, cog, extent, standing
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.viz.style import BLACK, BLUE, INSTALL_VIZ, VERMILLION, pyplot, spans
@@ -121,7 +121,7 @@ class Film:
             import imageio.v2 as imageio
         except ImportError as error:
             raise MissingDependencyError("imageio with ffmpeg", INSTALL_VIZ) from error
-        require_opengl()
+        require_pictures()
         self._camera = camera
         with ExitStack() as stack:
             part = stack.enter_context(whole_file(path))

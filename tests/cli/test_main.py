@@ -99,7 +99,7 @@ def run(*arguments, **environment):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("named", ["foo", "disable", "osmesa"])
+@pytest.mark.parametrize("named", ["foo", "disable", "osmesa", "glfw"])
 def test_a_library_for_drawing_that_is_none_stops_nothing_but_drawing(named, here):
     listed = run("list", MUJOCO_GL=named)
     assert listed.returncode == 0, listed.stderr
@@ -112,6 +112,36 @@ def test_a_library_for_drawing_that_is_none_stops_nothing_but_drawing(named, her
     assert f"MUJOCO_GL='{named}'" in line
     assert "egl" in line
     assert list(here.iterdir()) == []
+
+
+def test_characters_that_a_terminal_lacks_become_question_marks():
+    told = run("list", "spidar_gym/Hover-v0", PYTHONIOENCODING="ascii")
+    assert (told.returncode, told.stderr) == (0, "")
+    assert told.stdout == page("spidar_gym/Hover-v0").encode("ascii", "replace").decode() + "\n"
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_output_is_one_line(unbuffered):
+    code = "import sys; from spidar_gym.cli.main import main; main(['list', 'spidar_gym/Hover-v0'])"
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        told = subprocess.run(
+            [sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+        )  # fmt: skip
+    assert told.returncode == 2
+    (line,) = told.stderr.splitlines()
+    assert line.startswith("spidar: cannot write the standard output: No space left on device; valid: ")
+
+
+def test_python_without_docstrings_and_assertions_makes_environments_and_writes_the_same_pages():
+    code = (
+        "import gymnasium, spidar_gym\n"
+        "from spidar_gym.cli.main import main\n"
+        "gymnasium.make('spidar_gym/Hover-v0').close()\n"
+        "main(['list', 'spidar_gym/Hover-v0'])"
+    )
+    told = subprocess.run([sys.executable, "-OO", "-c", code], capture_output=True, text=True, check=False)
+    assert (told.stdout, told.stderr) == (page("spidar_gym/Hover-v0") + "\n", "")
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])

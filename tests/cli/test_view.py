@@ -26,9 +26,12 @@ def page(monkeypatch):
     made = pages.modules()
     for module in (serve, command):
         monkeypatch.setattr(module, "require_viser", lambda: made)
+    monkeypatch.setattr(serve.Gate, "start", pages.start)
 
     def keep(shown, stop):
-        seen.append((shown, shown.session, serve.keep_time(shown, lambda: wall[0] > 3.0)))
+        serve.keep_time(shown, lambda: wall[0] > 3.0)
+        shown.goal = shown.session.goal  # the robot is released with the page
+        seen.append((shown, shown.session))
 
     monkeypatch.setattr(command, "keep_time", keep)
 
@@ -46,7 +49,7 @@ def test_the_page_flies_what_was_asked_for(page, capfd):
     assert session.passed == pytest.approx(120, abs=2)
     assert (session.seed, session.preset, session.disturbances.wind) == (5, "tuned", 3.0)
     assert session.env.plant.config.sense
-    assert session.env.state.joint_position == pytest.approx(FORMS["form2"], abs=0.03)
+    assert session.env.plant.state().joint_position == pytest.approx(FORMS["form2"], abs=0.03)
     assert shown._policies["none"] == ""
 
 
@@ -69,13 +72,13 @@ def test_the_list_has_the_committed_policies_that_are_for_the_environment(env_id
 
 
 def test_degrees_are_degrees(page):
-    _, session = page(CRAWL, "--direction", "90", "--distance", "0.5", "--turn", "0")
-    assert session.goal == pytest.approx((0.0, 0.5, 0.0), abs=0.02)
+    shown, _ = page(CRAWL, "--direction", "90", "--distance", "0.5", "--turn", "0")
+    assert shown.goal == pytest.approx((0.0, 0.5, 0.0), abs=0.02)
 
 
 def test_who_lets_others_in_is_told_so(page, capfd):
     page("--host", "0.0.0.0")
-    assert "whoever reaches 0.0.0.0 can steer it" in capfd.readouterr().err
+    assert "this address, with its token, is all that it takes to steer" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -100,6 +103,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(words, line, monkeypatch, c
     monkeypatch.chdir(ROOT)
     for module in (serve, command):
         monkeypatch.setattr(module, "require_viser", pages.modules)
+    monkeypatch.setattr(serve.Gate, "start", pages.start)
     assert line in refused(capfd, "view", *words)
 
 

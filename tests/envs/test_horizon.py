@@ -8,7 +8,6 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from support.episodes import HOVER
 
-from spidar_gym.envs.horizon import Horizon
 from spidar_gym.envs.registry import COURSE, ENVIRONMENTS
 
 ENDS = [
@@ -40,7 +39,7 @@ def test_the_spec_tells_after_how_many_steps_an_episode_ends_also_when_it_was_wr
     for made in (env, again(env), again(again(env)), gymnasium.make(env.spec)):
         assert made.spec.max_episode_steps == steps
         assert type(made.spec.max_episode_steps) in (int, type(None))
-        assert [wrapper.name for wrapper in made.spec.additional_wrappers] == [Horizon.class_name()]
+        assert made.spec.additional_wrappers == ()
 
 
 @pytest.mark.parametrize(

@@ -325,7 +325,7 @@ def test_a_closed_environment_of_the_engine_is_not_copied(name):
     env = begun(gymnasium.make(name, control="core"), 0)
     env.close()
     for way in WAYS:
-        with pytest.raises(SpidarError, match="is closed; valid: a copy made before"):
+        with pytest.raises(SpidarError, match="is closed; valid: a new one"):
             way(env)
 
 

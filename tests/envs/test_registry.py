@@ -1,6 +1,7 @@
 """Pins the registered environments: specs that survive being written down, and vectors that fly like single ones."""
 
 import copy
+import importlib
 import json
 import pickle
 import subprocess
@@ -14,6 +15,7 @@ from support.episodes import HOVER, ROUGH, actions_of, assert_same, flight, make
 
 import spidar_gym
 from spidar_gym.envs.registry import ENVIRONMENTS
+from spidar_gym.errors import InvalidValueError
 
 
 def row_of(info, i):
@@ -90,3 +92,18 @@ def test_without_gymnasium_its_import_fails_as_always_and_the_package_works():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["ModuleNotFoundError"]
+
+
+@pytest.mark.parametrize(
+    ("name", "page", "table"),
+    [("Hover-v0", "hover", "REWARD_TERMS"), ("Path-v0", "hover", "REWARD_TERMS"),
+     ("Crawl-v0", "crawl", "CRAWL_REWARD_TERMS"), ("Course-v0", "course", "COURSE_REWARD_TERMS")],
+)  # fmt: skip
+def test_a_term_that_the_engine_does_not_compute_is_refused_in_one_line(monkeypatch, name, page, table):
+    """The guide's recipe for a reward term, followed to the letter."""
+    module = importlib.import_module(f"spidar_gym.envs.{page}.task")
+    monkeypatch.setattr(module, table, {**getattr(module, table), "own": (0.0, "1")})
+    for making in (gymnasium.make, lambda known: gymnasium.make_vec(known, num_envs=2)):
+        with pytest.raises(InvalidValueError, match=r'reward_terms = .*own.* control="python"') as error:
+            making(f"spidar_gym/{name}")
+        assert "\n" not in str(error.value)

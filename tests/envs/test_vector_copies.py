@@ -143,7 +143,7 @@ def test_what_a_copy_does_moves_nobody_and_closing_one_leaves_the_other_usable(o
     assert same(went(env, actions), expected)
     env.close()
     assert same(went(left, actions), expected)
-    with pytest.raises(SpidarError, match="is closed; valid: a copy made before"):
+    with pytest.raises(SpidarError, match="is closed; valid: a new one"):
         copy.deepcopy(env)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from support.needs import needs_compiler
 
+from spidar_gym.native import recipe
 from spidar_gym.native.recipe import LIBRARY
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,3 +77,26 @@ def test_a_compiler_that_does_not_work_is_named(tmp_path, cc, said):
     assert done.returncode != 0
     assert made is None
     assert said in done.stderr + done.stdout
+
+
+def test_line_ends_of_a_clone_change_neither_sources_nor_their_digest(tmp_path, monkeypatch):
+    def git(*words):
+        subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b", *words], cwd=tmp_path, check=True)
+
+    source = recipe.NATIVE / "core" / "path.c"
+    (tmp_path / "here").mkdir()
+    for path in (ROOT / ".gitattributes", source):
+        (tmp_path / "here" / path.name).write_bytes(path.read_bytes())
+    git("init", "-q", "here")
+    git("-C", "here", "add", ".")
+    git("-C", "here", "commit", "-qm", "Sources")
+    git("-c", "core.autocrlf=true", "clone", "-q", "here", "there")
+    assert (tmp_path / "there" / source.name).read_bytes() == source.read_bytes()
+
+    digest = recipe.library_digest()
+    folder = tmp_path / "core"
+    folder.mkdir()
+    for path in (recipe.NATIVE / "core").glob("*.[ch]"):
+        (folder / path.name).write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    monkeypatch.setattr(recipe, "SOURCES", (folder, *recipe.SOURCES[1:]))
+    assert recipe.library_digest() == digest

@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 
 import gymnasium
 import numpy as np
@@ -53,8 +54,16 @@ def test_an_environment_renders_pictures_of_the_size_asked_for_without_a_display
 
 
 @drawing
-@pytest.mark.parametrize("first", ["mujoco", "spidar_gym.cli.bench"])
-def test_pictures_need_no_display_whatever_was_imported_first(first):
+@pytest.mark.parametrize(
+    ("first", "named"),
+    [
+        ("mujoco", {}),
+        ("spidar_gym.cli.bench", {}),
+        ("spidar_gym", {"DISPLAY": ":99", "MUJOCO_GL": ""}),
+        ("spidar_gym", {"DISPLAY": "", "WAYLAND_DISPLAY": "nowhere-0"}),
+    ],
+)
+def test_pictures_need_no_display_whatever_was_imported_first(first, named):
     script = (
         f"import {first}, gymnasium, spidar_gym\n"
         f"env = gymnasium.make('{HOVER}', render_mode='rgb_array', width=32, height=24)\n"
@@ -62,7 +71,7 @@ def test_pictures_need_no_display_whatever_was_imported_first(first):
         "print(env.render().shape)\n"
     )
     unset = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"}
-    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment = {name: value for name, value in os.environ.items() if name not in unset} | named
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
     assert done.stdout == "(24, 32, 3)\n", done.stderr
 
@@ -139,10 +148,12 @@ def test_an_unknown_camera_is_refused_with_the_names_of_all():
         OffscreenRenderer("back", WIDTH, HEIGHT)
 
 
-def test_a_window_without_a_display_is_refused_with_what_works_without(no_display):
+@pytest.mark.parametrize("screen", ["", ":99", "nonsense"])
+def test_a_window_without_a_display_is_refused_with_what_works_without(screen, no_display, monkeypatch):
+    monkeypatch.setenv("DISPLAY", screen)
     env = gymnasium.make(HOVER, render_mode="human")
     for attempt in (require_display, lambda: Window(0.025), lambda: env.reset(seed=0)):
-        with pytest.raises(SpidarError, match="rgb_array"):
+        with pytest.raises(SpidarError, match=f"{screen}.*; valid .*rgb_array"):
             attempt()
     env.close()
 
@@ -164,3 +175,34 @@ def test_cameras_look_at_the_robot_with_the_horizon_level(camera, plant):
     assert abs(R[2, 0]) < 1e-9
     assert R[2, 1] > -1e-9
     assert found.bodyid[0] == plant.model.body("torso").id
+
+
+@drawing
+def test_the_same_state_gives_the_same_bytes_from_the_first_picture_on_and_from_any_thread():
+    ids = ("spidar_gym/Hover-v0", "spidar_gym/Path-v0", "spidar_gym/Crawl-v0", "spidar_gym/Course-v0")
+    envs = [gymnasium.make(name, render_mode="rgb_array", width=WIDTH, height=HEIGHT) for name in ids]
+    vector = gymnasium.make_vec("spidar_gym/Course-v0", 2, render_mode="rgb_array", width=WIDTH, height=HEIGHT)
+    drawn: list[list[bytes]] = []
+
+    def draw():
+        own = [np.asarray(env.render()).tobytes() for env in envs]
+        drawn.append(own + [picture.tobytes() for picture in vector.render()])
+
+    for seed in (0, 1):
+        for env in (*envs, vector):
+            env.reset(seed=seed)
+        drawn.clear()
+        draw()
+        threads = [threading.Thread(target=draw) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert drawn == [drawn[0]] * 4
+        assert len({*drawn[0]}) > 2
+    closer = threading.Thread(target=lambda: [env.close() for env in (*envs, vector)])
+    closer.start()
+    closer.join()
+    for env in (*envs, vector):
+        with pytest.raises(SpidarError, match="is closed"):
+            env.render()

@@ -39,7 +39,7 @@ def code(word, words):
 def expected(info, terms, failures):
     """A readable environment's info as the vector has it."""
     told = {name: value for name, value in info.items() if not isinstance(value, str | dict)}
-    told["term"] = [told.pop(f"reward_{name}") for name in terms]
+    told["term"] = [told[f"reward_{name}"] for name in terms]
     told["qp_status_code"] = code(info["qp_status"], [str(word) for word in STATUS])
     told["failure_code"] = code(info["failure"], list(failures))
     if "phase" in info:

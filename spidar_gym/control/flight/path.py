@@ -25,6 +25,9 @@ TOGETHER = 1e-6
 """Knots so near to each other are one [s]."""
 LEAST_SECONDS, FADE = 0.5, 0.4
 """No coordinate comes to rest from motion in less time; in such a time an acceleration fades [s]."""
+PEAK, DRIFT, SWING = 1.875, 0.2, 0.0173
+"""Quintics that take a time t: the largest speed from rest to rest over the mean; how far one drifts to rest from a
+speed v beyond d, over v t; how far one swings from an acceleration a, over a t²."""
 SUBSTEPS = 8
 """Steps of the fourth-order integration along a lemniscate from one knot to the next."""
 
@@ -160,18 +163,18 @@ def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, en
     length, fast = math.sqrt(float(way[:3] @ way[:3])), math.sqrt(float(rate[:3] @ rate[:3]))
     turn = abs(float(way[3]))
     seconds = max(
-        1.875 * length / speed, math.sqrt(3.0 * length / EASE), 2.0 * fast / EASE,
-        1.875 * turn / TURN_RATE, math.sqrt(3.0 * turn / TURN_RATE), LEAST_SECONDS,
+        PEAK * length / speed, math.sqrt(3.0 * length / EASE), 2.0 * fast / EASE,
+        PEAK * turn / TURN_RATE, math.sqrt(3.0 * turn / TURN_RATE), LEAST_SECONDS,
     )  # fmt: skip
     fades, takes = [False] * 4, [0.0] * 4
     brakes = (EASE, EASE, EASE, TURN_RATE)
     for k in range(4):
         d, v, a = float(way[k]), float(rate[k]), float(acceleration[k])
         pace, brake = TURN_RATE if k == 3 else speed, brakes[k]
-        least = max(LEAST_SECONDS, 1.875 * abs(d) / pace, 2.0 * abs(v) / brake, math.sqrt(3.0 * abs(d) / brake))
+        least = max(LEAST_SECONDS, PEAK * abs(d) / pace, 2.0 * abs(v) / brake, math.sqrt(3.0 * abs(d) / brake))
         to_drift, to_swing = (DETOUR + (0.0 if d * of < 0.0 else RUN_AHEAD * abs(d)) for of in (v, a))
-        drifts = to_drift / (0.2 * abs(v)) if v else math.inf
-        swings = math.sqrt(to_swing / (0.0173 * abs(a))) if a else math.inf
+        drifts = to_drift / (DRIFT * abs(v)) if v else math.inf
+        swings = math.sqrt(to_swing / (SWING * abs(a))) if a else math.inf
         takes[k] = min(seconds, max(least, min(drifts, swings)))
         fades[k] = takes[k] > swings or (d * v < 0.0 and takes[k] > drifts)
     fade = max(
@@ -225,7 +228,7 @@ class Legs:
             turn = wrap(math.atan2(way[1], way[0]) - self._heading)
             self._heading += turn
             # A turn from rest to rest is fastest in its middle, 15/8 of its mean rate.
-            self.seconds += max(REST, 1.875 * abs(turn) / TURN_RATE) if turn else 0.0
+            self.seconds += max(REST, PEAK * abs(turn) / TURN_RATE) if turn else 0.0
             if turn:
                 add(self.seconds, [x, y, z, self._heading], _STILL, _STILL)
         most = math.sqrt(length * EASE)

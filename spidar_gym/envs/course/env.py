@@ -23,6 +23,8 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.options import described_robot, own_robot, split_options
 from spidar_gym.envs.rules import course_rules
 from spidar_gym.envs.single import keeps_page
+from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.view import fps
 from spidar_gym.errors import InvalidValueError, require_instance, require_least, require_name
 from spidar_gym.native.course import read_course, read_target
 from spidar_gym.native.engine_structs import COURSE_FAILURES
@@ -39,6 +41,7 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     """SPIDAR on a course; `spidar list spidar_gym/Course-v0` prints its page."""
 
+    metadata: dict[str, Any] = SpidarEnv.metadata | {"render_fps": fps(DECIDE)}
     kind = "coursing"
     reward_terms = COURSE_REWARD_TERMS
     reset_options = ("course", "disturbances")
@@ -126,6 +129,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         return self._known("course")
 
     @property
+    @in_turn
     def target(self) -> Target | None:
         """What the pilot follows, if anything."""
         return self._pilot.last if self.fleet is None else read_target(self.fleet.robots[0]["pilot"])
@@ -159,12 +163,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             return read_course(robot["course"])
         return CourseProgress.read(robot) if name == "episode" else super()._read(name)
 
-    def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
-        """As `SpidarEnv.tell`."""
-        info = super().tell(fleet, robot)
-        info["phase"] = PHASES[info.pop("phase_code")]
-        return info
-
+    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,

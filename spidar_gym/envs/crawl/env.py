@@ -27,6 +27,7 @@ from spidar_gym.envs.goals import CrawlGoal
 from spidar_gym.envs.options import described_robot, own_robot, solver_settings, split_options
 from spidar_gym.envs.rules import crawl_rules
 from spidar_gym.envs.single import keeps_page
+from spidar_gym.envs.turns import in_turn
 from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import CRAWL_FAILURES, SHORTFALLS
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
@@ -106,6 +107,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         return make_crawler(self._config, self._control, self._law, self.fleet)
 
     @property
+    @in_turn
     def way(self) -> tuple[float, float, float]:
         """Where the goal is, seen from the start: x, y [m], yaw [rad]."""
         return self._known("way") if self._began else (0.0, 0.0, 0.0)
@@ -134,14 +136,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             return tuple(robot["way"].tolist())
         return CrawlProgress.read(robot) if name == "episode" else super()._read(name)
 
-    def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
-        """As `SpidarEnv.tell`."""
-        info = super().tell(fleet, robot)
-        phase, shortfalls = info.pop("phase_code"), info.pop("shortfalls_code")
-        info["phase"] = PHASES[phase]
-        info["shortfalls"] = ", ".join(name for k, name in enumerate(SHORTFALLS) if shortfalls >> k & 1)
-        return info
-
+    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
@@ -217,7 +212,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             self.robot.weight,
         )
         progress.timeouts = controller.gait.timeouts
-        if controller.done and not progress.finished:
+        if self._mode.residual is None:
+            progress.rest(self.state, self._touch, float(self._command.thrust.sum()), self.robot.weight)
+        elif controller.done and not progress.finished:
             progress.finished = progress.time
         return self.task.failed(progress, self._tilt, self._touch)
 

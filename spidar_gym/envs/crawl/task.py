@@ -14,6 +14,7 @@ from spidar_gym.envs.rewards import tolerance
 from spidar_gym.errors import InvalidValueError, require_array, require_name, require_within
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.sim.ground import HIGHEST, MAX_SLOPE, STAIRS, TERRAINS, GroundConfig, Touch, uneven, with_blocks
+from spidar_gym.state import RobotState
 
 PAPER_WAY = Pose2(0.6, 0.0, 0.0)
 """The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
@@ -58,6 +59,14 @@ SUCCESS_SLIP = 0.05
 """In a success no foot slides this far [m]."""
 SUCCESS_TIME = 1.25
 """A success takes at most this many times the preset's nominal time."""
+REST_TIME = 0.25
+"""Without a gait, in `direct`, a crawl is finished that has rested at the goal, within the miss of a success, for so
+long [s]: a torso that nothing carries falls by 0.3 m in it."""
+REST_SPEED, REST_TURN, REST_JOINT_SPEED = 0.01, 0.05, 0.05
+"""A robot at rest moves slower than this [m/s], [rad/s], and so does every joint [rad/s]; what slides on at that speed
+goes a quarter of the miss of a success in that time, and the joints of a swing are ten times as fast."""
+REST_THRUST = 0.1
+"""Its thrust is off: all commands together are below this share of the weight; idle motors are at 6 %."""
 SATURATED = 0.01
 """A joint servo this close to its largest torque is saturated [Nm]."""
 
@@ -253,7 +262,9 @@ class CrawlProgress:
     ticks: int = 0
     """Control periods."""
     finished: float = 0.0
-    """When the gait was done [s]; 0 before."""
+    """When the gait was done, or without one the robot had rested at the goal [s]; 0 before."""
+    rested: int = 0
+    """Ticks, up to now, of resting at the goal; counted where there is no gait."""
     swing_ticks: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
     """Ticks in which each leg swings."""
     airborne_ticks: np.ndarray = field(default_factory=lambda: np.zeros(N_LEGS))
@@ -321,6 +332,28 @@ class CrawlProgress:
             self.tilt_legs = max(self.tilt_legs, tilt)
         elif phase != "done":
             self.tilt_torso = max(self.tilt_torso, tilt)
+
+    def rest(self, state: RobotState, touch: Touch, thrust: float, weight: float = ROBOT.weight) -> None:
+        """Count a tick without a gait, which is finished when the robot has rested at the goal for `REST_TIME`.
+
+        Args:
+            state: The true one.
+            touch: What touches the floor.
+            thrust: Commanded, of all rotors [N].
+            weight: The robot's [N].
+        """
+        rests = (
+            bool(touch.pegs[:N_LEGS].any())
+            and bool((np.abs(state.joint_velocity) < REST_JOINT_SPEED).all())
+            and math.sqrt(float(state.velocity_w @ state.velocity_w)) < REST_SPEED
+            and math.sqrt(float(state.omega_b @ state.omega_b)) < REST_TURN
+            and thrust < REST_THRUST * weight
+            and math.hypot(self.error[0], self.error[1]) <= SUCCESS_POSITION
+            and abs(self.error[2]) <= SUCCESS_YAW
+        )
+        self.rested = self.rested + 1 if rests else 0
+        if self.rested / CONTROL_RATE >= REST_TIME and not self.finished:
+            self.finished = self.time
 
     @property
     def time(self) -> float:

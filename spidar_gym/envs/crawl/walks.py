@@ -64,7 +64,7 @@ class Walks(Robots):
 
     @property
     def finished(self) -> np.ndarray:
-        """When the gait was done, 0 before (N,) [s]."""
+        """When the gait was done, or in `direct` the robot had rested at the goal; 0 before (N,) [s]."""
         return self.robots["finished"]
 
     @property

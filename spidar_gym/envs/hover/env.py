@@ -24,6 +24,7 @@ from spidar_gym.envs.options import described_robot, solver_settings, split_opti
 from spidar_gym.envs.path.task import PathTask
 from spidar_gym.envs.rules import hover_rules, most_goals, read_knots, sequence
 from spidar_gym.envs.single import keeps_page
+from spidar_gym.envs.turns import in_turn
 from spidar_gym.errors import require_instance
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.engine_structs import FLIGHT_FAILURES
@@ -165,6 +166,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._goals = progress.goals
         return progress
 
+    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
@@ -223,6 +225,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         """Where the CoG goes in this episode; None where it stays (`SpidarError` before the first reset)."""
         return self._known("path")
 
+    @in_turn
     def reference(self) -> Reference:
         """What the controller is asked to do now."""
         if self.own_task is not None:
@@ -243,6 +246,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
                 self._reference = given = replace(given, **{lost: mask})
         return given
 
+    @in_turn
     def reference_ahead(self, seconds: float) -> Reference:
         """What the controller will be asked to do so much later [s]: the next form and the path are known."""
         progress, now = self.progress, self.reference()

@@ -10,7 +10,7 @@ import numpy as np
 
 from spidar_gym.control.flight.observation import NO_NEXT_FORM
 from spidar_gym.control.flight.path import AHEAD, AHEAD_STEP
-from spidar_gym.envs.batch import Robots, VectorTask, length, square, tolerance
+from spidar_gym.envs.batch import Robots, VectorTask, checked_records, length, square, tolerance
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import (
     ARRIVAL_GRACE,
@@ -25,6 +25,7 @@ from spidar_gym.envs.hover.task import (
     FlightStart,
     HoverTask,
 )
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import WORDS
 from spidar_gym.robot import N_ROTORS
@@ -50,22 +51,33 @@ class Flights(Robots):
         for name in ("flown", "current", "position_sum", "attitude_sum"):
             self.robots[name][ids] = 0
         self.goals["reached"][ids] = 0
-        self.robots["reference"][ids] = task.reference(self)[ids]
-        self.robots["preview"][ids] = task.preview(self)[ids]
+        self.robots["reference"][ids] = self._reference(task)[ids]
+        self.robots["preview"][ids] = self._preview(task)[ids]
         self.fleet.regard(ids)
 
     def look(self, task: "FlightTask") -> None:
         """The errors of now, where references move: against what the robots are to do now, not a tick ago."""
         if not (self.knots.shape[1] or type(task).reference is not FlightTask.reference):
             return
-        self.robots["reference"] = task.reference(self)
+        self.robots["reference"] = self._reference(task)
         now = np.flatnonzero((self.robots["plant"]["diverged"] == 0) & ~self.fleet.begun)
         if now.size:
             self.fleet.regard(now)
 
     def aim(self, task: "FlightTask") -> None:
         """The references of the next tick."""
-        self.robots["reference"], self.robots["preview"] = task.reference(self), task.preview(self)
+        self.robots["reference"], self.robots["preview"] = self._reference(task), self._preview(task)
+
+    def _reference(self, task: "FlightTask") -> np.ndarray:
+        name, robots = f"{type(task).__name__}.reference", self.robots
+        wanted = checked_records(name, task.reference(self), robots["reference"], robots)
+        if not ((wanted["mode"] >= 0) & (wanted["mode"] < len(_MODES))).all():
+            raise InvalidValueError(f"{name}: mode", wanted["mode"].tolist(), f"numbers within 0 … {len(_MODES) - 1}")
+        return wanted
+
+    def _preview(self, task: "FlightTask") -> np.ndarray:
+        given = task.preview(self)
+        return checked_records(f"{type(task).__name__}.preview", given, self.robots["preview"], self.robots)
 
     @cached_property
     def error(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from spidar_gym.errors import StaleAssetError
 from spidar_gym.native.codegen.engine import engine_headers
 from spidar_gym.native.codegen.header import constants_header, modes_header, structs_header
 from spidar_gym.native.codegen.solvers import generate_solvers
-from spidar_gym.native.recipe import GENERATED, SHARED_HEADERS
+from spidar_gym.native.recipe import GENERATED, SHARED_HEADERS, source_bytes
 
 OSQP = "osqp"
 """Folder of OSQP's sources."""
@@ -30,7 +30,7 @@ def committed_files() -> dict[str, str]:
 
 def osqp_files() -> dict[str, bytes]:
     """OSQP's committed sources: name → content (`StaleAssetError` where they are not there)."""
-    files = {file.name: file.read_bytes() for file in sorted((GENERATED / OSQP).glob("*.[ch]"))}
+    files = {file.name: source_bytes(file) for file in sorted((GENERATED / OSQP).glob("*.[ch]"))}
     if "spidar_solvers.h" not in files:
         raise StaleAssetError(GENERATED / OSQP)
     return files

@@ -29,6 +29,7 @@ from spidar_gym.native.constants import (
     snake,
 )
 from spidar_gym.native.core_structs import CORE_STRUCTS
+from spidar_gym.native.recipe import source_bytes
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import WORDS, CStruct, border_structs
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT, RobotSpec
@@ -171,7 +172,7 @@ def interface_digest(front: bytes, sources: Path) -> str:
     """Digest of what the two sides of an interface have to agree on, and of a folder's C sources."""
     digest = hashlib.sha256(front)
     for file in sorted(sources.glob("*.[ch]*")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+        digest.update(file.name.encode() + b"\0" + source_bytes(file))
     return digest.hexdigest()[:32]
 
 

@@ -108,7 +108,7 @@ void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs)
         double turn = wrap(atan2(way[1], way[0]) - legs->heading);
         legs->heading += turn;
         if (turn != 0.0) {
-            legs->seconds += sp_max(SP_PATH_REST, 1.875 * fabs(turn) / SP_PATH_TURN_RATE);
+            legs->seconds += sp_max(SP_PATH_REST, SP_PATH_PEAK * fabs(turn) / SP_PATH_TURN_RATE);
             add(&w, legs->seconds, from, legs->heading);
         }
     }
@@ -141,10 +141,10 @@ double sp_ease(double u)
 static double time_from_motion(double d, double v, double a, double pace, double brake, double seconds, int *fades)
 {
     double drifts = HUGE_VAL, swings = HUGE_VAL, ahead = SP_PATH_DETOUR + SP_PATH_RUN_AHEAD * fabs(d);
-    double least = sp_max(sp_max(SP_PATH_LEAST_SECONDS, 1.875 * fabs(d) / pace),
+    double least = sp_max(sp_max(SP_PATH_LEAST_SECONDS, SP_PATH_PEAK * fabs(d) / pace),
                           sp_max(2.0 * fabs(v) / brake, sqrt(3.0 * fabs(d) / brake)));
-    if (v != 0.0) drifts = (d * v < 0.0 ? SP_PATH_DETOUR : ahead) / (0.2 * fabs(v));
-    if (a != 0.0) swings = sqrt((d * a < 0.0 ? SP_PATH_DETOUR : ahead) / (0.0173 * fabs(a)));
+    if (v != 0.0) drifts = (d * v < 0.0 ? SP_PATH_DETOUR : ahead) / (SP_PATH_DRIFT * fabs(v));
+    if (a != 0.0) swings = sqrt((d * a < 0.0 ? SP_PATH_DETOUR : ahead) / (SP_PATH_SWING * fabs(a)));
     double takes = sp_min(seconds, sp_max(least, sp_min(drifts, swings)));
     *fades = takes > swings || (d * v < 0.0 && takes > drifts);
     return takes;
@@ -179,9 +179,9 @@ int sp_path_from_motion(const sp_knot *begin, const double *end, double speed, s
     double way[4], takes[4], fade = SP_PATH_FADE;
     for (int k = 0; k < 4; k++) way[k] = end[k] - p[k];
     double length = sp_norm(way), turn = fabs(way[3]);
-    double seconds = sp_max(sp_max(1.875 * length / speed, sqrt(3.0 * length / SP_PATH_EASE)),
+    double seconds = sp_max(sp_max(SP_PATH_PEAK * length / speed, sqrt(3.0 * length / SP_PATH_EASE)),
                             sp_max(2.0 * sp_norm(v) / SP_PATH_EASE, SP_PATH_LEAST_SECONDS));
-    seconds = sp_max(seconds, sp_max(1.875 * turn / SP_PATH_TURN_RATE, sqrt(3.0 * turn / SP_PATH_TURN_RATE)));
+    seconds = sp_max(seconds, sp_max(SP_PATH_PEAK * turn / SP_PATH_TURN_RATE, sqrt(3.0 * turn / SP_PATH_TURN_RATE)));
     for (int k = 0; k < 4; k++) {
         double brake = k == 3 ? SP_PATH_TURN_RATE : SP_PATH_EASE;
         takes[k] = time_from_motion(way[k], v[k], a[k], k == 3 ? SP_PATH_TURN_RATE : speed, brake, seconds, &fades[k]);

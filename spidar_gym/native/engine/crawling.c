@@ -113,7 +113,7 @@ static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const
 
 static void start_counting(sp_crawling *c)
 {
-    c->crawled = c->swing_ticks = c->timeouts = 0;
+    c->crawled = c->swing_ticks = c->timeouts = c->rested = 0;
     c->duct_contact = 0;
     c->finished = c->saturation = c->thrust = c->thrust_peak = c->tilt_legs = c->tilt_torso = 0.0;
     sp_zero(c->airborne_ticks, SP_LEGS);
@@ -211,6 +211,19 @@ static double total(const double *thrust)
     return sum;
 }
 
+/* Whether torso and legs rest at the goal with the thrust off. */
+static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_crawling *c)
+{
+    const sp_robot_state *state = &c->plant.state;
+    int lies = 0;
+    for (int peg = SP_LEGS; peg < 2 * SP_LEGS; peg++) lies = lies || c->touch.balls[peg];
+    for (int j = 0; j < SP_JOINTS; j++)
+        if (!(fabs(state->joint_velocity[j]) < rules->rest_joint_speed)) return 0;
+    return lies && sp_norm(state->velocity_w) < rules->rest_speed && sp_norm(state->omega_b) < rules->rest_turn &&
+           total(c->episode.command.thrust) < rules->rest_thrust * robot->weight &&
+           length(c->error[0], c->error[1]) <= rules->success_position && fabs(c->error[2]) <= rules->success_yaw;
+}
+
 /* Count a tick. */
 static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawling *c)
 {
@@ -242,7 +255,10 @@ static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl
     else if (phase != SP_DONE)
         c->tilt_torso = sp_max(c->tilt_torso, c->tilt);
     c->timeouts = c->crawl.gait.timeouts;
-    if (sp_gait_done(&c->crawl) && c->crawl.memory.gap == 0.0 && c->finished == 0.0)
+    c->rested = rules->rules.mode.is_direct && rests(rules, robot, c) ? c->rested + 1 : 0;
+    int is_done = rules->rules.mode.is_direct ? c->rested / SP_CONTROL_RATE >= rules->rest_time
+                                              : sp_gait_done(&c->crawl) && c->crawl.memory.gap == 0.0;
+    if (is_done && c->finished == 0.0)
         c->finished = c->crawled / SP_CONTROL_RATE;
 }
 

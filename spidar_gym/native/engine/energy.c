@@ -21,4 +21,4 @@ double sp_voltage(double energy_wh, double power)
 }
 
 /* Largest thrust of a module at a voltage: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]. */
-double sp_battery_thrust(double voltage) { return sp_max(0.0, 2.0 * (15.9 + 1.45 * (voltage - 22.2))); }
+double sp_battery_thrust(double voltage) { return sp_max(0.0, 2.0 * (15.9 + 1.45 * (voltage - SP_EMPTY_VOLTAGE))); }

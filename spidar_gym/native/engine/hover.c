@@ -1,5 +1,5 @@
 /* Flights: hold the CoG and a level attitude, or follow a path, while the joints go through forms. `envs/hover/task.py`
- * and `envs/hover/path.py` are the same page in Python, for N robots at once; a test holds the two to each other. */
+ * and `envs/path/task.py` are the same page in Python, for N robots at once; a test holds the two to each other. */
 #include "episode.h"
 
 #define POSITION 0 /* terms of the reward */

@@ -109,6 +109,9 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_PATH_REST 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.path.REST */
 #define SP_PATH_TURN_RATE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.flight.path.TURN_RATE */
 #define SP_PATH_KNOT_TIME 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.KNOT_TIME */
+#define SP_PATH_PEAK 0x1.e000000000000p+0 /* 1.875, spidar_gym.control.flight.path.PEAK */
+#define SP_PATH_DRIFT 0x1.999999999999ap-3 /* 0.2, spidar_gym.control.flight.path.DRIFT */
+#define SP_PATH_SWING 0x1.1b71758e21965p-6 /* 0.0173, spidar_gym.control.flight.path.SWING */
 #define SP_PATH_SUBSTEPS 8 /* spidar_gym.control.flight.path.SUBSTEPS */
 #define SP_PATH_AHEAD_STEP 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.flight.path.AHEAD_STEP */
 #define SP_GAIT_FILTER_TIME 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.crawl.gait.FILTER_TIME */

@@ -14,6 +14,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.viz.live.clock import FASTEST, SLOWEST, Clock
+from spidar_gym.viz.live.gate import notify
 from spidar_gym.viz.live.scenery import SHOWN, Scenery
 from spidar_gym.viz.live.session import BY_HAND, INNER, OUTER, Session
 from spidar_gym.viz.live.traces import SECONDS, Plot, plots
@@ -114,7 +115,7 @@ class Page:
     def tell(self, words: str) -> None:
         """Show words on every browser for some seconds."""
         for client in self._server.get_clients().values():
-            client.add_notification("refused", words, color="red", auto_close_seconds=8.0)
+            notify(client, words)
 
     def _on(self, handle: Handle, order: Callable[[Any], object]) -> Handle:
         """Have an order given with the value of an input, where it was a person who changed it."""

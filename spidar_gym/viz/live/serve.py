@@ -5,6 +5,7 @@ import importlib
 import io
 import ipaddress
 import socket
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 from spidar_gym.policies.source import PolicyError
 from spidar_gym.viz.live.clock import Clock
+from spidar_gym.viz.live.gate import Gate
 from spidar_gym.viz.live.page import Page
 from spidar_gym.viz.live.session import Session
 
@@ -72,27 +74,44 @@ def served(
     """
     viser, trimesh = require_viser()
     require_address(host, port)
+    gate = Gate(host, is_open=not is_loopback(host))
     with contextlib.redirect_stdout(io.StringIO()):  # it draws a box with words of its own
-        server = viser.ViserServer(host=host, port=port, verbose=False)
+        server = gate.start(viser, port)
     # Otherwise a browser could have it open a tunnel to a server of others, for everybody.
     server.request_share_url = lambda *_, **__: None
     try:
         page = Page(server, trimesh, session, Clock(time.perf_counter), policies)
-        yield page, f"http://{'localhost' if host in ('', '0.0.0.0', '::') else host}:{server.get_port()}"
+        gate.server = server
+        name = "localhost" if host in ("", "0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+        yield page, f"http://{name}:{server.get_port()}{gate.path}"
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
 
 
 def keep_time(page: Page, stop: Callable[[], bool]) -> None:
-    """Fly in the wall's time, do what people ask for, and show it, until `stop` says so."""
-    clock, session = page.clock, page.session
+    """Fly in the wall's time, do what people ask for, and show it, until `stop` says so.
+
+    A moment that cannot be shown, or an order that cannot be done, is a line on the standard error and ends nothing:
+    viser's own threads can come between.
+    """
+    clock, session, said = page.clock, page.session, set[str]()
+
+    def tried(do: Callable[..., object], *given: object) -> None:
+        try:
+            do(*given)
+        except Exception as error:
+            words = " ".join(f"{type(error).__name__}: {error}".split())
+            if words not in said:  # once each
+                said.add(words)
+                print(f"spidar: warning: the page: {words}; the flight goes on", file=sys.__stderr__)
+
     while not stop():
-        page.settle()
+        tried(page.settle)
         for _ in range(clock.due()):
             try:
                 session.tick()
             except PolicyError as error:
-                page.tell(str(error))
-        page.show(time.perf_counter())
+                tried(page.tell, str(error))
+        tried(page.show, time.perf_counter())
         time.sleep(clock.wait + 1e-4)  # or, by rounding, it might not be due yet

@@ -343,6 +343,7 @@ class Session:
     def shove(self, newtons: float, towards: float) -> None:
         """Push the torso for 0.2 s, level, in a direction [N], [rad]."""
         require_within(0.0, 1e3, "N", newtons=newtons)
+        require_within(-math.tau, math.tau, "rad", towards=towards)
         self.env.plant.shove(newtons * np.array([math.cos(towards), math.sin(towards), 0.0]))
 
     def crawl_to(self, distance: float, direction: float, turn: float) -> None:

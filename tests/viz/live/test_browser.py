@@ -8,7 +8,7 @@ import pytest
 from support.needs import marked
 from support.pages import needs_viser
 
-from spidar_gym.viz.live.serve import keep_time, served
+from spidar_gym.viz.live.serve import HOST, keep_time, served
 from spidar_gym.viz.live.session import Session
 
 pytestmark = [marked("browser")(pytest.mark.slow), needs_viser]
@@ -26,9 +26,9 @@ def opened():
 
     undo = []
 
-    def open_page(size, **options):
+    def open_page(size, host=HOST, **options):
         session = Session(options={"joint_speed": 1.0, **options})
-        entered = served(session, {}, port=0)
+        entered = served(session, {}, host=host, port=0)
         page, address = entered.__enter__()
         ended = threading.Event()
         loop = threading.Thread(target=keep_time, args=(page, ended.is_set))
@@ -99,6 +99,16 @@ def test_a_click_changes_the_form_in_flight(opened):
     assert session.env is before
     flown(session, lambda: session.env.state.joint_position[3] > 1.5)
     assert (session.over, session.seed) == ("", 0)
+
+
+def test_a_page_that_is_open_to_a_network_comes_in_by_its_token(opened):
+    browser, session, address = opened(DESK, host="0.0.0.0")
+    assert len(address.rpartition("/")[2]) >= 32
+    browser.click("③")
+    flown(session, lambda: session.form[3] > 1.5)
+    browser.call("Page.reload")
+    browser.until(READY)
+    assert not browser.js("document.body.innerText.includes('refused')")
 
 
 def test_keys_fly_the_reference(opened):

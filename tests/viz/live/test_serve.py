@@ -16,6 +16,7 @@ from support.pages import needs_viser
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError
 from spidar_gym.policies.source import PolicyError
 from spidar_gym.viz.live import serve
+from spidar_gym.viz.live.gate import Gate
 from spidar_gym.viz.live.serve import HOST, is_loopback, keep_time, require_address, require_viser, served
 from spidar_gym.viz.live.session import Session
 
@@ -39,6 +40,7 @@ def standing_in(monkeypatch):
         made.append(pages.Server(**given))
         return made[-1]
 
+    monkeypatch.setattr(Gate, "start", pages.start)
     monkeypatch.setattr(serve, "require_viser", lambda: (SimpleNamespace(ViserServer=make), pages.trimesh()))
     return made
 
@@ -174,3 +176,21 @@ def test_the_loop_tells_of_a_policy_that_fails_and_goes_on(session, standing_in,
         keep_time(page, lambda: wall[0] > 1.0)
     assert told == ["it failed"]
     assert session.passed > 30
+
+
+def test_a_moment_that_cannot_be_shown_is_one_line_and_the_flight_goes_on(session, standing_in, monkeypatch, capfd):
+    wall = [0.0]
+    monkeypatch.setattr(serve.time, "perf_counter", lambda: wall[0])
+    monkeypatch.setattr(serve.time, "sleep", lambda seconds: wall.__setitem__(0, wall[0] + seconds))
+
+    def interrupted(*_):
+        raise RuntimeError("deque mutated during iteration")
+
+    with served(session, {}, port=0) as (page, _):
+        monkeypatch.setattr(page, "show", interrupted)
+        page._orders.put(interrupted)
+        keep_time(page, lambda: wall[0] > 1.0)
+    assert session.passed > 30
+    assert capfd.readouterr().err == (
+        "spidar: warning: the page: RuntimeError: deque mutated during iteration; the flight goes on\n"
+    )

@@ -1,0 +1,45 @@
+"""Calls on an environment or a vector take turns, and end in one line where it is closed."""
+
+import functools
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from spidar_gym.errors import closed
+
+CallT = TypeVar("CallT", bound=Callable[..., Any])
+
+
+def in_turn(method: CallT) -> CallT:
+    """A method that waits for the calls of other threads, and raises `SpidarError` once its object `is_closed`.
+
+    The object has a `turn`, which outlives what `reset` makes anew.
+    """
+
+    @functools.wraps(method)
+    def in_turn(self: Any, *arguments: Any, **named: Any) -> Any:  # noqa: ANN401 - of any method
+        with self.turn.lock:
+            if self.is_closed:
+                raise closed()
+            return method(self, *arguments, **named)
+
+    return in_turn  # pyright: ignore[reportReturnType] - `wraps` keeps the signature
+
+
+@contextmanager
+def whole() -> Iterator[None]:
+    """Answer Ctrl-C when what is begun is done; on another thread than the main one it is not answered anyway."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    came: list[tuple[int, Any]] = []
+    signal.signal(signal.SIGINT, lambda *signs: came.append(signs))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            before(*came[0])

@@ -1,0 +1,140 @@
+"""Holds the native vector to Gymnasium's own over the whole public surface, with a list of what differs on purpose."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
+
+from spidar_gym.envs.codes import Coded
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
+from spidar_gym.envs.vector import NativeVectorEnv
+
+IDS = (HOVER, PATH, CRAWL, COURSE)
+MODES = [*AutoresetMode]
+LACKING = {
+    "envs": "robots have no environment of their own",
+    "env_fns": "as above",
+    "call": "as above",
+    "get_attr": "as above",
+    "set_attr": "as above: options of make_vec and of reset",
+    "copy": "every array that is handed out is a copy",
+    "observation_mode": "likewise: observations are of one kind",
+}
+"""What Gymnasium's own vector has and the native one has not."""
+ADDED = {
+    "advance", "buffers", "ended", "fleet", "is_closed", "layout", "restore", "robots", "save", "set_autoreset_mode",
+    "sight", "task", "turn",
+}  # fmt: skip
+"""What the native vector has besides."""
+OTHERWISE = {
+    "np_random": "copies: what is drawn of them moves no robot's; Gymnasium's are the environments' own",
+    "np_random_seed": "−1 before the first reset, and where nothing seeds",
+    "step": "in the mode Disabled robots go on after their ends, where Gymnasium's own refuses",
+    "spec": "no kwargs of the sync vector",
+    "unwrapped": "itself",
+}
+"""What both have, and what is not the same in it."""
+ACTIONS = {"reset", "step", "render", "close", "close_extras"}
+"""Functions: what they do is held to each other below."""
+
+
+def both(name, robots=2, mode=AutoresetMode.NEXT_STEP, **options):
+    native = gymnasium.make_vec(name, robots, autoreset_mode=mode, **options)
+    own = gymnasium.make_vec(name, robots, "sync", vector_kwargs={"autoreset_mode": mode}, **options)
+    return native, own
+
+
+def public(vector):
+    return {name for name in dir(vector) if not name.startswith("_")}
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", IDS)
+def test_every_public_attribute_is_that_of_gymnasiums_own_vector_or_in_a_list(name, mode):
+    native, own = both(name, mode=mode)
+    goals = {"compute_reward", "compute_terminated", "compute_truncated"}
+    for began in (False, True):
+        assert public(own) - public(native) == LACKING.keys()
+        assert public(native) - public(own) - goals == ADDED
+        for each in public(own) & public(native) - OTHERWISE.keys() - ACTIONS:
+            assert getattr(native, each) == getattr(own, each), each
+        if began:
+            assert native.np_random_seed == own.np_random_seed == (7, 8)
+            drawn = [[rng.random() for rng in vector.np_random] for vector in (native, own)]
+            assert drawn[0] == drawn[1]
+        for vector in (native, own):
+            vector.reset(seed=7)
+    for vector in (native, own):
+        vector.close()
+        assert vector.closed
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", IDS)
+def test_it_steps_past_the_ends_of_episodes_as_gymnasiums_own(name, mode):
+    own_options = {"hold": 1} if name == COURSE else {}
+    native, own = both(name, mode=mode, max_episode_steps=2, **own_options)
+    for vector in (native, own):
+        vector.reset(seed=3)
+    actions = np.zeros(native.action_space.shape, np.float32)
+    for k in range(5):
+        if mode is AutoresetMode.DISABLED and k in (2, 4):
+            moment = native.save()
+            native.step(actions)  # the deliberate difference: it goes on
+            native.restore(moment)
+            with pytest.raises(AssertionError):
+                own.step(actions)
+            for vector in (native, own):
+                vector.reset(options={"reset_mask": np.array([True, True])})
+        found, expected = native.step(actions), own.step(actions)
+        for a, b in zip(found[:4], expected[:4], strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
+        assert ("final_info" in found[4]) == ("final_info" in expected[4])
+    native.close()
+    own.close()
+
+
+@pytest.mark.parametrize("drawn", [0.0, 1.0])
+@pytest.mark.parametrize("name", IDS)
+def test_info_has_the_keys_and_numbers_of_the_single_environment(name, drawn):
+    one, native = Coded(gymnasium.make(name, randomization=drawn)), gymnasium.make_vec(name, 2, randomization=drawn)
+    single, many = one.reset(seed=4)[1], native.reset(seed=4)[1]
+    action = np.full(one.action_space.shape, 0.1, np.float32)
+    for _ in range(3):
+        names = single.keys() - ({"randomization"} if not drawn else set())
+        assert names <= many.keys()
+        for key in names - {"randomization"}:
+            np.testing.assert_array_equal(many[key][0], single[key], err_msg=key)
+        for field, value in single["randomization"].items():
+            np.testing.assert_array_equal(many["randomization"][field][0], value)
+        single, many = one.step(action)[4], native.step(np.stack([action] * 2))[4]
+    one.close()
+    native.close()
+
+
+@pytest.mark.parametrize("through", ["itself", "json"])
+@pytest.mark.parametrize("arguments", [{}, {"max_episode_steps": 3}, {"horizon_s": 0.5}, {"max_episode_steps": -1}])
+@pytest.mark.parametrize("name", IDS)
+def test_the_spec_of_an_environment_makes_a_native_vector(name, arguments, through):
+    spec = gymnasium.make(name, **arguments).spec
+    if through == "json":
+        spec = EnvSpec.from_json(spec.to_json())
+    vector = gymnasium.make_vec(spec, num_envs=2)
+    assert isinstance(vector, NativeVectorEnv)
+    assert vector.spec.max_episode_steps == spec.max_episode_steps
+    vector.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("hold", [None, 3])
+def test_recordings_play_in_real_time(name, hold):
+    options = {} if hold is None or name != COURSE else {"hold": hold}
+    one, many = gymnasium.make(name, **options), gymnasium.make_vec(name, 1, **options)
+    one.reset(seed=0)
+    before = one.unwrapped.state.time
+    one.step(np.zeros(one.action_space.shape, np.float32))
+    seconds = one.unwrapped.state.time - before
+    for env in (one, many):
+        assert env.metadata["render_fps"] == pytest.approx(1.0 / seconds, rel=1e-9)
+        env.close()
