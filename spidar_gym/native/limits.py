@@ -95,7 +95,7 @@ LIMITS: dict[str, tuple[int, int]] = {
 """Least and largest value by the struct's member and its own name; of a robot's own members by their name alone."""
 INFINITE = frozenset(
     ("estimator.past_time", "rows.a", "demand.lower", "demand.upper", "interference.lower", "interference.upper",
-     "weather.next_push")
+     "weather.next_push", ".duct_clearance", "touch.duct_clearance")
 )  # fmt: skip
 """Numbers that may be infinite."""
 LARGEST = 1e15
@@ -166,10 +166,10 @@ def _fault_of_integers(values: np.ndarray, path: str, limits: tuple[int, int] | 
 
 def _fault_of_modes(modes: np.ndarray, path: str) -> str:
     """Whether a mode of the allocation is another than the core's of its kind; one that is not made yet is all zero."""
-    flat = modes.reshape(-1)
-    for each in flat[[any(mode.tobytes()) for mode in flat]] if flat.size else flat:
+    for each in modes.reshape(-1):
+        kind = int(each["kind"])
         given = int(each["feet_carry"]), int(each["n"]), int(each["m"]), *each["rows"]["kind"].tolist()
-        if given != _modes()[int(each["kind"])]:
+        if any((kind, *given)) and given != _modes()[kind]:  # bytes between members may be anything
             return f"{path} is none of the allocation's modes"
     return ""
 
