@@ -122,7 +122,6 @@ class Remade(ABC):
                 self.view.close()
                 self._empty()
 
-    @in_turn
     def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
         """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
 

@@ -20,7 +20,6 @@ from spidar_gym.native.constants import (
     MAX_WAYPOINTS,
     PROGRAMS,
     ROWS,
-    SIZES,
     STEPS,
     program_modes,
 )  # fmt: skip
@@ -95,7 +94,7 @@ LIMITS: dict[str, tuple[int, int]] = {
 """Least and largest value by the struct's member and its own name; of a robot's own members by their name alone."""
 INFINITE = frozenset(
     ("estimator.past_time", "rows.a", "demand.lower", "demand.upper", "interference.lower", "interference.upper",
-     "weather.next_push", ".duct_clearance", "touch.duct_clearance")
+     "weather.next_push")
 )  # fmt: skip
 """Numbers that may be infinite."""
 LARGEST = 1e15
@@ -113,33 +112,29 @@ def limits_of(name: str, member: str) -> tuple[int, int] | None:
 
 
 @cache
-def _modes() -> tuple[tuple[int, ...], ...]:
-    """Of every program: whether feet carry, unknowns, rows, and the kinds of its blocks of rows."""
-    found = []
-    for mode in program_modes().values():
-        rows = [ROWS.index(type(each)) + 1 for each in mode.constraints]
-        found.append(
-            (int(mode.feet_carry), mode.size, len(mode.pattern), *rows, *[0] * (SIZES["MODE_ROWS"] - len(rows)))
-        )
-    return tuple(found)
+def _modes() -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns and rows of every program (programs, 2); how many rows each kind of a block has."""
+    sizes = [(mode.size, len(mode.pattern)) for mode in program_modes().values()]
+    return np.array(sizes), np.array([0, *(len(kind.pattern) for kind in ROWS)])
 
 
-def fault_of(records: np.ndarray, member: str = "", path: str = "") -> str:
+def fault_of(records: np.ndarray, member: str = "", path: str = "", *, floats: bool = True) -> str:
     """What of robots is outside its limits, in words; empty where nothing is.
 
     Args:
         records: Records of robots, or of a member of theirs.
         member: Name of that member.
         path: Names that lead to it.
+        floats: Whether numbers that are not whole are looked at.
     """
     for name in records.dtype.names or ():
         values, own = records[name], f"{path}{name}"
         if values.dtype.names:
-            fault = fault_of(values, name, f"{own}.")
+            fault = fault_of(values, name, f"{own}.", floats=floats)
             if not fault and "feet_carry" in values.dtype.names:
                 fault = _fault_of_modes(values, own)
         elif values.dtype.kind == "f":
-            fault = _fault_of_floats(values, own, f"{member}.{name}")
+            fault = _fault_of_floats(values, own, f"{member}.{name}") if floats else ""
         else:
             fault = _fault_of_integers(values, own, limits_of(name, member))
         if fault:
@@ -165,13 +160,11 @@ def _fault_of_integers(values: np.ndarray, path: str, limits: tuple[int, int] | 
 
 
 def _fault_of_modes(modes: np.ndarray, path: str) -> str:
-    """Whether a mode of the allocation is another than the core's of its kind; one that is not made yet is all zero."""
-    for each in modes.reshape(-1):
-        kind = int(each["kind"])
-        given = int(each["feet_carry"]), int(each["n"]), int(each["m"]), *each["rows"]["kind"].tolist()
-        if any((kind, *given)) and given != _modes()[kind]:  # bytes between members may be anything
-            return f"{path} is none of the allocation's modes"
-    return ""
+    """Whether a mode of the allocation is larger than what its kind has room for, or than its blocks."""
+    sizes, counts = _modes()
+    given = np.stack([modes["n"], modes["m"]], axis=-1)
+    fits = (given <= sizes[modes["kind"]]).all(axis=-1) & (counts[modes["rows"]["kind"]].sum(axis=-1) <= MAX_M)
+    return "" if fits.all() else f"{path} is none of the allocation's modes"
 
 
 def fault_of_plants(plants: np.ndarray) -> str:
@@ -191,7 +184,8 @@ def fault_of_robots(robots: np.ndarray, rooms: dict[str, int]) -> str:
         robots: Records of `sp_hover`, `sp_crawling` or `sp_coursing`.
         rooms: How many `goals` and `knots` there is room for.
     """
-    found: Any = fault_of(robots) or fault_of_plants(robots["plant"])
+    flies = robots["plant"]["diverged"] == 0  # the numbers of another are none, and none of them is used
+    found: Any = fault_of(robots[flies]) or fault_of(robots[~flies], floats=False) or fault_of_plants(robots["plant"])
     if found or "goals" not in (robots.dtype.names or ()):
         return found
     for name, room in rooms.items():
