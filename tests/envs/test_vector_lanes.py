@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER
 from spidar_gym.envs.saving import CHECKSUM
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
@@ -76,6 +76,16 @@ def test_a_restored_robot_goes_on_bit_for_bit_in_another_lane_of_another_vector(
     assert np.array_equal(trace(first, [0, 2], [3, 4], 26), expected)
     first.close()
     other.close()
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_a_robot_that_has_just_begun_is_restored(name):
+    env = NativeVectorEnv(name, 2)
+    env.reset(seed=0)
+    before = env.robots.tobytes()
+    env.restore(env.save())
+    assert env.robots.tobytes() == before
+    env.close()
 
 
 IN_ANOTHER_PROCESS = """
