@@ -17,14 +17,14 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.judge import Judge
-from spidar_gym.envs.lanes import arrays_of, autoreset, copied, listed, numbered, parsed, said_at_reset, seeds
+from spidar_gym.envs.lanes import arrays_of, autoreset, copied, draws_of, listed, numbered, parsed, said_at_reset, seeds
 from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
-from spidar_gym.envs.single import drawn, words_of
 from spidar_gym.envs.single import info as single_info
+from spidar_gym.envs.single import words_of
 from spidar_gym.envs.turns import in_turn, whole
 from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
@@ -101,6 +101,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
         self._judge: Judge | None = None
+        self._is_drawn = np.full(num_envs, single.is_drawn)
         self._everybody = np.ones(num_envs, bool)
         self.set_autoreset_mode(mode)
         self._began = False
@@ -124,6 +125,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             way = "disabled" if same_step else way  # it is left to what is shown
         self._how["autoreset"] = way
         self.fleet.rules["rules"]["autoreset"] = AUTORESETS.index(way)
+        self.fleet.extras.clear()  # those of the judge until now
         self._judge = self._envs[0].judge(self.fleet, self._judge)
         self._began = False
 
@@ -243,6 +245,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
             self._judge = envs[0].judge(self.fleet, self._judge)
         self._envs, self.task = envs, envs[0].task
+        self._is_drawn = np.array([env.is_drawn for env in envs])
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
@@ -272,13 +275,14 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             InvalidValueError: For actions of the wrong shape or with a NaN; nothing has moved.
             SpidarError: When `reset` was never called.
         """
-        fleet = self.fleet
+        fleet, same_step = self.fleet, self.autoreset_mode is AutoresetMode.SAME_STEP
+        before = draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode's are written over them
         self.advance(actions)
         info = self._info(self._everybody.copy())
-        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
+        if same_step and fleet.begun.any():
             begun = fleet.begun.copy()
             info["final_obs"], info["_final_obs"] = copied(self.buffers["final_observations"]), begun
-            info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
+            info["final_info"], info["_final_info"] = self._info(begun, ended=before), begun
         ends = fleet.terminated.copy(), fleet.truncated.copy()
         return copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
 
@@ -313,17 +317,15 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             if self._shown is not None:
                 self._shown.conclude(fleet, self._judge, ids)
 
-    def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
-        """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
-        info = arrays_of(self.fleet, self._judge, self._single.reward_terms, final=final)
-        if self._single.is_drawn:
-            info["randomization"] = drawn(self.robots["episode"]["drawn"])
-        return info | {f"_{name}": mask for name in info}
+    def _info(self, mask: np.ndarray, *, ended: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
+        """As `arrays_of`."""
+        terms = self._envs[0].reward_terms
+        return arrays_of(self.fleet, self._judge, terms, mask, self._is_drawn, ended=ended)
 
     @in_turn
     def ended(self, robot: int) -> dict[str, Any]:
         """How the last episode of a robot ended that has begun anew in the same step, as `info` of a single one."""
-        own, judge = self._single, self._judge
+        own, judge = self._envs[robot], self._judge
         values = None if judge is None else judge.final_terms[robot]
         record = self.fleet.final_infos[robot : robot + 1]
         return single_info(record, own.reward_terms, values, words_of(own.failures, own.words))

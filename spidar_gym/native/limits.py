@@ -94,7 +94,7 @@ LIMITS: dict[str, tuple[int, int]] = {
 """Least and largest value by the struct's member and its own name; of a robot's own members by their name alone."""
 INFINITE = frozenset(
     ("estimator.past_time", "rows.a", "demand.lower", "demand.upper", "interference.lower", "interference.upper",
-     "weather.next_push")
+     "weather.next_push", ".duct_clearance", "touch.duct_clearance")
 )  # fmt: skip
 """Numbers that may be infinite."""
 LARGEST = 1e15
