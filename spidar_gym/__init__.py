@@ -4,6 +4,7 @@ Importing this package registers the environments: `gymnasium.make("spidar_gym/H
 imported it does so by `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")`.
 """
 
+import copy
 import importlib
 import sys
 from collections.abc import Sequence
@@ -21,20 +22,23 @@ class _Registration(MetaPathFinder):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Gymnasium's own specification, whose execution registers the environments; a look at it changes nothing."""
-        if fullname != "gymnasium":
+        finders = [*sys.meta_path]
+        if fullname != "gymnasium" or self not in finders:
             return None
-        found = (finder.find_spec(fullname, path, target) for finder in [*sys.meta_path] if finder is not self)
+        # The finders behind this one: another of its kind, left by a reload of this package, may be among them.
+        found = (finder.find_spec(fullname, path, target) for finder in finders[finders.index(self) + 1 :])
         spec = next(filter(None, found), None)
         if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
+            loader = spec.loader = copy.copy(spec.loader)  # a zip file has one loader for all of its modules
+            execute = loader.exec_module
 
             def execute_and_register(module: ModuleType) -> None:
                 execute(module)
                 if self in sys.meta_path:
                     sys.meta_path.remove(self)
-                    _register()
+                _register()
 
-            spec.loader.exec_module = execute_and_register
+            loader.exec_module = execute_and_register
         return spec
 
 

@@ -154,6 +154,9 @@ class StablePolicy:
     Wrappers of an environment are not in a zip; only those of `VecNormalize` are made up for.
     """
 
+    kind = "learned"
+    """Class of its row."""
+
     def __init__(self, path: str | Path) -> None:
         """Load it, which runs whatever code is in its pickles: only from whom you trust.
 

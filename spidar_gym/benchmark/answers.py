@@ -11,7 +11,7 @@ from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.benchmark.verify import require_own_policies, shard_of
 from spidar_gym.control.allocation.allocator import AllocationStatus
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import close_guests
 from spidar_gym.policies.policy import control_of, policy_arguments
 from spidar_gym.text import format_table
 
@@ -22,7 +22,7 @@ STATUSES = (*map(str, AllocationStatus), "none")
 def count_ticks(shard: Shard) -> Counter[str]:
     """Play a scenario, with the compiled core where it has the allocation; status → ticks."""
     ticks: Counter[str] = Counter()
-    policy = load_policy(shard.policy)
+    policy = shard.load()
     chosen = policy_arguments(policy, TRACKS[shard.track].env_id) or {}
     # The core has an allocation of its own.
     control = control_of(chosen, "core")
@@ -52,7 +52,11 @@ def answer_shards(
         require_own_policies(row, trust=trust)
         for track in (t for t in tracks if t in row.tracks):
             count = min(scenarios, len(row.scenarios(track)))
-            found += [(name, shard_of(row, track, run, k)) for run in range(len(row.policies)) for k in range(count)]
+            found += [
+                (name, shard_of(row, track, run, k, trust=trust))
+                for run in range(len(row.policies))
+                for k in range(count)
+            ]
     return found
 
 
@@ -66,10 +70,13 @@ def count_answers(
         workers: Processes.
         on_scenario: Called after every scenario, for progress.
     """
-    counted = finish(
-        count_ticks, [shard for _, shard in shards], workers=workers, label=lambda k: str(shards[k][1]),
-        on_done=lambda *_: on_scenario(),
-    )  # fmt: skip
+    try:
+        counted = finish(
+            count_ticks, [shard for _, shard in shards], workers=workers, label=lambda k: str(shards[k][1]),
+            on_done=lambda *_: on_scenario(),
+        )  # fmt: skip
+    finally:
+        close_guests()
     ticks: dict[tuple[str, str], Counter[str]] = {}
     for (row, shard), own in zip(shards, counted, strict=True):
         ticks.setdefault((row, shard.track), Counter()).update(own)

@@ -15,7 +15,7 @@ from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario, pl
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.border import require_form
 from spidar_gym.errors import InvalidValueError, require_least
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import close_guests, keeps_to_itself, open_policy
 from spidar_gym.policies.policy import Policy, acts_in_batches, policy_digest, policy_name
 
 BEHAVIOUR = (
@@ -74,6 +74,12 @@ class Shard:
     """What computes, as in `play`."""
     run: int = 0
     """Number of the row's run: what the policy draws comes from it."""
+    trust: bool = False
+    """Whether the policy may be a zip of Stable-Baselines3, which can run code."""
+
+    def load(self) -> Policy:
+        """A policy that has seen nothing before, or whose next `begin` makes one."""
+        return open_policy(self.policy, trust=self.trust)
 
     def __str__(self) -> str:
         """In words."""
@@ -89,9 +95,9 @@ def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
     """Do pieces of work of one policy on one track, each with a policy that has seen nothing before: at once or not."""
     first = shards[0]
     how: dict[str, Any] = {"act_limit_s": first.act_limit_s, "control": first.control, "run": first.run}
-    if acts_in_batches(load_policy(first.policy)):
-        return play(load_policy(first.policy), first.track, [shard.scenario for shard in shards], **how)
-    return [play(load_policy(first.policy), first.track, [shard.scenario], **how)[0] for shard in shards]
+    if acts_in_batches(first.load()):
+        return play(first.load(), first.track, [shard.scenario for shard in shards], **how)
+    return [play(first.load(), first.track, [shard.scenario], **how)[0] for shard in shards]
 
 
 def play(policy: Policy, name: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - of `play_scenario`
@@ -112,6 +118,7 @@ def evaluate(
     ray: str | None = None,
     act_limit_s: float = ACT_LIMIT_S,
     run: int = 0,
+    trust: bool = False,
     on_scenario: Callable[[], object] = lambda: None,
 ) -> Score:
     """Let a policy play a track's scenarios.
@@ -127,6 +134,7 @@ def evaluate(
         ray: Address of a Ray cluster to send the scenarios to, `local` for one of `workers` workers here.
         act_limit_s: How long the policy may think about one action [s].
         run: Number of the run, which the policy gets as its seed in every scenario.
+        trust: Whether it may be a zip of Stable-Baselines3, which can run code.
         on_scenario: Called after every scenario, for progress.
 
     Raises:
@@ -145,7 +153,7 @@ def evaluate(
             raise InvalidValueError("scenarios", index, f"an index within 0 … {len(every) - 1}")
     chosen = [every[index] for index in indices]
     if isinstance(policy, str):
-        shards = [Shard(policy, track, split, scenario, act_limit_s, run=run) for scenario in chosen]
+        shards = [Shard(policy, track, split, each, act_limit_s, run=run, trust=trust) for each in chosen]
         results = run_shards(shards, workers=workers, folder=folder, ray=ray, on_done=lambda *_: on_scenario())
     else:
         if workers > 1 or folder is not None or ray is not None:
@@ -198,7 +206,9 @@ def run_shards(
 ) -> list[dict[str, Any]]:
     """Do pieces of work; arguments and results are those of `finish`."""
     require_least(1, workers=workers)
-    policies = {spec: load_policy(spec) for spec in dict.fromkeys(shard.policy for shard in shards)}
+    policies = {spec: shard.load() for spec, shard in {shard.policy: shard for shard in shards}.items()}
+    if not all(map(keeps_to_itself, policies)):
+        folder = None  # what a policy can write is no result
     names: dict[str, tuple[str, str]] = {}
     if folder is not None:
         names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
@@ -214,10 +224,15 @@ def run_shards(
         else k
         for k, shard in enumerate(shards)
     ]
-    return finish(
-        play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
-        label=lambda k: str(shards[k]), on_done=on_done, together=together,
-    )  # fmt: skip
+    if workers > 1 or ray is not None:
+        close_guests()  # each worker has one of its own
+    try:
+        return finish(
+            play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
+            label=lambda k: str(shards[k]), on_done=on_done, together=together,
+        )  # fmt: skip
+    finally:
+        close_guests()
 
 
 def _check_result(shard: Shard, result: dict[str, Any]) -> None:

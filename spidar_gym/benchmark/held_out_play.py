@@ -15,7 +15,7 @@ from spidar_gym.benchmark.verify import require_own_policies
 from spidar_gym.border import require_form
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, require_name
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import close_guests, keeps_to_itself, open_policy
 from spidar_gym.policies.policy import (
     Policy,
     acts_in_batches,
@@ -98,7 +98,7 @@ def choose(
         if name in chosen:
             require_own_policies(row, trust=trust)
             # Most policies without a controller fall everywhere, and tell nothing here; who flies without is named.
-            if names or own is not None or _has_controller(load_policy(row.policies[0])):
+            if names or own is not None or _has_controller(open_policy(row.policies[0])):
                 entrant = _entrant(name, row.kind, row.policies, row.base if row.base in rows else "")
                 found += [entrant] if entrant.conditions else []
     if own is not None:
@@ -110,7 +110,7 @@ def choose(
 
 def _candidate(rows: Mapping[str, Row], specs: Sequence[str], against: str) -> Entrant:
     """One's own policy, and the row that it is compared with."""
-    policies = [load_policy(spec) for spec in specs]
+    policies = [open_policy(spec) for spec in specs]
     require_one_policy(policies, specs)
     name, kind = policy_name(policies[0]), policy_kind(policies[0])
     if against:
@@ -124,7 +124,7 @@ def _candidate(rows: Mapping[str, Row], specs: Sequence[str], against: str) -> E
 
 
 def _entrant(name: str, kind: str, policies: tuple[str, ...], against: str) -> Entrant:
-    defined = defined_on(load_policy(policies[0]))
+    defined = defined_on(open_policy(policies[0]))
     conditions = tuple(name for name, condition in CONDITIONS.items() if condition.env_id in defined)
     return Entrant(name, kind, policies, against, conditions)
 
@@ -153,9 +153,9 @@ def play_episodes(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
     """Play episodes of one policy on one condition, each with a policy that has seen nothing before: at once or not."""
     policy, name = episodes[0].policy, episodes[0].condition
     scenarios, how = [one.scenario for one in episodes], {"track": CONDITIONS[name]}
-    if acts_in_batches(load_policy(policy)):
-        return play(load_policy(policy), name, scenarios, **how)
-    return [play(load_policy(policy), name, [scenario], **how)[0] for scenario in scenarios]
+    if acts_in_batches(open_policy(policy)):
+        return play(open_policy(policy), name, scenarios, **how)
+    return [play(open_policy(policy), name, [scenario], **how)[0] for scenario in scenarios]
 
 
 def play_all(
@@ -179,7 +179,7 @@ def play_all(
     Raises:
         PolicyError: When a policy raises, answers with what is no action, or takes too long.
     """
-    policies = {spec: load_policy(spec) for spec in dict.fromkeys(one.policy for one in episodes)}
+    policies = {spec: open_policy(spec) for spec in dict.fromkeys(one.policy for one in episodes)}
     names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
     batches = {spec: acts_in_batches(policy) for spec, policy in policies.items()}
 
@@ -188,11 +188,18 @@ def play_all(
         words = one.policy, digest, one.condition, one.scenario, code_digest(*BEHAVIOUR, "benchmark/held_out.py")
         return f"{own}/{one.condition}/{digest_of(*words)[:24]}"
 
-    results = finish(
-        play_episodes, episodes, workers=workers, folder=folder, name=name, check=_check_result,
-        label=lambda k: str(episodes[k]), on_done=lambda *_: on_episode(),
-        together=[(e.policy, e.condition) if batches[e.policy] else (k,) for k, e in enumerate(episodes)],
-    )  # fmt: skip
+    if not all(map(keeps_to_itself, policies)):
+        folder = None  # what a policy can write is no result
+    if workers > 1:
+        close_guests()  # each worker has one of its own
+    try:
+        results = finish(
+            play_episodes, episodes, workers=workers, folder=folder, name=name, check=_check_result,
+            label=lambda k: str(episodes[k]), on_done=lambda *_: on_episode(),
+            together=[(e.policy, e.condition) if batches[e.policy] else (k,) for k, e in enumerate(episodes)],
+        )  # fmt: skip
+    finally:
+        close_guests()
     return [result["metrics"] for result in results]
 
 

@@ -17,7 +17,7 @@ from spidar_gym.benchmark.statistics import iqm
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name
 from spidar_gym.files import write_text
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import open_policy
 from spidar_gym.policies.policy import KINDS, check_line, check_name, policy_digest
 from spidar_gym.policies.provenance import processor, versions
 from spidar_gym.robot.description import model_hash
@@ -85,7 +85,7 @@ def make_content(
                 "kind": entrant.kind,
                 "against": entrant.against,
                 "policies": list(entrant.policies),
-                "policies_sha256": [policy_digest(load_policy(policy)) for policy in entrant.policies],
+                "policies_sha256": [policy_digest(open_policy(policy)) for policy in entrant.policies],
                 "runs": {name: [run(policy, name) for policy in entrant.policies] for name in entrant.conditions},
             }
             for entrant in entrants

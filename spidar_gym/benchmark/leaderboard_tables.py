@@ -94,15 +94,17 @@ def track_lines(board: Board, track: str) -> list[list[str]]:
     return lines
 
 
-def text(board: Board, tracks: Sequence[str], *, wide: bool = False) -> str:
-    """The leaderboard for a terminal: within 120 columns, or every metric."""
-    ranked = overall_lines(board), partial_lines(board, tracks)
-    parts = [format_table([line[:-1] for line in lines]) for lines in ranked if len(lines) > 1]
-    for track in tracks:
+def text(board: Board, tracks: Sequence[str] = (), *, wide: bool = False) -> str:
+    """The leaderboard for a terminal, within 120 columns, or every metric; tracks that are chosen come first."""
+    shown = tracks or board.tracks
+    ranked = overall_lines(board), partial_lines(board, shown)
+    overall = [format_table([line[:-1] for line in lines]) for lines in ranked if len(lines) > 1]
+    parts = list[str]()
+    for track in shown:
         if track in board.tracks:
             lines = [line if wide else line[:NARROW] for line in track_lines(board, track)]
             parts.append(f"{track}: {TRACKS[track].doc}\n{format_table(lines)}")
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, *overall] if tracks else [*overall, *parts])
 
 
 def report(row: Row, references: Mapping[str, Row]) -> str:

@@ -79,11 +79,11 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
             raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated anew")
 
 
-def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL) -> Shard:
+def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL, *, trust: bool = False) -> Shard:
     """What has to be played again for a run of a row on the k-th of its scenarios of a track."""
     split = row.split(track)
     scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
-    return Shard(row.policies[run], track, split, scenario, control=control, run=run)
+    return Shard(row.policies[run], track, split, scenario, control=control, run=run, trust=trust)
 
 
 def other_conditions(row: Row, control: str = CONTROL) -> str:
@@ -164,7 +164,7 @@ def verify(
     """
     for name in dict.fromkeys(pick.row for pick in picks):
         require_own_policies(rows[name], trust=trust)
-    shards = [shard_of(rows[pick.row], pick.track, pick.run, pick.k, control) for pick in picks]
+    shards = [shard_of(rows[pick.row], pick.track, pick.run, pick.k, control, trust=trust) for pick in picks]
     checks: dict[int, Check] = {}
 
     def on_done(place: int, result: dict[str, Any]) -> None:

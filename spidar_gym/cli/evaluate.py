@@ -40,7 +40,7 @@ from spidar_gym.cli.console import drawn, goes_on, kept, progress
 from spidar_gym.cli.held_out import held_out
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, refresh, write_text
-from spidar_gym.policies.load import load_policy
+from spidar_gym.policies.guest import open_policy
 from spidar_gym.policies.policy import defined_on, policy_name
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot.description import assets_dir
@@ -73,13 +73,14 @@ def eval_(
     workers: int = cpu_count(),
     ray: str | None = None,
     act_limit: float = ACT_LIMIT_S,
+    trust: Flag = False,
     json: JsonArg = False,
 ) -> None:
     """Evaluate a policy on the benchmark's tracks and write its row; goes on where an interrupted evaluation was.
 
     Args:
-        policy: module:Class, or the path of a learned policy's artifact; several are the runs (training seeds) of one
-            row.
+        policy: module:Class, or the path of a learned policy's artifact or, with --trust, of a model's zip; several
+            are the runs (training seeds) of one row.
         tracks: Tracks; every one on which the policy is defined if none is given.
         baselines: Evaluate every classical baseline, each a row of its own.
         split: test, or validation for choosing among one's own policies.
@@ -89,11 +90,12 @@ def eval_(
         workers: Processes, or workers of a local Ray cluster.
         ray: Address of a Ray cluster to send the scenarios to: local, auto, or host:port.
         act_limit: How long the policy may think about one action [s].
+        trust: Load a zip that Stable-Baselines3 saved, which can run code: only from whom you trust.
     """
     _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
     rows: list[Row] = []
     for specs in [(spec,) for spec in BASELINES] if baselines else [policy]:
-        policies = [load_policy(spec) for spec in specs]
+        policies = [open_policy(spec, trust=trust) for spec in specs]
         require_one_policy(policies, specs)
         defined = defined_on(policies[0])
         chosen = [t for t in (tracks or TRACKS) if TRACKS[t].env_id in defined]
@@ -106,7 +108,7 @@ def eval_(
         with bar, kept(goes_on(bar, cache)):
             scores = evaluate_runs(
                 specs, chosen, scenarios, split=split, workers=workers, folder=cache, ray=ray,
-                act_limit_s=act_limit, on_scenario=bar.update, on_track=bar.set_postfix_str,
+                act_limit_s=act_limit, trust=trust, on_scenario=bar.update, on_track=bar.set_postfix_str,
             )  # fmt: skip
         row = make_row(policies, specs, scores, command=eval_command(specs, tracks, split, scenarios))
         write_row(row, out)
@@ -167,7 +169,7 @@ def show(
 
     Args:
         rows: Folder of one's own rows.
-        tracks: Only these tracks.
+        tracks: Only these tracks, before the ranking of all.
         wide: Every metric, in lines of 230 characters.
     """
     for track in tracks:
@@ -177,7 +179,7 @@ def show(
     if json:
         print(json_text(as_json(board)))
         return
-    print(text(board, tracks or board.tracks, wide=wide))
+    print(text(board, tracks, wide=wide))
     if own:
         print(f"\nfrom {rows}: {', '.join(own)}; the other rows are the committed ones")
 

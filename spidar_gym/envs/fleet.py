@@ -68,6 +68,8 @@ class Fleet:
         self.rewards = np.zeros(robots)
         self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
         self.infos, self.final_infos = np.zeros(robots, info), np.zeros(robots, info)
+        self.told, self.final_told = told(self.infos), told(self.final_infos)
+        """Views of `infos` and `final_infos` by name."""
         self.goals, self.knots = np.zeros((robots, goals), layouts["goal"]), np.zeros((robots, knots), layouts["knot"])
         self.extras: list[np.ndarray] = []
         """Other arrays with an entry for every robot that belong to what a robot is."""
@@ -170,6 +172,7 @@ class Fleet:
             ):  # fmt: skip
                 setattr(self, name, getattr(old, name))
                 self.engine.share(name, getattr(self, name))
+            self.told, self.final_told = old.told, old.final_told
             self.make_room(old.goals.shape[1], old.knots.shape[1])
             self.goals[:, : old.goals.shape[1]], self.knots[:, : old.knots.shape[1]] = old.goals, old.knots
             plants = self.robots["plant"].copy()

@@ -2,15 +2,17 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from spidar_gym.envs.course.task import parse_course
-from spidar_gym.envs.fleet import Fleet, told
+from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.envs.judge import Judge
+from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.engine_structs import SEQUENCES
 from spidar_gym.sim.disturbances import Disturbances
@@ -128,17 +130,42 @@ def said_at_reset(fleet: Fleet, judge: Judge | None, robot: int, options: Mappin
         fleet.go(robot, options["course"])
 
 
-def arrays_of(fleet: Fleet, judge: Judge | None, terms: Iterable[str], *, final: bool) -> dict[str, Any]:
-    """`info` of all robots, words in it as codes: arrays of their own, (N, …) each.
+def arrays_of(
+    fleet: Fleet, judge: Judge | None, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
+    ended: dict[str, np.ndarray] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Build `info` of all robots, words in it as codes: arrays of their own, (N, …) each, and a mask for every entry.
 
     Args:
         fleet: The robots.
         judge: What judges them, where the engine does not.
         terms: Names of the terms of the reward.
-        final: Whether of the ends of episodes after which others have begun in the same step.
+        mask: Of which robots it is (N,).
+        is_drawn: Which robots are drawn (N,).
+        ended: What was drawn of the robots for their last episodes, where it is of these and others have begun.
     """
+    final = ended is not None
     # Each a block of its own: JAX takes no view into records.
-    info = {name: each.copy() for name, each in told(fleet.final_infos if final else fleet.infos).items()}
+    info: dict[str, Any] = {name: each.copy() for name, each in (fleet.final_told if final else fleet.told).items()}
     if judge is not None:
         info["term"] = (judge.final_terms if final else judge.terms).copy()
-    return info | {f"reward_{name}": column for name, column in zip(terms, info["term"].T.copy(), strict=True)}
+    info.update(zip(titles("reward_", terms), info["term"].T.copy(), strict=True))
+    masks = dict.fromkeys(titles("_", info), mask)
+    if draws := ended if final else draws_of(fleet, is_drawn):
+        info["randomization"], masks["_randomization"] = draws, mask & is_drawn
+    return info | masks
+
+
+def draws_of(fleet: Fleet, is_drawn: np.ndarray) -> dict[str, np.ndarray]:
+    """What is drawn of all robots now, by field of `PlantConfig` (N, …); empty where none is drawn."""
+    return drawn(fleet.robots["episode"]["drawn"]) if is_drawn.any() else {}
+
+
+def titles(prefix: str, names: Iterable[str]) -> tuple[str, ...]:
+    """Names with something before them, put together once."""
+    return _titles(prefix, tuple(names))
+
+
+@cache
+def _titles(prefix: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(prefix + name for name in names)

@@ -88,10 +88,12 @@ class Remade(ABC):
         Raises:
             InvalidValueError: For a number below 1 other than −1.
         """
-        self.truncates = max_episode_steps != -1
-        if max_episode_steps is not None and self.truncates:
-            require_least(1, max_episode_steps=max_episode_steps)
-            self.most_steps = int(max_episode_steps)
+        most = None if max_episode_steps == -1 else max_episode_steps
+        if most is not None:
+            require_least(1, max_episode_steps=most)
+        self.truncates, self.most_steps = max_episode_steps != -1, None if most is None else int(most)
+        # It stays where a reset makes the environment anew, and goes before what was said when that was first made.
+        self._arguments = {name: value for name, value in self._arguments.items() if name != "max_episode_steps"}
 
     @property
     def is_over(self) -> bool:
@@ -120,7 +122,6 @@ class Remade(ABC):
                 self.view.close()
                 self._empty()
 
-    @in_turn
     def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
         """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
 

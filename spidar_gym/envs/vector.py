@@ -11,20 +11,20 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from spidar_gym.envs import lanes
 from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.judge import Judge
-from spidar_gym.envs.lanes import arrays_of, autoreset, copied, listed, masked, numbered, parsed, said_at_reset, seeds
 from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.saving import restore, save
-from spidar_gym.envs.single import drawn, words_of
 from spidar_gym.envs.single import info as single_info
+from spidar_gym.envs.single import words_of
 from spidar_gym.envs.turns import in_turn, whole
 from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
@@ -77,7 +77,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self.turn = Turn()
         """Orders the calls on it from several threads."""
         require_least(1, num_envs=num_envs, num_threads=num_threads)
-        mode = autoreset(autoreset_mode)
+        mode = lanes.autoreset(autoreset_mode)
         kind = KINDS[name]
         require_vector_options(SpidarEnv, kind, kind.task_type, options)
         if options.get("render_mode") == "human":
@@ -101,6 +101,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
         self._judge: Judge | None = None
+        self._is_drawn = np.full(num_envs, single.is_drawn)
         self._everybody = np.ones(num_envs, bool)
         self.set_autoreset_mode(mode)
         self._began = False
@@ -116,7 +117,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         Raises:
             InvalidValueError: For a mode that does not exist.
         """
-        self.autoreset_mode = mode = autoreset(mode)
+        self.autoreset_mode = mode = lanes.autoreset(mode)
         self.metadata = {**self.metadata, "autoreset_mode": mode}
         way, same_step = mode.name.lower(), mode is AutoresetMode.SAME_STEP
         if self.sight is not None:
@@ -124,6 +125,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             way = "disabled" if same_step else way  # it is left to what is shown
         self._how["autoreset"] = way
         self.fleet.rules["rules"]["autoreset"] = AUTORESETS.index(way)
+        self.fleet.extras.clear()  # those of the judge until now
         self._judge = self._envs[0].judge(self.fleet, self._judge)
         self._began = False
 
@@ -205,18 +207,18 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
         if "reset_mask" in given:
-            mask = masked(given["reset_mask"], n)
+            mask = lanes.masked(given["reset_mask"], n)
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
-        generators = {k: np_random(one) for k, one in seeds(seed, mask, began=self._began).items()}
-        asked = {name: listed(name, given[name], n) for name in others if name in given and name not in own}
-        chosen = {name: parsed(name, given[name], n, self.task) for name in own if name in given}
+        generators = {k: np_random(one) for k, one in lanes.seeds(seed, mask, began=self._began).items()}
+        asked = {name: lanes.listed(name, given[name], n) for name in others if name in given and name not in own}
+        chosen = {name: lanes.parsed(name, given[name], n, self.task) for name in own if name in given}
         ids = np.flatnonzero(mask)
         if asked:
             self._ask(asked, ids)
             fleet = self.fleet
         for k in ids.tolist():
-            said_at_reset(fleet, self._judge, k, {name: values[k] for name, values in chosen.items()})
+            lanes.said_at_reset(fleet, self._judge, k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
                 generator, self._seeds[k] = generators[k]
                 fleet.seed(k, generator)
@@ -241,6 +243,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
             self._judge = envs[0].judge(self.fleet, self._judge)
         self._envs, self.task = envs, envs[0].task
+        self._is_drawn = np.array([env.is_drawn for env in envs])
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
@@ -248,7 +251,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         if self._shown is None:
             return self._shows.observations.copy()
         self._shown.look(self.fleet, self._shows.observations)
-        return copied(self._shown.now)
+        return lanes.copied(self._shown.now)
 
     @in_turn
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -270,15 +273,16 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             InvalidValueError: For actions of the wrong shape or with a NaN; nothing has moved.
             SpidarError: When `reset` was never called.
         """
-        fleet = self.fleet
+        fleet, same_step = self.fleet, self.autoreset_mode is AutoresetMode.SAME_STEP
+        before = lanes.draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode's are written over them
         self.advance(actions)
         info = self._info(self._everybody.copy())
-        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and fleet.begun.any():
+        if same_step and fleet.begun.any():
             begun = fleet.begun.copy()
-            info["final_obs"], info["_final_obs"] = copied(self.buffers["final_observations"]), begun
-            info["final_info"], info["_final_info"] = self._info(begun, final=True), begun
+            info["final_obs"], info["_final_obs"] = lanes.copied(self.buffers["final_observations"]), begun
+            info["final_info"], info["_final_info"] = self._info(begun, ended=before), begun
         ends = fleet.terminated.copy(), fleet.truncated.copy()
-        return copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
+        return lanes.copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
 
     @in_turn
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
@@ -302,7 +306,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         if ids is not None and self._judge is not None:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
-        ids = None if ids is None else np.array(numbered(ids, self.num_envs, rising=True), np.int32)
+        ids = None if ids is None else np.array(lanes.numbered(ids, self.num_envs, rising=True), np.int32)
         fleet.actions[:] = given
         if self._judge is None and self._shown is None:
             fleet.step(ids)
@@ -315,17 +319,15 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             if self._shown is not None:
                 self._shown.conclude(fleet, self._judge, ids)
 
-    def _info(self, mask: np.ndarray, *, final: bool = False) -> dict[str, Any]:
-        """What is told of robots, and of whom: Gymnasium's vectors have a mask for every entry; here it is one."""
-        info = arrays_of(self.fleet, self._judge, self._single.reward_terms, final=final)
-        if self._single.is_drawn:
-            info["randomization"] = drawn(self.robots["episode"]["drawn"])
-        return info | {f"_{name}": mask for name in info}
+    def _info(self, mask: np.ndarray, *, ended: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
+        """As `arrays_of`."""
+        terms = self._envs[0].reward_terms
+        return lanes.arrays_of(self.fleet, self._judge, terms, mask, self._is_drawn, ended=ended)
 
     @in_turn
     def ended(self, robot: int) -> dict[str, Any]:
         """How the last episode of a robot ended that has begun anew in the same step, as `info` of a single one."""
-        own, judge = self._single, self._judge
+        own, judge = self._envs[robot], self._judge
         values = None if judge is None else judge.final_terms[robot]
         record = self.fleet.final_infos[robot : robot + 1]
         return single_info(record, own.reward_terms, values, words_of(own.failures, own.words))
@@ -390,7 +392,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """Robots by number."""
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        return numbered(ids, self.num_envs)
+        return lanes.numbered(ids, self.num_envs)
 
     def close(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads once their tick is done; a second call does nothing."""

@@ -45,9 +45,8 @@ def load_policy(spec: str, *, trust: bool = False) -> Policy:
 def _load_zip(spec: str, trust: bool) -> Policy:
     if not trust:
         raise PolicyError(
-            f"policy {spec}: a zip of Stable-Baselines3 can run code; valid: `spidar run` with --trust, if you trust "
-            f"who made it, or an artifact *{ARTIFACT}; to rank it, a module:Class that loads it "
-            "(docs/tutorials/train_a_residual.md)"
+            f"policy {spec}: a zip of Stable-Baselines3 can run code; valid: --trust, if you trust who made it, or an "
+            f"artifact *{ARTIFACT}"
         )
     # Looked up when it is asked for: the library works without the learning frameworks that this loads.
     return importlib.import_module("spidar_gym.plugins").StablePolicy(Path(spec))

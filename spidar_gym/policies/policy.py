@@ -69,6 +69,8 @@ class BatchPolicy(Policy, Protocol):
 
 def acts_in_batches(policy: Policy) -> TypeGuard[BatchPolicy]:
     """Whether a policy can act for many robots, as it acts for one: who changes the one way has to say the other."""
+    if isinstance(told := getattr(policy, "in_batches", None), bool):  # a guest's description says it
+        return told
     for one, many in (("reset", "reset_batch"), ("act", "act_batch")):
         for level in (vars(policy) if hasattr(policy, "__dict__") else {}, *map(vars, type(policy).__mro__)):
             if many in level:

@@ -22,7 +22,7 @@ class PolicyError(SpidarError):
 
 def module_of(spec: str) -> tuple[str, str]:
     """Module and class of a specification `module:Class`."""
-    return split_name("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT}")
+    return split_name("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT} or of a model *{ZIP}")
 
 
 def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, str]:
@@ -35,6 +35,8 @@ def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, 
 
 def is_own(spec: str) -> bool:
     """Whether nothing but our own code runs for it: the package's, a committed baseline's, or none, for an artifact."""
+    if spec.endswith(ZIP):
+        return False
     return spec.endswith(ARTIFACT) or _home(module_of(spec)[0].split(".")[0]) is not None
 
 
@@ -66,6 +68,8 @@ def source_file(spec: str) -> Path:
     """
     if spec.endswith(ARTIFACT):
         return artifact_file(Path(spec))
+    if spec.endswith(ZIP):
+        return Path(spec)
     origin = find_module(module_of(spec)[0])[-1].origin
     if origin is None:
         raise PolicyError(f"policy {spec}: a folder without code; valid: module:Class")

@@ -100,7 +100,7 @@ def assert_sound(row):
         {"qp": base, "course_rule": base, row.name if row.name not in ("qp", "course_rule") else "other": row}
     )
     json.dumps(as_json(board), allow_nan=False)
-    page, shown = markdown(board), text(board, board.tracks, wide=True)
+    page, shown = markdown(board), text(board, wide=True)
     assert not re.search(r"<[a-zA-Z/!?]|\]\(javascript", page)
     assert all(line.isprintable() for line in (*page.splitlines(), *shown.splitlines()))
     tables = [part.splitlines() for part in page.split("\n\n") if part.startswith("| ")]

@@ -198,6 +198,9 @@ def test_a_policy_is_told_the_runs_number_and_nothing_of_the_scenario(short):
             return np.zeros(6)
 
     class Many(Zero):
+        def reset(self, seed):  # of a scenario that is played alone
+            told.append(seed)
+
         def reset_batch(self, seeds):
             told.extend(seeds)
 

@@ -180,7 +180,7 @@ def test_only_a_row_that_learned_with_fewer_than_five_runs_is_flagged(kind, runs
     flagged = kind != "classical" and runs < 5
     page = markdown(board)
     assert ("† fewer than 5 training runs" in page) == flagged
-    for shown in (page, text(board, board.tracks)):
+    for shown in (page, text(board)):
         assert all(("own †" in line) == flagged for line in lines_of(shown, "own"))
         assert len(lines_of(shown, "own")) == 2
         assert "qp †" not in shown
@@ -246,7 +246,10 @@ def test_tables_are_sorted_by_score_and_rows_without_an_overall_score_have_their
         scores = [float(line["score"].split()[0]) for line in table(page, track)]
         assert scores == sorted(scores, reverse=True)
     assert [line["policy"] for line in table(page, GROUND)] == ["lone", "good", "qp", "bad"]
-    shown = [line.split() for line in text(full, [GROUND]).split(f"\n\n{GROUND}")[0].splitlines() if line]
+    asked, ranked = text(full, [GROUND]).split("\n\n", 1)
+    assert asked.startswith(f"{GROUND}: ")
+    assert text(full).startswith(ranked[:40])
+    shown = [line.split() for line in ranked.splitlines() if line]
     assert [line[0] for line in shown if line[0] in full.rows] == ["good", "flier", "qp", "bad", "lone"]
     assert "lone" not in text(full, [FLIGHT])
     assert shown[-1][:7] == ["lone", "classical", "1", GROUND, "1", "of", "4"]
@@ -256,7 +259,7 @@ def test_a_terminal_shows_lines_of_at_most_120_columns_and_every_metric_when_ask
     name = "a_name_as_long_as_ours"
     rows = dict(full.rows) | {name: made_row({FLIGHT: [errors(), errors()]}, name, "learned")}
     board = tabulate(rows)
-    narrow, wide = text(board, board.tracks), text(board, board.tracks, wide=True)
+    narrow, wide = text(board), text(board, wide=True)
     assert max(map(len, narrow.splitlines())) <= 120
     assert "Wh" not in narrow
     assert max(map(len, wide.splitlines())) > 150

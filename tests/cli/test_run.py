@@ -2,6 +2,7 @@
 
 import ctypes.util
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from support.commands import LEARNED, ROOT, files, refused
 from support.zips import Trap, changed, learned, packed
 
 from spidar_gym import viz
+from spidar_gym.benchmark.row import read_rows
 from spidar_gym.cli.main import main
 from spidar_gym.cli.run import COURSE_PACE
 from spidar_gym.envs import env
@@ -187,6 +189,22 @@ def test_a_trusted_zip_flies_after_a_warning_of_one_line(model, capfd):
 
 
 @pytest.mark.train
+def test_a_trusted_zip_is_ranked_by_its_path_and_verified(model, here, capfd):
+    asked = ["eval", "--policy", str(model), "--tracks", "flight-paper", "--scenarios", "1", "--trust", "--out", "rows"]
+    for workers in ("1", "2"):
+        main([*asked, "--workers", workers])
+    (row,) = read_rows(Path("rows")).values()
+    assert (row.kind, row.policies) == ("learned", (str(model),))
+    capfd.readouterr()
+    check = ["leaderboard", "verify", "--rows", "rows", "--sample", "1", "--workers", "1"]
+    with pytest.raises(SystemExit):
+        main(check)
+    assert "is code from outside" in capfd.readouterr().err
+    main([*check, "--trust"])
+    assert "1 equal bit for bit" in capfd.readouterr().out
+
+
+@pytest.mark.train
 @pytest.mark.parametrize("option", ["--policy", "--against"])
 def test_of_a_zip_without_trust_nothing_runs(option, model, here, capfd):
     trap = here / "trap.zip"
@@ -194,9 +212,9 @@ def test_of_a_zip_without_trust_nothing_runs(option, model, here, capfd):
         trap.write_bytes(changed(file.read(), observation_space=packed(Trap(here / "sprung"))))
     before = ["--policy", LEARNED] if option == "--against" else []
     line = refused(capfd, "run", *before, option, "trap.zip", "--seconds", "0.1")
-    assert "trap.zip: a zip of Stable-Baselines3 can run code; valid: `spidar run` with --trust" in line
+    assert "trap.zip: a zip of Stable-Baselines3 can run code; valid: --trust, if you trust who made it" in line
     line = refused(capfd, "eval", "--policy", "trap.zip", "--scenarios", "1")
-    assert "to rank it, a module:Class" in line
+    assert "trap.zip: a zip of Stable-Baselines3 can run code; valid: --trust, if you trust who made it" in line
     assert list(files(here)) == ["trap.zip"]
 
 

@@ -1,6 +1,8 @@
 """Pins how long an episode is: one argument is enough, success is judged at its end, the spec tells the truth."""
 
+import copy
 import json
+import pickle
 
 import gymnasium
 import numpy as np
@@ -66,6 +68,18 @@ def test_a_horizon_beyond_the_registered_one_is_flown_to_its_end():
     env.reset(seed=0)
     ends = [env.step(np.zeros(6))[2:4] for _ in range(810)]
     assert ends == [(False, False)] * 809 + [(False, True)]
+
+
+@pytest.mark.parametrize("copied", [lambda spec: spec, copy.deepcopy, lambda spec: pickle.loads(pickle.dumps(spec))])
+def test_another_end_than_that_of_a_spec_is_where_success_is_judged(copied):
+    spec = copied(gymnasium.make(HOVER, forms="form1", perturbation=0.0, max_episode_steps=20).spec)
+    for steps in (10, 30, -1):
+        env = gymnasium.make(spec, max_episode_steps=steps)
+        for options in ({}, {"joint_speed": 0.4}):  # the second makes the environment anew
+            env.reset(seed=0, options=options)
+            ends = [env.step(np.zeros(6)) for _ in range(30)]
+            assert [truncated for *_, truncated, _ in ends] == [k >= steps > 0 for k in range(1, 31)]
+            assert [info["is_success"] for *_, info in ends] == [k >= steps > 0 for k in range(1, 31)]
 
 
 def test_an_episode_without_limit_is_never_truncated_and_a_success_from_its_horizon_on():

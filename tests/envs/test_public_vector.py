@@ -7,6 +7,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 
 from spidar_gym.envs.codes import Coded
+from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv
 
@@ -31,6 +32,7 @@ OTHERWISE = {
     "np_random": "copies: what is drawn of them moves no robot's; Gymnasium's are the environments' own",
     "np_random_seed": "−1 before the first reset, and where nothing seeds",
     "step": "in the mode Disabled robots go on after their ends, where Gymnasium's own refuses",
+    "info": "`randomization` is there where robots are drawn: an empty dictionary is no array; words are codes",
     "spec": "no kwargs of the sync vector",
     "unwrapped": "itself",
 }
@@ -113,6 +115,63 @@ def test_info_has_the_keys_and_numbers_of_the_single_environment(name, drawn):
     native.close()
 
 
+def test_what_was_drawn_of_an_episode_is_told_at_its_end_and_of_those_alone_that_are_drawn():
+    native, own = both(HOVER, mode=AutoresetMode.SAME_STEP, max_episode_steps=2, randomization=1.0)
+    for vector in (native, own):
+        vector.reset(seed=4)
+    action = np.zeros(native.action_space.shape, np.float32)
+    for _ in range(4):
+        *_, told = native.step(action)
+        *_, known = own.step(action)
+        for now, then in ((told, known), (told.get("final_info", {}), known.get("final_info", {}))):
+            for field, values in now.get("randomization", {}).items():
+                np.testing.assert_array_equal(values, then["randomization"][field], err_msg=field)
+    assert "final_info" in told
+    _, told = native.reset(seed=4, options={"randomization": [0.0, 1.0]})
+    assert told["_randomization"].tolist() == [False, True]
+    _, told = native.reset(seed=4, options={"randomization": 0.0})
+    assert not {"randomization", "_randomization"} & told.keys()
+    native.close()
+    own.close()
+
+
+class Standing(FlightTask):
+    """A task of two terms."""
+
+    reward_terms = {"calm": (0.5, "1"), "still": (0.5, "0")}
+    failures = ("diverged",)
+
+    def terms(self, robots):
+        return {"calm": np.ones(len(robots)), "still": np.zeros(len(robots))}
+
+    def failed(self, robots):
+        return {}
+
+    def succeeded(self, robots):
+        return np.ones(len(robots), bool)
+
+
+def test_info_names_the_terms_of_a_task_that_a_reset_gives():
+    native = gymnasium.make_vec(HOVER, 2)
+    assert "reward_position" in native.reset(seed=0)[1]
+    _, told = native.reset(options={"task": Standing})
+    assert [(name, told[name].tolist()) for name in told if name.startswith("reward_")] == [
+        ("reward_calm", [1.0, 1.0]), ("reward_still", [0.0, 0.0]),
+    ]  # fmt: skip
+    native.close()
+
+
+def test_a_mode_that_is_chosen_later_leaves_what_is_saved_as_it_is():
+    chosen = gymnasium.make_vec(HOVER, 2, task=Standing)
+    chosen.set_autoreset_mode("SameStep")
+    given = gymnasium.make_vec(HOVER, 2, task=Standing, autoreset_mode="SameStep")
+    for vector in (chosen, given):
+        vector.reset(seed=0)
+    assert chosen.save() == given.save()
+    for vector in (chosen, given):
+        vector.close()
+
+
 @pytest.mark.parametrize("through", ["itself", "json"])
 @pytest.mark.parametrize("arguments", [{}, {"max_episode_steps": 3}, {"horizon_s": 0.5}, {"max_episode_steps": -1}])
 @pytest.mark.parametrize("name", IDS)
@@ -138,3 +197,23 @@ def test_recordings_play_in_real_time(name, hold):
     for env in (one, many):
         assert env.metadata["render_fps"] == pytest.approx(1.0 / seconds, rel=1e-9)
         env.close()
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "depth_array"])
+@pytest.mark.parametrize("name", IDS)
+def test_the_same_state_is_the_same_picture_to_the_byte_whatever_was_drawn_before(name, mode):
+    options = {"render_mode": mode, "width": 96, "height": 72}
+    one, many = gymnasium.make(name, **options), gymnasium.make_vec(name, 2, **options)
+    one.reset(seed=0)
+    first = one.render()
+    one.step(np.full(one.action_space.shape, 0.5, np.float32))
+    assert not np.array_equal(one.render(), first)
+    one.reset(seed=1)
+    later = one.render()
+    one.reset(seed=0)
+    many.reset(seed=0)
+    for picture in (one.render(), one.render(), many.render()[0], many.unwrapped.render([1, 0])[1]):
+        assert np.array_equal(picture, first)
+    assert np.array_equal(many.unwrapped.render([1])[0], later)
+    one.close()
+    many.close()

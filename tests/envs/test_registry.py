@@ -85,6 +85,31 @@ def test_whichever_is_imported_first_gymnasium_knows_every_environment(imports):
     assert done.stdout.split() == list(ENVIRONMENTS)
 
 
+LOOKS = {
+    "a look": "importlib.util.find_spec('gymnasium')",
+    "looks of threads": "look = lambda _: importlib.util.find_spec('gymnasium')\n"
+    "with concurrent.futures.ThreadPoolExecutor(8) as threads:\n    [*threads.map(look, range(64))]",
+    "a look and a reload": "importlib.util.find_spec('gymnasium'); importlib.reload(spidar_gym)",
+    "two reloads": "importlib.reload(spidar_gym); importlib.reload(spidar_gym)",
+    "a package that is imported anew": "del sys.modules['spidar_gym']; import spidar_gym",
+    "an import that fails": "sys.modules['gymnasium.core'] = None\ntry:\n    import gymnasium\n"
+    "except ImportError:\n    [sys.modules.pop(n) for n in [*sys.modules] if n.startswith('gymnasium')]",
+}
+"""What may happen before Gymnasium is imported."""
+
+
+@pytest.mark.parametrize("first", LOOKS)
+def test_what_happens_before_gymnasium_is_imported_uses_no_registration_up(first):
+    code = (
+        f"import concurrent.futures, importlib.util, sys, spidar_gym\n{LOOKS[first]}\nimport gymnasium\n"
+        "print(*(name for name in gymnasium.registry if name.startswith('spidar_gym/')))\n"
+        "assert not any(type(finder).__name__ == '_Registration' for finder in sys.meta_path[:1])\n"
+        "assert importlib.reload(spidar_gym) and importlib.util.find_spec('gymnasium')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == list(ENVIRONMENTS)
+
+
 def test_without_gymnasium_its_import_fails_as_always_and_the_package_works():
     code = (
         "import sys, spidar_gym.control\nsys.modules['gymnasium'] = None\n"

@@ -154,7 +154,7 @@ def test_a_closed_controller_and_one_of_another_version_are_refused(kind, monkey
             pickle.loads(packed)
     closed = kind()
     closed.close()
-    with pytest.raises(SpidarError, match="closed; valid: a copy made before"):
+    with pytest.raises(SpidarError, match="closed; valid: a new one"):
         copy.deepcopy(closed)
 
 

@@ -40,8 +40,9 @@ def test_a_zip_without_trust_is_refused_in_a_line_that_says_what_is_valid_and_lo
     refusal, loaded = asked("", repr(str(path))).splitlines()
     assert loaded == "False"
     assert refusal.startswith(f"PolicyError policy {path}: a zip of Stable-Baselines3 can run code; valid: ")
-    for valid in ("--trust", "*.npz", "module:Class"):
+    for valid in ("--trust", "*.npz"):
         assert valid in refusal
+    assert len(refusal) < len(str(path)) + 160
 
 
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])

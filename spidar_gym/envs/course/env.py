@@ -163,7 +163,6 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             return read_course(robot["course"])
         return CourseProgress.read(robot) if name == "episode" else super()._read(name)
 
-    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,

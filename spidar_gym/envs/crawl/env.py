@@ -136,7 +136,6 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             return tuple(robot["way"].tolist())
         return CrawlProgress.read(robot) if name == "episode" else super()._read(name)
 
-    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,

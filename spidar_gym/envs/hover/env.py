@@ -166,7 +166,6 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, Progress]):
         self._goals = progress.goals
         return progress
 
-    @in_turn
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,

@@ -490,8 +490,7 @@ typedef struct {
     double goal_margin, level_margin, slip_margin, most_power; /* [m], [rad], [m/s], [W] */
     double turn_length, max_tilt, max_astray; /* of a radian [m]; beyond which a crawl is over [rad], [m] */
     double success_position, success_yaw, success_airborne, success_slip, success_time; /* bounds of a success */
-    double saturated; /* a servo this close to its largest torque is [Nm] */
-    double rest_time, rest_speed, rest_turn, rest_joint_speed, rest_thrust; /* without a gait, what lies so long, no faster than this and with so little thrust, is finished at the goal [s], [m/s], [rad/s], [rad/s], of the weight */
+    double saturated, rest_time, rest_speed, rest_turn, rest_joint_speed, rest_thrust; /* a servo this close to its largest torque is [Nm]; a rest: [s], [m/s], [rad/s], [rad/s], of the weight */
 } sp_crawl_rules;
 
 /* A robot on the ground: simulated, controlled, and what it is to do. */
@@ -506,12 +505,11 @@ typedef struct {
     double nominal_time; /* where joints and torso go exactly as planned [s] */
     double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
     double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
-    int32_t crawled, swing_ticks, timeouts; /* ticks; those of the swing; phases that ended by time-out */
-    int32_t rested; /* ticks, up to now, of resting at the goal, where there is no gait */
+    int32_t crawled, swing_ticks, timeouts, rested; /* ticks; of the swing; phases timed out; of rest till now */
     double finished; /* when the gait was done, or without one had rested at the goal [s]; 0 before */
     double airborne_ticks[4], foot_slip[4], peg_slip[4]; /* ticks of the swing in the air; ways on the floor [m] */
     double duct_clearance; /* least so far [m] */
-    int32_t duct_contact; /* whether a duct has touched the floor */
+    int32_t duct_contact; /* whether a duct touched it */
     double saturation, thrust, thrust_peak; /* sums over ticks: saturated joints, thrust over weight; its peak */
     double tilt_legs, tilt_torso; /* largest tilt while legs are lifted, while the torso moves [rad] */
 } sp_crawling;
