@@ -290,10 +290,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
         Args:
             actions: As of `step`.
-            ids: Which robots move, in rising order; all if not given. A task of your own moves all.
-
-        Raises:
-            InvalidValueError: As of `step`, and for robots that there are not; nothing has moved.
+            ids: Which robots move, in rising order (`InvalidValueError` for others); all if not given. A task of your own
+                moves all.
         """
         fleet = self.fleet
         shape = fleet.actions.shape
