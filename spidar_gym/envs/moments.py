@@ -156,7 +156,15 @@ class Restorable(ABC):
         return seen
 
     def _become(self, arrays: dict[str, np.ndarray]) -> tuple[Any, dict[str, Any]]:
-        """Take over what was saved; where this raises, some of it may have been."""
+        """Go on from what was saved, observation and info of that; where this raises, some of it may be taken over."""
+        self._take_over(arrays)
+        if self.fleet is None:  # Python raises what it likes at numbers that mean nothing: a period shows, and is undone
+            self._control_period()
+            self._take_over(arrays)
+        return self._shown()
+
+    def _take_over(self, arrays: dict[str, np.ndarray]) -> None:
+        """Remember what was saved, all of it new."""
         known = unpack_values(arrays["words"], arrays["numbers"], self._modules())
         parts, fleet = dict(self._parts()), self.fleet
         _require_parts(known, parts)
@@ -167,7 +175,6 @@ class Restorable(ABC):
             saving.restore(fleet, arrays["robot"].tobytes() if "robot" in arrays else b"", [0])
             self.plant.refresh()
             self._forget()
-        return self._shown()
 
     def _way_back(self) -> Callable[[], None]:
         """What lets everything be again as it is now."""
@@ -235,6 +242,10 @@ class Restorable(ABC):
     @abstractmethod
     def _rule(self, fleet: Fleet) -> None:
         """Write the task into the engine's rules."""
+
+    @abstractmethod
+    def _control_period(self) -> str:
+        """A period of controller and robot, where Python runs them; why the episode is over, empty where it is not."""
 
     @abstractmethod
     def _forget(self) -> None:
