@@ -158,7 +158,7 @@ class Restorable(ABC):
     def _become(self, arrays: dict[str, np.ndarray]) -> tuple[Any, dict[str, Any]]:
         """Go on from what was saved, observation and info of that; where this raises, some of it may be taken over."""
         self._take_over(arrays)
-        if self.fleet is None:  # Python raises what it likes at numbers that mean nothing: a period shows, and is undone
+        if self.fleet is None:  # Python may raise anything at what means nothing: a period shows, and is undone
             self._control_period()
             self._take_over(arrays)
         return self._shown()

@@ -26,6 +26,10 @@ VALID = (
     "numbers, text, arrays, lists, tuples, sets, dictionaries, dataclasses, generators; anything in copy.deepcopy(env)"
 )
 """What can be written."""
+MOST_VALUES = 10**6
+"""Values in a value, each as often as it is there."""
+MOST_DIGITS = 1000
+"""Hexadecimal digits of a whole number: Python shows no more."""
 _CONTAINERS: dict[str, Any] = {kind.__name__: kind for kind in (list, tuple, set, frozenset)}
 _KINDS = ("float", "int", "bytes", "array", "number", "deque", "dict", "generator", "word", "named", "data")
 _DTYPE = re.compile(r"[<>|][biufcUS]\d+")
@@ -56,11 +60,11 @@ def unpack_values(words: np.ndarray, numbers: np.ndarray, modules: Collection[st
         told = parse_json(words.tobytes())
         reader = _Reader(numbers.tobytes(), modules)
         for node in told["nodes"]:
-            reader.made.append(reader.make(*node))
+            reader.append(*node)
         return {name: reader.value(value) for name, value in told["values"]}
     except SpidarError:
         raise
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError) as error:
         raise SpidarError(f"these are no saved values ({shown(error)}); valid: what save_state() gave") from error
 
 
@@ -179,10 +183,23 @@ class _Reader:
     def __init__(self, numbers: bytes, modules: Collection[str]) -> None:
         self._numbers, self._modules = numbers, modules
         self.made: list[Any] = []
+        self._sizes: list[int] = []
+        self._size = 0
 
     def value(self, told: Any) -> Any:  # noqa: ANN401 - JSON; any value
         """What stands for a value, as `_Writer.write` gave it."""
-        return self.made[told[0]] if isinstance(told, list) else told
+        if not isinstance(told, list):
+            return told
+        self._size += self._sizes[told[0]]
+        return self.made[told[0]]
+
+    def append(self, kind: str, *told: Any) -> None:  # noqa: ANN401 - JSON
+        """Make the next node, bounded as if its parts were not shared: Python hashes each as often as it is there."""
+        self._size = 1
+        self.made.append(self.make(kind, *told))
+        if self._size > MOST_VALUES:
+            raise ValueError(f"more than {MOST_VALUES} values in one")
+        self._sizes.append(self._size)
 
     def make(self, kind: str, *told: Any) -> Any:  # noqa: ANN401 - JSON; any value
         """The value of a node."""
@@ -196,6 +213,8 @@ class _Reader:
         return float(text)
 
     def _int(self, text: str) -> int:
+        if len(text) > MOST_DIGITS:
+            raise ValueError(f"a whole number of more than {MOST_DIGITS} digits")
         return int(text, 16)
 
     def _bytes(self, at: int, size: int) -> bytes:
@@ -205,12 +224,12 @@ class _Reader:
         if any(size < 0 for size in shape):
             raise ValueError(f"an array of shape {shape}")
         array = np.frombuffer(self._numbers, _dtype(dtype), math.prod(shape), at).reshape(shape, order=order)
-        array = array.copy(order)
+        array = _sound(array.copy(order))
         array.flags.writeable = bool(writeable)
         return array
 
     def _number(self, dtype: str, at: int) -> Any:  # noqa: ANN401 - of numpy
-        return np.frombuffer(self._numbers, _dtype(dtype), 1, at)[0]
+        return _sound(np.frombuffer(self._numbers, _dtype(dtype), 1, at))[0]
 
     def _deque(self, told: list[Any], most: int | None) -> deque[Any]:
         return deque(map(self.value, told), most)
@@ -223,6 +242,9 @@ class _Reader:
             self.value(told["entropy"]), spawn_key=self.value(told["key"]), n_children_spawned=told["spawned"]
         )
         bits, (state, increment) = np.random.PCG64(seeds), (int(text, 16) for text in told["state"])
+        is_stream = 0 <= state < 2**128 and 0 <= increment < 2**128 and increment % 2
+        if not (is_stream and told["half"][0] in (0, 1) and told["half"][1] in range(2**32)):
+            raise ValueError("a generator that comes back to where it was")
         bits.state = {
             "bit_generator": "PCG64", "state": {"state": state, "inc": increment}, "has_uint32": told["half"][0],
             "uinteger": told["half"][1],
@@ -249,6 +271,15 @@ class _Reader:
         if found is None:
             raise SpidarError(f"there is no class {name:.99} here; valid: those of the environment and its controller")
         return found
+
+
+def _sound(array: np.ndarray) -> np.ndarray:
+    """An array whose bytes are what numpy writes for flags and text."""
+    if array.dtype.kind == "b" and array.size and array.view(np.uint8).max() > 1:
+        raise ValueError("a flag that is neither")
+    if array.dtype.kind == "U" and array.size and array.copy().reshape(-1).view("u4").max() > sys.maxunicode:
+        raise ValueError("a letter that is none")
+    return array
 
 
 def _dtype(text: str) -> np.dtype[Any]:

@@ -290,8 +290,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
         Args:
             actions: As of `step`.
-            ids: Which robots move, in rising order (`InvalidValueError` for others); all if not given. A task of your own
-                moves all.
+            ids: Which robots move, in rising order (else `InvalidValueError`); all if None, and by your task.
         """
         fleet = self.fleet
         shape = fleet.actions.shape

@@ -1,15 +1,17 @@
-"""Saved robots and states of which one thing was changed and the seal made anew: refused, or flown on; never the end."""
+"""Saved robots and states of which one thing was changed and the seal made anew: refused, or flown on."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
-from support.hostile_states import CASES, numbers
+from support.hostile_states import CASES, numbers, sealed
 
-from spidar_gym.envs.registry import HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.errors import SpidarError
 from spidar_gym.native import limits, structs
 from spidar_gym.native.engine_structs import engine_layouts
@@ -59,6 +61,72 @@ def test_a_whole_number_without_bounds_is_an_error(monkeypatch):
     with pytest.raises(LookupError, match=r"goal\.reached is a whole number without bounds"):
         limits.numbers_of("goal")
     limits.numbers_of.cache_clear()
+
+
+def _on_no_path(r):
+    r["manager"]["memory"]["phase"], r["manager"]["knot_count"] = 4, 0
+
+
+def _of_tiles(r):
+    r["course"]["count"] = 3
+    gates = r["course"]["gates"][:, :3]
+    gates["kind"], gates["begin"], gates["end"] = 4, 2.0, 5.5
+
+
+def _in_a_phase(r):
+    r["crawl"]["gait"]["phase"], r["crawl"]["gait"]["count"] = 3, 0
+
+
+def _stuck(r):
+    r["plant"]["is_stuck"], r["plant"]["disturbances"]["lost_rotor"] = 1, 0
+
+
+def _mode(r):
+    r["flight"]["mode"]["m"] -= 1
+
+
+def _config(r):
+    r["flight"]["config"]["allocator"]["max_iter"] += 1
+
+
+def _goal(r):
+    r["current"] = r["goals"]
+
+
+def _stream(r):
+    r["episode"]["generator"]["increment_low"] &= ~np.uint64(1)
+
+
+def _failure(r):
+    r["episode"]["failure"] = 4
+
+
+def _far(r):
+    r["plant"]["row"][:, 50] = 1e7
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        (COURSE, _on_no_path, "manager.knot_count is 0 on a path"),
+        (COURSE, _of_tiles, "course.gates take more boxes than there is room for"),
+        (CRAWL, _in_a_phase, "crawl.gait.phase is none of the present step's"), (HOVER, _stuck, "plant.is_stuck"),
+        (HOVER, _mode, "flight.mode is another than config's"), (HOVER, _config, "config.allocator.max_iter is"),
+        (HOVER, _goal, "current is none of the goals"), (CRAWL, _stream, "episode.generator draws nothing"),
+        (CRAWL, _failure, "episode.failure"), (HOVER, _far, "plant.row is nowhere"),
+    ],
+)  # fmt: skip
+def test_numbers_that_do_not_fit_together_are_refused(name, change, words):
+    """Each is within its bounds; some led out of arrays, others into loops without an end."""
+    env = gymnasium.make_vec(name, 1).unwrapped
+    env.reset(seed=0)
+    env.step(np.zeros(env.action_space.shape))
+    good, robots = env.save(), env.fleet.robots.copy()
+    change(robots)
+    with pytest.raises(SpidarError, match=re.escape(words)):
+        env.restore(sealed(good, 0, robots.tobytes()))
+    assert env.save() == good
+    env.close()
 
 
 def test_what_is_wrong_is_named():

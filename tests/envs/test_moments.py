@@ -34,6 +34,7 @@ from support.moments import (
 
 from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.envs import kept, moments
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HORIZON, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
@@ -266,6 +267,15 @@ def test_a_copy_draws_with_a_context_of_its_own(control):
 
 
 # ---- what is refused ----
+
+
+@pytest.mark.parametrize(("name", "control"), EVERY)
+def test_every_attribute_that_is_saved_of_our_own_classes_has_a_kind(name, control):
+    env = begun(hardest(name, control), ticks=3).unwrapped
+    for path, part in env._parts():
+        if not isinstance(part, moments.IN_BYTES):
+            kinds = kept.KEPT_BY_ENVIRONMENTS if part is env else kept.KEPT[type(part)]
+            assert {*moments._names(part)} <= {*kinds, "task"}, path
 
 
 def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkeypatch):

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -195,4 +196,41 @@ def test_a_window_shows_a_single_robot_and_without_a_mode_there_is_no_picture():
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="without a render_mode"):
         assert env.render() is None
+    env.close()
+
+
+class Odd:
+    """No number, and rude about it."""
+
+    def __array__(self, *_, **__):
+        raise KeyError("no")
+
+
+NO_ROBOTS = [
+    5, "01", ["a", 1], [float("nan"), 1], [[0, 1]], [[0], [1, 2]], [2**70, 1], {0, 1}, [None], [0, 0], [-1], [2],
+    [0.0, 1.0], [Odd()], Odd(), iter([0]),
+]  # fmt: skip
+
+
+def test_what_are_no_numbers_of_robots_is_refused_in_a_line_in_every_call(monkeypatch):
+    """Some of them were bare exceptions; `advance` handed them to MuJoCo, which ended the process."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # users have no type checker
+    env: Any = NativeVectorEnv(HOVER, 2, render_mode="rgb_array")
+    env.reset(seed=0)
+    saved, actions = env.save(), np.zeros(env.action_space.shape)
+    ways = {
+        "save": env.save, "restore": lambda ids: env.restore(saved, ids), "render": env.render,
+        "advance": lambda ids: env.advance(actions, ids),
+        "mask": lambda ids: env.reset(options={"reset_mask": ids}),
+    }  # fmt: skip
+    before = env.robots.tobytes()
+    for name, call in ways.items():
+        for ids in NO_ROBOTS:
+            with pytest.raises(InvalidValueError, match=r"^ids|^reset_mask") as error:
+                call(ids)
+            assert "\n" not in str(error.value), name
+    with pytest.raises(InvalidValueError, match="rising order"):
+        env.advance(actions, [1, 0])
+    assert env.robots.tobytes() == before
+    env.advance(actions, [1])
     env.close()

@@ -2,6 +2,7 @@
 
 import copy
 import ctypes
+import time
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.native import engine
+from spidar_gym.native.engine_structs import N_DOFS
 from spidar_gym.native.mujoco import member_offsets
 
 DIVERGED = {HOVER: list(FAILURES).index("diverged"), CRAWL: list(CRAWL_FAILURES).index("diverged")}
@@ -152,4 +154,19 @@ def test_where_it_gives_up_a_beginning_it_says_so_in_one_line(short_of_memory, w
     position_w[2] = height
     env.reset(seed=0)
     assert not env.step(np.zeros(env.action_space.shape))[2].any()
+    env.close()
+
+
+def test_a_tick_ends_where_a_robot_on_tiles_has_diverged():
+    """MuJoCo took a second to look for contacts where nothing is any more: ten times in a tick."""
+    env = NativeVectorEnv(CRAWL, 2, steps=0.02, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    actions = np.zeros(env.action_space.shape)
+    env.step(actions)
+    env.robots["plant"]["row"][0, 1 + N_DOFS + 1 :][:N_DOFS] = 1e6
+    began = time.process_time()
+    _, _, terminated, _, info = env.step(actions)
+    assert time.process_time() - began < 1.0
+    assert terminated.tolist() == [True, False]
+    assert info["failure_code"][0] == DIVERGED[CRAWL]
     env.close()

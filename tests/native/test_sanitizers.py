@@ -1,7 +1,9 @@
 """Pins the engine under sanitizers: no access outside, nothing undefined, no race, and the bits of Python's own run."""
 
+import json
 import os
 import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -35,6 +37,10 @@ KINDS = (HOVER, CRAWL, COURSE)
 ROBOTS, TICKS = 5, 40
 OF_DATA, OF_MODEL, ITSELF = range(3)
 RACE, OVERFLOW, UNDEFINED = range(1, 4)
+LIBRARY = "library"
+"""What is built in place of a driver: the library that Python loads."""
+STATES = {"hover": 120, "path": 60, "crawl": 80, "course": 100}
+"""Tries of changed states of each kind; `tests/adversary` makes the others, without sanitizers."""
 
 
 def compile_objects(sanitizer, folder):
@@ -47,7 +53,7 @@ def compile_objects(sanitizer, folder):
     if said.returncode or subprocess.run([folder / "none"], check=False).returncode:
         pytest.skip(f"the compiler has no {sanitizer} sanitizer, or it does not run here: {said.stderr.strip()[-200:]}")
     (folder / "spidar_interface.h").write_text(recipe.interface_header(recipe.library_digest()))
-    command = [*compiler(), *flags, "-DSPIDAR_SHARED", *recipe.includes(folder)]
+    command = [*compiler(), *flags, "-DSPIDAR_SHARED", "-fPIC", *recipe.includes(folder)]
 
     def compile_one(source):
         out = folder / f"{Path(source).parent.name}-{Path(source).stem}.o"
@@ -72,10 +78,13 @@ def build(tmp_path_factory):
         if (sanitizer, broken) not in drivers:
             command, files = objects[sanitizer]
             out = folder / f"driver{broken}"
-            end = [str(DRIVER), *files, "-o", out, "-lm", "-ldl", "-pthread"]
+            first = ["-shared"] if broken == LIBRARY else [str(DRIVER)]
+            end = [*first, *files, "-o", out, "-lm", "-ldl", "-pthread"]
             words = [*command, "-std=gnu11", f"-DBROKEN={broken}", *end]
             done = subprocess.run(words, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr[:2000]
+            if broken == LIBRARY:
+                recipe.seal(out)
             drivers[sanitizer, broken] = out
         return drivers[sanitizer, broken]
 
@@ -176,3 +185,27 @@ def test_a_mistake_is_found(build, written, sanitizer, broken, words):
     done = drive(build(sanitizer, broken), written("flight")[0])
     assert done.returncode != 0
     assert words in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", STATES)
+def test_no_sanitizer_has_anything_to_say_of_changed_states(build, case):
+    """In Python's own process, whose library is the one under sanitizers."""
+    library = build("address", LIBRARY)
+    # The second one too, or the first does not see what is thrown in C++.
+    first = [
+        subprocess.run([*compiler(), f"-print-file-name={name}"], capture_output=True, text=True, check=True).stdout
+        for name in ("libasan.so", "libstdc++.so")
+    ]
+    env = {**os.environ, "SPIDAR_CORE": str(library), "LD_PRELOAD": " ".join(map(str.strip, first)),
+           "ASAN_OPTIONS": "detect_leaks=0", "UBSAN_OPTIONS": "print_stacktrace=1"}  # fmt: skip
+    plans = [f"{way}:{kind}:{STATES[case]}" for way in ("vector", "core") for kind in ("integers", "floats")]
+    words = [sys.executable, "-m", "support.hostile_states", case, "7", *plans, f"python:integers:{STATES[case] // 4}"]
+    done = subprocess.run(
+        words, cwd=DRIVER.parents[1], env=env, capture_output=True, text=True, check=False, timeout=1200
+    )
+    tried, _, said = done.stderr.rpartition(f"{case} ")
+    assert done.returncode == 0, (tried[-200:], said[:3000])
+    told = json.loads(done.stdout.splitlines()[-1])
+    # A sanitizer takes its time: a tick may have more than a second.
+    assert not [line for line in told["wrong"] if "more than a second" not in line]
