@@ -64,7 +64,8 @@ KEPT: dict[type, dict[str, Any]] = {
 }  # fmt: skip
 """Kinds of what parts of an environment keep, by class."""
 KEPT_BY_ENVIRONMENTS: dict[str, Any] = {
-    "ticks": int, "sampled_parameters": dict[str, np.ndarray], "trim": Wrench | None, "_began": bool, "_failure": str,
+    "trim": Wrench | None,  # pyright: ignore[reportOperatorIssue] - an array's shape is a type here
+    "ticks": int, "sampled_parameters": dict[str, np.ndarray], "_began": bool, "_failure": str,
     "_np_random": np.random.Generator | None, "_np_random_seed": int | None, "_action": np.ndarray,
     "_command": Command | None, "_choices": dict[str, Any], "_now": dict[str, Any], "_disturbances": Disturbances,
     "_nominal": PlantConfig, "_start": FlightStart | None, "_reference": Reference | None,
@@ -100,8 +101,8 @@ def fault_of(part: object, names: Collection[str], told: dict[str, Any], *, is_e
             return f"{name} of another kind"
         if fault := _fault_of_value(value, set()):
             return f"{name}: {fault}"
-    here = vars(part).get("_action")
-    return "_action of another shape" if here is not None and np.shape(told.get("_action")) != here.shape else ""
+    shapes = [getattr(each, "shape", None) for each in (vars(part).get("_action"), told.get("_action"))]
+    return "_action of another shape" if shapes[0] is not None and shapes[0] != shapes[1] else ""
 
 
 def _is_attribute(part: object, name: object) -> bool:
@@ -133,7 +134,7 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 - any value; an annota
     if hint is float:
         return isinstance(value, float | int | np.floating | np.integer) and not isinstance(value, bool)
     if hint is int:
-        return isinstance(value, int | np.integer) and not isinstance(value, bool) and -MOST < value < MOST
+        return isinstance(value, int | np.integer) and not isinstance(value, bool) and abs(int(value)) < MOST
     if hint is bool:
         return isinstance(value, bool | np.bool_)
     if hint is None:

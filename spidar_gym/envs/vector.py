@@ -290,7 +290,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
         Args:
             actions: As of `step`.
-            ids: Which robots move, in rising order (else `InvalidValueError`); all if None, and by your task.
+            ids: Which robots move, rising (else `InvalidValueError`); all if None. A task of your own moves all.
         """
         fleet = self.fleet
         shape = fleet.actions.shape

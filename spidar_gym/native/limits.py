@@ -74,8 +74,9 @@ def numbers_of(struct: str) -> dict[str, Numbers]:
         LookupError: For a whole number whose bounds its table does not state.
     """
     found: dict[str, list[tuple[np.ndarray, ...]]] = {}
+    layout: Any = engine_layouts()[struct].fields
     for name, kind, bounds in _members(struct):
-        member, at = engine_layouts()[struct].fields[name][:2]  # pyright: ignore[reportOptionalSubscript] - it has some
+        member, at = layout[name][:2]
         starts = at + member.base.itemsize * np.arange(np.prod(member.shape, dtype=int))
         if kind in _tables():
             for inner, own in numbers_of(kind).items():
@@ -133,10 +134,13 @@ def fault_of(struct: str, records: np.ndarray) -> str:
         wrong = ~((values >= own.low) & (values <= own.high) | _may_be_anything(struct, records, kind, own.at))
         if wrong.any():
             robot, k = np.argwhere(wrong)[0]
-            low, value, high = (f"{number:.9g}" for number in (own.low[k], values[robot, k], own.high[k]))
-            return f"{member_at(struct, int(own.at[k]))} = {value}, expected {low} … {high}"
+            low, value, high = (number.item() for number in (own.low[k], values[robot, k], own.high[k]))
+            return f"{member_at(struct, int(own.at[k]))} = {value:n}, expected {low:n} … {high:n}"
     for path, words, fits in _relations(struct):
-        if not np.all(fits(reduce(operator.getitem, path, records))):
+        owner: Any = records
+        for name in path:
+            owner = owner[name]
+        if not np.all(fits(owner)):
             return ".".join((*path, words))
     return ""
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -118,7 +119,7 @@ def _far(r):
 )  # fmt: skip
 def test_numbers_that_do_not_fit_together_are_refused(name, change, words):
     """Each is within its bounds; some led out of arrays, others into loops without an end."""
-    env = gymnasium.make_vec(name, 1).unwrapped
+    env: Any = gymnasium.make_vec(name, 1).unwrapped
     env.reset(seed=0)
     env.step(np.zeros(env.action_space.shape))
     good, robots = env.save(), env.fleet.robots.copy()
@@ -130,7 +131,7 @@ def test_numbers_that_do_not_fit_together_are_refused(name, change, words):
 
 
 def test_what_is_wrong_is_named():
-    env = gymnasium.make(HOVER).unwrapped
+    env: Any = gymnasium.make(HOVER).unwrapped
     env.reset(seed=0)
     robots = env.fleet.robots.copy()
     robots["flight"]["memory"]["lock"]["active"][0, 3] = 7

@@ -1,7 +1,8 @@
 """Saved robots and states of which one thing was changed and the seal made anew; run as a program, since some ended it.
 
-`python -m support.hostile_states CASE SEED WAY:KIND:TRIES …` prints what came of the tries as JSON. A try that is refused
-changes nothing; after one that is accepted the robot goes on, no tick takes a second, and the good bytes are taken again.
+`python -m support.hostile_states CASE SEED WAY:KIND:TRIES …` prints what came of the tries as JSON. A try that is
+refused changes nothing; after one that is accepted the robot goes on, no tick takes a second, and the good bytes are
+taken again.
 """
 
 import hashlib
