@@ -28,7 +28,7 @@ def plans(case, tries):
     whole, of_plant = (VALUES * len(numbers(struct, whole=True)) for struct in (STRUCTS[case], "plant"))
     counts = {
         "vector:integers": whole, "core:integers": whole, "python:integers": of_plant, "vector:floats": 2000,
-        "core:floats": 1000, "python:floats": 1000, "core:words": 1000, "python:words": 1000,
+        "core:floats": 500, "python:floats": 500, "core:words": 500, "python:words": 500,
     }  # fmt: skip
     return [f"{plan}:{tries(count)}" for plan, count in counts.items()]
 
