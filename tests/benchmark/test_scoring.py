@@ -99,7 +99,7 @@ def test_adding_nothing_is_the_preset_to_the_bit(name, monkeypatch):
     assert metrics_of(Residual(), name=name) == metrics_of(Paper(), name=name)
 
 
-def test_the_policy_gets_the_scenarios_seed_and_an_observation_of_its_own(short):
+def test_the_policy_gets_the_runs_number_and_an_observation_of_its_own(short):
     seeds, policy = [], Paper()
     policy.reset = seeds.append
 
@@ -109,7 +109,7 @@ def test_the_policy_gets_the_scenarios_seed_and_an_observation_of_its_own(short)
 
     policy.act = scribble
     assert metrics_of(policy) == metrics_of(Paper())
-    assert seeds == [scene().seed]
+    assert seeds == [0]
 
 
 # The numbers
