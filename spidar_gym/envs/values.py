@@ -243,7 +243,7 @@ class _Reader:
         )
         bits, (state, increment) = np.random.PCG64(seeds), (int(text, 16) for text in told["state"])
         is_stream = 0 <= state < 2**128 and 0 <= increment < 2**128 and increment % 2
-        if not (is_stream and told["half"][0] in (0, 1) and told["half"][1] in range(2**32)):
+        if not (is_stream and told["half"][0] in (0, 1) and 0 <= told["half"][1] < 2**32):
             raise ValueError("a generator that comes back to where it was")
         bits.state = {
             "bit_generator": "PCG64", "state": {"state": state, "inc": increment}, "has_uint32": told["half"][0],

@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from collections import OrderedDict, deque
 from dataclasses import dataclass
 from enum import Enum
@@ -216,3 +217,29 @@ def test_words_that_nobody_wrote_are_refused_and_nothing_runs(node):
 def test_what_are_no_words_are_refused(words):
     with pytest.raises(SpidarError):
         unpack_values(np.frombuffer(words, np.uint8), np.zeros(0, np.uint8))
+
+
+CHAIN: list[Any] = [["tuple", [1, 1]], *(["tuple", [[k], [k]]] for k in range(60))]
+"""Tuples of two tuples of two tuples …: as a key Python would look at 2⁶⁰ of them."""
+STREAM = {"state": ["0x1", "0x3"], "half": [0, 0], "entropy": 1, "key": [0], "spawned": 0}
+
+
+@pytest.mark.parametrize(
+    ("nodes", "numbers"),
+    [
+        ([*CHAIN, ["set", [[60]]]], b""), ([*CHAIN, ["dict", [[[60], 1]]]], b""), ([["int", "f" * 10**5]], b""),
+        ([["array", "|b1", [2], "C", True, 0]], b"\2\1"), ([["array", "<U1", [1], "C", True, 0]], b"\xff" * 4),
+        ([["array", "<f8", [2**40, 2**40], "C", True, 0]], b""), ([["deque", [], -1]], b""),
+        ([["tuple", []], ["generator", STREAM | {"state": ["0x1", "0x2"]}]], b""),  # it comes back to where it was
+        ([["tuple", []], ["generator", STREAM | {"half": [1, "no"]}]], b""),
+        ([["tuple", []], ["generator", STREAM | {"state": ["0x1", hex(2**129 + 1)]}]], b""),
+    ],
+    ids=["set", "key", "whole", "flags", "text", "large", "deque", "stream", "half", "wide"],
+)  # fmt: skip
+def test_values_that_python_would_choke_on_are_refused_at_once(nodes, numbers):
+    words = json.dumps({"nodes": nodes, "values": [["it", [len(nodes) - 1]]]}).encode()
+    began = time.process_time()
+    with pytest.raises(SpidarError, match="these are no saved values"):
+        unpack_values(np.frombuffer(words, np.uint8), np.frombuffer(numbers, np.uint8))
+    assert time.process_time() - began < 0.5
+    unpack_values(*pack_values({"it": np.random.default_rng(1)}))
