@@ -7,7 +7,7 @@ imported it does so by `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")`.
 import copy
 import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -19,14 +19,14 @@ class _Registration(MetaPathFinder):
     """Registers the environments once Gymnasium is executed: thrust allocation on a robot never imports it."""
 
     def find_spec(
-        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+        self, fullname: str, _path: Iterable[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Gymnasium's own specification, whose execution registers the environments; a look at it changes nothing."""
         finders = [*sys.meta_path]
         if fullname != "gymnasium" or self not in finders:
             return None
         # The finders behind this one: another of its kind, left by a reload of this package, may be among them.
-        found = (finder.find_spec(fullname, path, target) for finder in finders[finders.index(self) + 1 :])
+        found = (finder.find_spec(fullname, None, target) for finder in finders[finders.index(self) + 1 :])
         spec = next(filter(None, found), None)
         if spec is not None and spec.loader is not None:
             loader = spec.loader = copy.copy(spec.loader)  # a zip file has one loader for all of its modules

@@ -6,6 +6,7 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError, is_finite, require_name
 from spidar_gym.robot.inertial import Inertial, Six, Three
+from spidar_gym.robot.ranges import INERTIAS, LENGTHS, MASSES, PLACES
 
 CARRIERS = ("torso", *(f"link{i}" for i in range(1, 9)))
 """What something can be fixed to: the torso, or link 1 … 8 (odd ones are inner links)."""
@@ -31,11 +32,14 @@ class Payload:
         require_name("carrier", self.body, CARRIERS)
         if not (is_finite(self.mass) and self.mass > 0.0):
             raise InvalidValueError("payload: mass", self.mass, "a number above 0 [kg]")
+        MASSES.require("payload: mass", self.mass)
         object.__setattr__(self, "mass", float(self.mass))
         object.__setattr__(self, "position", numbers("payload: position", self.position, 3))
         object.__setattr__(self, "size", numbers("payload: size", self.size, 3))
         if not all(edge > 0.0 for edge in self.size):
             raise InvalidValueError("payload: size", self.size, "three edges above 0 [m]")
+        LENGTHS.require("payload: size", *self.size)
+        PLACES.require("payload: position", *self.position)
         if self.inertia is None:
             return
         object.__setattr__(self, "inertia", numbers("payload: inertia", self.inertia, 6))
@@ -45,6 +49,7 @@ class Payload:
                 "payload: inertia", self.inertia,
                 "xx, yy, zz, xy, xz, yz of a rigid body [kg m²]: positive, no moment above the sum of the others",
             )  # fmt: skip
+        INERTIAS.require("payload: inertia, a principal moment", *principal.tolist())
 
     @property
     def inertial(self) -> Inertial:

@@ -5,9 +5,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spidar_gym.border import BorderError, read_toml
 from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_instance, require_keys, require_name
 from spidar_gym.robot.payload import Payload, numbers
+from spidar_gym.robot.ranges import INERTIAS, LENGTHS, MASSES, OTHERS, PLACES
 
 MOST_BYTES = 2**16
 """No file of a robot is larger."""
@@ -24,8 +27,12 @@ NOT_NEGATIVE = (
     "vectoring_kd",
 )
 ANY_SIGN = ("yaw_axis_z", "peg_top")
-PLACES = ("pitch_axis_offset", "inner_battery", "outer_battery", "flight_controller", "computer")
-"""Points, whose numbers may have any sign."""
+MECHANICAL = (
+    *NOT_NEGATIVE, "max_thrust", "thrust_lag", "max_vectoring_torque", "max_vectoring_speed", "vectoring_kp",
+    "max_joint_torque", "joint_speed", "joint_limit", "joint_stop", "joint_kp", "joint_kd", "foot_friction",
+    "peg_friction",
+)  # fmt: skip
+"""What is neither a length nor a mass."""
 
 
 def own_masses(given: object, parts: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
@@ -41,6 +48,7 @@ def own_masses(given: object, parts: Mapping[str, Any]) -> tuple[tuple[str, floa
         require_name("part", name, parts)
         if not (is_finite(mass) and mass > 0.0):
             raise InvalidValueError(f"part_masses: {name}", mass, "a number above 0 [kg]")
+        MASSES.require(f"part_masses: {name}", mass)
     return tuple((name, float(masses[name])) for name in sorted(masses))
 
 
@@ -121,9 +129,26 @@ def check(spec: Any, described: Mapping[str, Any]) -> None:  # noqa: ANN401 - a 
             _demand(value >= 0.0, name, value, "a number of at least 0")
         elif name not in ANY_SIGN:
             _demand(value > 0.0, name, value, "a number above 0")
+        _check_range(name, getattr(spec, name))
     _demand(min(spec.battery_size) > 0.0, "battery_size", spec.battery_size, "three edges above 0 [m]")
+    LENGTHS.require("battery_size", *spec.battery_size)
     _check_places(spec)
     _check_limits(spec)
+    for kind, body in spec.bodies.items():
+        INERTIAS.require(f"a principal moment of inertia of the {kind}", *np.linalg.eigvalsh(body.matrix).tolist())
+
+
+def _check_range(name: str, value: Any) -> None:  # noqa: ANN401 - of any field
+    """Refuse a number that is not simulated well."""
+    if name == "described_mass":
+        MASSES.require(name, value)
+    elif name in MECHANICAL:
+        OTHERS.require(name, value)
+    elif isinstance(value, tuple):
+        if name != "payloads":
+            PLACES.require(name, *value)
+    else:
+        (PLACES if name in ANY_SIGN else LENGTHS).require(name, value)
 
 
 def _demand(holds: bool, name: str, value: object, expected: str) -> None:

@@ -1,0 +1,36 @@
+"""Which lengths, masses and moments of inertia are simulated well; `python -m tests.robot.ranges` measures it."""
+
+from dataclasses import dataclass
+
+from spidar_gym.errors import InvalidValueError
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers of one kind from the least to the most."""
+
+    least: float
+    """The smallest."""
+    most: float
+    """The largest."""
+    unit: str
+    """Their unit."""
+
+    def require(self, name: str, *values: float) -> None:
+        """Refuse numbers outside (`InvalidValueError`); `name` is what they are."""
+        for value in values:
+            if not self.least <= value <= self.most:
+                words = f"a number within {self.least:g} … {self.most:g} {self.unit}, which is simulated well"
+                raise InvalidValueError(name, value, words)
+
+
+LENGTHS = Range(1e-4, 10.0, "m")
+"""Edges, radii and distances."""
+PLACES = Range(-10.0, 10.0, "m")
+"""Coordinates."""
+MASSES = Range(1e-6, 1e4, "kg")
+"""Of a part, of a payload, and of the robot as described."""
+INERTIAS = Range(1e-12, 1e6, "kg m²")
+"""Principal moments of every body that moves, and of a payload."""
+OTHERS = Range(0.0, 1e6, "in its unit")
+"""Forces, torques, speeds, stiffnesses, times and friction: the largest is one that overflows nowhere."""

@@ -1,0 +1,32 @@
+"""Holds the ranges of lengths, masses and moments of inertia to what two engines and Newton say at their ends."""
+
+import numpy as np
+import pytest
+
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.robot.ranges import Range
+from tests.robot.ranges import CHANGES, any_size, is_well_simulated, well
+
+
+@pytest.mark.filterwarnings("ignore")  # MuJoCo warns of robots that it cannot follow
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_robot_at_either_end_of_a_range_is_simulated_well_and_one_beyond_it_is_refused(change):
+    make, accepted = CHANGES[change]
+    for end in (accepted.least, accepted.most):
+        assert is_well_simulated(make(end)), end
+    for beyond in (accepted.least / 2 if accepted.least > 0 else 2 * accepted.least, 2 * accepted.most):
+        with pytest.raises(InvalidValueError, match=r"^[^\n]* a number within [^\n]* which is simulated well$"):
+            make(beyond)
+
+
+def test_far_away_is_not_simulated_well():
+    assert not well("place of a payload of 1 kg on the torso [m]", 1e6)
+    assert not well("mass of the part roll_module [kg]", 1e-12)
+
+
+def test_ranges_are_asked_again_afterwards():
+    range_ = Range(1.0, 2.0, "m")
+    with any_size():
+        range_.require("length", 3.0)
+    with pytest.raises(InvalidValueError, match=r"length = nan is not valid; expected a number within 1 … 2 m"):
+        range_.require("length", np.nan)
