@@ -1,5 +1,6 @@
 """Pins what is learned from a teacher: lessons are its commands, a loss in units, the same bytes with the same seed."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,10 @@ import torch
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import read_artifact
-from train.distill import FORCE, NET_FORCE, PRESETS, Shelf, learn, loss_of
+from train.distill import PRESETS, learn
 from train.lib.config import override
+from train.lib.run import CheckpointError, Run
+from train.lib.student import FORCE, NET_FORCE, Shelf, Student, loss_of
 from train.lib.taught import Lessons, TaughtFlights
 
 pytestmark = pytest.mark.train
@@ -89,6 +92,64 @@ def test_the_same_seed_gives_the_same_bytes_and_a_policy_without_traces_sees_non
     assert len(other.mean) == torso.FEATURES
     assert other.act(np.zeros(torso.SHOWN)).shape == (40,)
     assert not np.any(other.weights[-1][24:]), "and leads no joint off its form"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes that a run ends with that was never interrupted."""
+    return learn(override(TINY, out=tmp_path_factory.mktemp("whole"))).read_bytes()
+
+
+def interrupted(args, monkeypatch, owner, name, n):
+    """What a run says that Ctrl-C stops at the n-th call of a method."""
+    call, left = getattr(owner, name), iter(range(n - 1, -1, -1))
+
+    def count(*arguments):
+        if next(left) == 0:
+            raise KeyboardInterrupt
+        return call(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, count)
+        with pytest.raises(KeyboardInterrupt) as stop:
+            learn(args)
+    return stop.value.__notes__[0]
+
+
+@pytest.mark.parametrize(
+    ("where", "stops"),
+    [
+        ((Student, "learn"), (3,)),  # before there is a checkpoint
+        ((Student, "learn"), (24, 1, 8)),  # in round 1, before anything is done again, and in round 2
+        ((Lessons, "write"), (3,)),  # between the lessons of a round and its checkpoint
+        ((Run, "publish"), (1,)),  # in the validation of the last round
+        ((Run, "publish"), (2,)),  # when all is done
+    ],
+)
+def test_a_run_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(where, stops, whole, tmp_path, monkeypatch):
+    args = override(TINY, out=tmp_path)
+    for n in stops:
+        words = interrupted(args, monkeypatch, *where, n)
+        assert re.match(rf"\d of 3 rounds kept in {tmp_path}.*; the same command goes on$", words)
+    path = learn(args)
+    assert path.read_bytes() == whole
+    assert not (path.parent / "lessons").exists(), "hundreds of megabytes of a real run"
+    assert learn(args).read_bytes() == whole, "a run that is done"
+
+
+def test_lessons_that_are_not_those_of_the_run_are_refused_in_one_line(tmp_path, monkeypatch):
+    args = override(TINY, out=tmp_path)
+    interrupted(args, monkeypatch, Run, "publish", 1)
+    (path,) = tmp_path.rglob("lessons/0001.npz")
+    whole = path.read_bytes()
+    for damaged in (whole[:-9], whole.replace(b"answers", b"answerz"), b"", whole[:999] + b"?" + whole[1000:]):
+        path.write_bytes(damaged)
+        with pytest.raises(CheckpointError, match=r"^[^\n]*0001.npz holds [^\n]*; valid: [^\n]*$"):
+            learn(args)
+    (other,) = tmp_path.rglob("lessons/0000.npz")
+    path.write_bytes(other.read_bytes())
+    with pytest.raises(CheckpointError, match=r"holds other lessons; valid: 48 of \d+ inputs"):
+        learn(args)
 
 
 def test_turned_by_a_quarter_a_network_says_the_same_turned_but_for_a_constant(tmp_path):

@@ -36,6 +36,23 @@ def training_seed(*words: int) -> int:
     return FIRST_SEED + int(np.random.SeedSequence(entropy).generate_state(1)[0] >> 2)
 
 
+def generator_words(rng: np.random.Generator) -> np.ndarray:
+    """State of a generator on PCG64 as (6,) whole numbers of 64 bits."""
+    found: Any = rng.bit_generator.state
+    long = [found["state"][name] for name in ("state", "inc")]
+    halves = [half for word in long for half in (word & 2**64 - 1, word >> 64)]
+    return np.array([*halves, found["has_uint32"], found["uinteger"]], np.uint64)
+
+
+def set_generator(rng: np.random.Generator, words: np.ndarray) -> None:
+    """Let a generator on PCG64 go on from `generator_words`."""
+    low, high, low_step, high_step, has, left = (int(word) for word in words)
+    rng.bit_generator.state = {
+        "bit_generator": "PCG64", "state": {"state": low | high << 64, "inc": low_step | high_step << 64},
+        "has_uint32": has, "uinteger": left,
+    }  # fmt: skip
+
+
 @dataclass(frozen=True)
 class EnvConfig:
     """Where an agent learns, what it sees, and what its actions do."""

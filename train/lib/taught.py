@@ -4,16 +4,21 @@ Where a robot is lost, the controller leads it until it is well again, so that m
 network will see, and the rest is how one gets out of trouble.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from spidar_gym.benchmark.track import find_track
+from spidar_gym.border import BorderError, pack, read_file, unpack
+from spidar_gym.files import write_bytes
 from spidar_gym.policies import torso
 from spidar_gym.policies.filters import Traces
 from spidar_gym.robot import N_ROTORS
-from train.lib.envs import ERRORS, training_seed
+from train.lib.envs import ERRORS, generator_words, set_generator, training_seed
+from train.lib.run import MOST_BYTES, CheckpointError
 from train.lib.vector import draw_disturbances, make_vector
 
 INTEGRALS = torso.entries("position_integral", "attitude_integral")
@@ -22,6 +27,8 @@ LOST, FINE = (0.05, 0.06), (0.02, 0.025)
 """Errors [m], [rad] of which one makes a robot lost, and below which both are when it is well again."""
 DEMAND = (0.1, 0.1)
 """A lesson at errors of this size [m], [rad] counts half of one at none."""
+LESSONS = "lessons.json"
+"""Part of a file of lessons that holds what is no array."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,30 @@ class Lessons:
     """Rotor centres seen from the CoG, torso axes (rows, 8, 3) [m]."""
     weights: np.ndarray
     """How much they count, (rows,)."""
+
+    def write(self, path: Path) -> None:
+        """Write them, all or nothing."""
+        write_bytes(path, pack(LESSONS, {"rows": len(self.weights)}, vars(self), sealed=True))
+
+    @classmethod
+    def read(cls, path: Path, inputs: int, rows: int) -> "Lessons":
+        """Those of a file (`CheckpointError` for one that `write` did not write, or with other shapes)."""
+        shapes = {
+            "inputs": (rows, inputs),
+            "answers": (rows, torso.ACTION),
+            "levers": (rows, N_ROTORS, 3),
+            "weights": (rows,),
+        }
+        try:
+            _, arrays = unpack(LESSONS, read_file(path, MOST_BYTES), sealed=True)
+        except BorderError as error:
+            raise CheckpointError(
+                f"{path} holds no lessons ({error}); valid: the file as it was, or another --out"
+            ) from error
+        found = {name: (array.dtype, array.shape) for name, array in arrays.items()}
+        if found != {name: (np.dtype(np.float32), shape) for name, shape in shapes.items()}:
+            raise CheckpointError(f"{path} holds other lessons; valid: {rows} of {inputs} inputs, or another --out")
+        return cls(**arrays)
 
 
 class TaughtFlights:
@@ -137,6 +168,24 @@ class TaughtFlights:
                 self._begin(k, done)
         self._seen = self._look()
         return inputs, answers, levers, weights
+
+    def save(self) -> dict[str, Any]:
+        """All robots, and what is remembered of them, as arrays by name, and how many ticks they flew."""
+        robots = {f"robots/{k}": np.frombuffer(vector.save(), np.uint8) for k, vector in enumerate(self._vectors)}
+        return robots | {
+            "rng": generator_words(self._rng), "low_passed": self._traces.low_passed, "joints": self._joints.position,
+            "integrals": self._integrals, "led": self.led.astype(np.uint8), "advised": self._advised,
+            "seen": self._seen, "ticks": self.ticks,
+        }  # fmt: skip
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` gave, of flights of the same settings, with the same bits."""
+        for k, vector in enumerate(self._vectors):
+            vector.restore(saved[f"robots/{k}"].tobytes())
+        set_generator(self._rng, saved["rng"])
+        self._traces.low_passed, self._joints.position = saved["low_passed"].copy(), saved["joints"].copy()
+        self._integrals, self.led = saved["integrals"].copy(), saved["led"] > 0
+        self._advised, self._seen, self.ticks = saved["advised"].copy(), saved["seen"].copy(), int(saved["ticks"])
 
     def close(self) -> None:
         """Let the engines go."""
