@@ -1,7 +1,6 @@
 """Measures how large, small, heavy and far away robots may be: `python -m tests.robot.ranges --out FILE`."""
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ import pinocchio as pin
 from spidar_gym import __version__
 from spidar_gym.cli.console import run_cli
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.files import output_folder
+from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.processes import Pool, cpu_count
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import mjcf, model_file
@@ -31,6 +30,11 @@ from spidar_gym.text import format_table
 
 COMMAND = "python -m tests.robot.ranges --out docs/results/robot_ranges.json"
 HEADING = ["what is changed", "simulated well", "accepted"]
+NOTE = (
+    "Tried by decades from 10^-20 to 10^20. Well: the mass matrices of MuJoCo and Pinocchio agree to 1e-9 of their "
+    "largest entry, and in a fall of a second, spinning, the centre of mass gains the velocity g t to 1e-4 of it and "
+    "the angular momentum stays to 1e-3. Rotors are made as strong as a robot needs."
+)
 SECONDS = 1.0
 """How long a robot falls, spinning, without a motor [s]."""
 APART, FALL, SPIN = 1e-9, 1e-4, 1e-3
@@ -203,8 +207,14 @@ def main() -> None:
     print(format_table(lines))
     if out:
         output_folder(out.parent)
-        result = {"command": COMMAND, "version": __version__, "date": date.today().isoformat(), "lines": lines}
-        out.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        result = {
+            "command": COMMAND,
+            "version": __version__,
+            "date": date.today().isoformat(),
+            "lines": lines,
+            "notes": [NOTE],
+        }
+        write_text(out, json_text(result))
 
 
 if __name__ == "__main__":
