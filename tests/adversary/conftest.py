@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -20,3 +21,9 @@ def tries(request) -> Callable[[int], int]:
 def rng(request) -> np.random.Generator:
     """A generator of each test's own, the same in every run."""
     return np.random.default_rng(list(request.node.nodeid.encode()))
+
+
+@pytest.fixture
+def unchecked(monkeypatch) -> None:
+    """Users have no type checker, which would refuse on its own."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

@@ -2,18 +2,16 @@
 
 import copy
 import math
-import warnings
 from fractions import Fraction
 
 import gymnasium
-import jaxtyping
 import numpy as np
 import pytest
+from support.tries import tried
 
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.errors import SpidarError
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.config import PlantConfig
 
@@ -125,21 +123,6 @@ def arguments(rng, kind):
     return QUICK[kind] | {str(name): spoilt(rng, valid.get(name, 1.0)) for name in names}
 
 
-def tried(act) -> tuple[bool, object]:
-    """Whether an act was accepted, and what came of it; a refusal is one line of ours that says what would be valid."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            warnings.filterwarnings("ignore", message=".*render_mode")  # gymnasium's own remark, before our error
-            return True, act()
-    except SpidarError as error:
-        message = str(error)
-        assert "\n" not in message
-        assert len(message) < 1500
-        assert "valid" in message
-        return False, None
-
-
 def assert_sound(env, observation, info):
     """What an environment hands out is in its space, and finite."""
     assert observation in env.observation_space
@@ -160,10 +143,7 @@ def continuation(env, steps=2):
     return seen
 
 
-@pytest.fixture(autouse=True)
-def _unchecked(monkeypatch):
-    """Users have no type checker, which would refuse on its own."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+pytestmark = pytest.mark.usefixtures("unchecked")
 
 
 @pytest.fixture(params=KINDS, name="kind")
