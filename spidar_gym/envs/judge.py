@@ -10,6 +10,7 @@ import numpy as np
 from spidar_gym.envs.batch import Robots, VectorTask, check_weights, checked_array, require_finite, weighted
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.flights import FlightTask
+from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.envs.options import Task
 from spidar_gym.errors import REAL, InvalidValueError, require_array, require_keys
 from spidar_gym.native.draws import from_numpy, to_numpy
@@ -128,7 +129,10 @@ class Judge:
         for k in ids[~self.is_given[ids]].tolist():
             episode = self._fleet.robots[k]["episode"]
             rng = to_numpy(episode["generator"])
-            self._fleet.begin_with(k, task.start(rng, self._own))
+            start = task.start(rng, self._own)
+            if not (start is None or isinstance(start, FlightStart)):
+                raise InvalidValueError(f"{self._name}.start", start, "a FlightStart, or None to have it drawn")
+            self._fleet.begin_with(k, start)
             episode["generator"] = from_numpy(rng)
 
     def _begin(self, ids: np.ndarray) -> None:

@@ -74,6 +74,33 @@ def test_an_answer_of_any_kind_is_finite_or_refused_with_task_and_method(monkeyp
         assert "\n" not in words
 
 
+@pytest.mark.parametrize("quaternion", [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (1e-200, 0.0, 0.0, 0.0)])
+def test_a_quaternion_that_is_no_rotation_names_its_robot(quaternion):
+    class Turning(FlightTask):
+        def reference(self, flights):
+            wanted = super().reference(flights)
+            wanted["quat_wb"][1] = quaternion
+            return wanted
+
+    vector = gymnasium.make_vec(HOVER, num_envs=2, task=Turning())
+    with pytest.raises(InvalidValueError, match=r"^Turning.reference: quat_wb = [^\n]* a unit quaternion for robot 1$"):
+        vector.reset(seed=0)
+    vector.close()
+
+
+@pytest.mark.parametrize("given", [5, "x", {"position": 1.0}, np.zeros(3)])
+def test_a_start_that_is_none_is_refused(given):
+    class Starting(FlightTask):
+        def start(self, rng, hover):
+            return given
+
+    for make in (lambda t: gymnasium.make(HOVER, task=t), lambda t: gymnasium.make_vec(HOVER, num_envs=2, task=t)):
+        env = make(Starting())
+        with pytest.raises(InvalidValueError, match=r"^Starting.start = [^\n]* a FlightStart, or None"):
+            env.reset(seed=0)
+        env.close()
+
+
 def test_whole_numbers_are_no_failures_and_a_lone_nan_names_its_robot():
     numbers = hostile(FlightTask, "failed", lambda flights: np.zeros(len(flights), int))
     for make in (lambda t: gymnasium.make(HOVER, task=t), lambda t: gymnasium.make_vec(HOVER, num_envs=3, task=t)):

@@ -32,6 +32,8 @@ from spidar_gym.robot import N_ROTORS
 from spidar_gym.sim.disturbances import FAULTS
 
 _MODES = WORDS["reference", "mode"]
+UNIT = 1e-3
+"""Within which the squared length of a quaternion has to be 1."""
 _NUMBERS = np.arange(1, N_ROTORS + 1)
 
 
@@ -73,6 +75,13 @@ class Flights(Robots):
         wanted = checked_records(name, task.reference(self), robots["reference"], robots)
         if not ((wanted["mode"] >= 0) & (wanted["mode"] < len(_MODES))).all():
             raise InvalidValueError(f"{name}: mode", wanted["mode"].tolist(), f"numbers within 0 … {len(_MODES) - 1}")
+        lengths = square(wanted["quat_wb"])
+        off = ~(np.abs(lengths - 1.0) < UNIT) & (robots["plant"]["diverged"] == 0)
+        if off.any():
+            k = int(np.flatnonzero(off)[0])
+            raise InvalidValueError(
+                f"{name}: quat_wb", wanted["quat_wb"][k].tolist(), f"a unit quaternion for robot {k}"
+            )
         return wanted
 
     def _preview(self, task: "FlightTask") -> np.ndarray:
