@@ -6,7 +6,7 @@ construction settles. So what a law or an environment of one's own keeps comes a
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from typing import Any, NoReturn
 
@@ -140,12 +140,12 @@ class Restorable(ABC):
             SpidarError: For bytes that are not what fits here, and nothing has changed.
         """
         told, arrays = _opened(saved)
-        for name, here in self._description().items():
-            if told.get(name) != here:
-                raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
+        own = self._description()
+        _require_same(told, own)
         back = self._way_back()
         try:
             seen = self._become(arrays)
+            _require_same(self._description(), own)  # what it says of itself is not always what it holds
         except Exception as error:  # of damaged values anything may come; whatever it is, nothing has changed
             back()
             if isinstance(error, SpidarError):
@@ -254,6 +254,13 @@ class Restorable(ABC):
     @abstractmethod
     def _shown(self) -> tuple[Any, dict[str, Any]]:
         """Observation and info of now."""
+
+
+def _require_same(told: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+    """Refuse a moment of another environment than the one that is to go on from it."""
+    for name, here in own.items():
+        if told.get(name) != here:
+            raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
 
 
 def _parts_of(owner: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - an environment or a part of one
