@@ -188,6 +188,8 @@ def here(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(MODULE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=0.25))
+    (tmp_path / "scratch").mkdir()
+    monkeypatch.setattr(guest.tempfile, "tempdir", str(tmp_path / "scratch"))  # other tests have processes, too
     yield tmp_path
     assert "mine" not in sys.modules  # its code never runs in this process
     close_guests()
@@ -224,7 +226,7 @@ def test_a_cheat_gets_the_score_of_its_honest_self(name, honest, here):
     (here / "better.json").write_text(json.dumps(better), encoding="utf-8")
     for _ in range(2 if name == "Forges" else 1):  # a second call reads what the first one kept
         assert played(name, folder=here / "kept").metrics == honest.metrics
-    assert not running(b"TMPDIR=" + os.fsencode(guest.tempfile.gettempdir()) + b"/spidar-policy-")
+    assert not running(b"TMPDIR=" + os.fsencode(here / "scratch") + b"/spidar-policy-")
 
 
 @pytest.mark.parametrize("name", WRONG)
