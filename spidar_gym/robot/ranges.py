@@ -32,5 +32,7 @@ MASSES = Range(1e-6, 1e4, "kg")
 """Of a part, of a payload, and of the robot as described."""
 INERTIAS = Range(1e-12, 1e6, "kg m²")
 """Principal moments of every body that moves, and of a payload."""
+FACTORS = Range(1e-3, 1e3, "times")
+"""On the mass and the inertia of a link."""
 OTHERS = Range(0.0, 1e6, "in its unit")
 """Forces, torques, speeds, stiffnesses, times and friction: the largest is one that overflows nowhere."""

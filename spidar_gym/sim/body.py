@@ -10,6 +10,7 @@ import numpy as np
 from spidar_gym.arrays import constant
 from spidar_gym.errors import InvalidValueError, require_arrays
 from spidar_gym.robot import N_LINKS, ROBOT, RobotSpec
+from spidar_gym.robot.ranges import FACTORS, MASSES, PLACES
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class BodyConfig:
     """Sliding friction of pegs, ducts and torso."""
 
     def __post_init__(self) -> None:
-        """Refuse what has no mass."""
+        """Refuse what has no mass, and what is not simulated well."""
         require_arrays(self)
         for name in ("total_mass", "link_mass", "inertia", "foot_friction", "peg_friction"):
             value = np.asarray(getattr(self, name), float)
@@ -44,6 +45,14 @@ class BodyConfig:
                 raise InvalidValueError(name, getattr(self, name), "numbers above 0")
         if not self.payload_mass >= 0.0:
             raise InvalidValueError("payload_mass", self.payload_mass, "a number from 0 on, in kg")
+        MASSES.require("total_mass", self.total_mass)
+        if self.payload_mass:
+            MASSES.require("payload_mass", self.payload_mass)
+        for range_, names in (
+            (FACTORS, ("link_mass", "inertia")), (PLACES, ("link_com", "torso_com", "payload_position")),
+        ):  # fmt: skip
+            for name in names:
+                range_.require(name, *np.ravel(getattr(self, name)).tolist())
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "BodyConfig":

@@ -12,6 +12,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.payload import CARRIERS
 from spidar_gym.robot.spec import PARTS
+from spidar_gym.sim.randomize import TABLE
 
 pytestmark = pytest.mark.usefixtures("unchecked")
 
@@ -75,9 +76,19 @@ def toml(value):
     return repr(value) if isinstance(value, int | float) else f'"{value}"'
 
 
-def flown(env_id, given, seed):
+def ranges(rng):
+    """Ranges of some fields of the randomisation, and now and then a strength."""
+    found = {}
+    for k in rng.choice(len(TABLE), rng.integers(1, 4), replace=False).tolist():
+        ends = [near(rng, 1.0), near(rng, 1.0)]
+        is_sorted = rng.random() < 0.8 and all(isinstance(end, float) for end in ends)
+        found[TABLE[k].field] = sorted(ends) if is_sorted else several(rng, [1.0, 1.0])
+    return found | ({"strength": near(rng, 0.1)} if rng.random() < 0.3 else {})
+
+
+def flown(env_id, seed, **given):
     """Ten steps of a robot, or as many as it lasts, of finite numbers."""
-    env = gymnasium.make(env_id, robot=given)
+    env = gymnasium.make(env_id, **given)
     try:
         seen, _ = env.reset(seed=seed)
         env.action_space.seed(seed)
@@ -102,8 +113,17 @@ def test_a_robot_of_any_numbers_is_simulated_finitely_or_refused_in_one_line(env
             path = tmp_path / f"{k}.toml"
             path.write_text("".join(f"{name} = {toml(value)}\n" for name, value in given.items()), encoding="utf-8")
             given = str(path)
-        accepted.append(tried(lambda given=given, k=k: flown(env_id, given, k))[0])
+        accepted.append(tried(lambda given=given, k=k: flown(env_id, k, robot=given))[0])
     assert 0.1 < np.mean(accepted) < 0.9
+
+
+@pytest.mark.parametrize("env_id", [HOVER, CRAWL])
+def test_ranges_of_any_numbers_draw_robots_that_are_simulated_finitely_or_are_refused(env_id, rng, tries):
+    accepted = []
+    for k in range(tries(800)):
+        given = ranges(rng)
+        accepted.append(tried(lambda given=given, k=k: flown(env_id, k, randomization=given))[0])
+    assert 0.05 < np.mean(accepted) < 0.9
 
 
 def test_a_file_of_brackets_is_refused_at_any_depth(tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot.ranges import Range
+from spidar_gym.sim.randomize import Randomization
 from tests.robot.ranges import CHANGES, any_size, is_well_simulated, well
 
 
@@ -30,3 +31,14 @@ def test_ranges_are_asked_again_afterwards():
         range_.require("length", 3.0)
     with pytest.raises(InvalidValueError, match=r"length = nan is not valid; expected a number within 1 … 2 m"):
         range_.require("length", np.nan)
+
+
+@pytest.mark.parametrize(
+    "ranges", [{"body.link_com": (0.0, 1e300)}, {"body.torso_com": (-1e6, 0.0)}, {"body.total_mass": (1e-9, 1.0)},
+               {"body.link_mass": (1.0, 1e9)}, {"body.inertia": (1e-12, 1.0)}],
+)  # fmt: skip
+def test_a_robot_that_is_drawn_is_within_them_too(ranges):
+    with pytest.raises(
+        InvalidValueError, match=r"^randomization: body[^\n]* a number within [^\n]* is simulated well$"
+    ):
+        Randomization.parse(ranges)
