@@ -29,10 +29,10 @@ LENGTHS = Range(1e-4, 10.0, "m")
 PLACES = Range(-10.0, 10.0, "m")
 """Coordinates."""
 MASSES = Range(1e-6, 1e4, "kg")
-"""Of a part, of a payload, and of the robot as described."""
+"""Masses of a part, a payload, and the robot as described."""
 INERTIAS = Range(1e-12, 1e6, "kg m²")
 """Principal moments of every body that moves, and of a payload."""
 FACTORS = Range(1e-3, 1e3, "times")
-"""On the mass and the inertia of a link."""
+"""Factors on the mass and the inertia of a link."""
 OTHERS = Range(0.0, 1e6, "in its unit")
 """Forces, torques, speeds, stiffnesses, times and friction: the largest is one that overflows nowhere."""
