@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from spidar_gym.benchmark.metrics import check_metrics, told_in
+from spidar_gym.benchmark.metrics import find_odd, told_in
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, TRACKS
 from spidar_gym.border import BorderError, require_form
@@ -131,11 +131,9 @@ def _check_run(name: str, number: int, run: Mapping[str, list[Any]], indices: li
     for metric, values in run.items():
         if len(values) != len(indices):
             raise RowError(f"{name} has {len(values)} numbers of {_plain(metric)}; valid: {len(indices)}")
-    for k, index in enumerate(indices):
-        try:
-            check_metrics({metric: values[k] for metric, values in run.items()}, world=world)
-        except InvalidValueError as error:
-            raise RowError(f"{name}, run {number}, scenario {index}: {error}") from error
+    if (found := find_odd(run, world=world)) is not None:
+        k, error = found
+        raise RowError(f"{name}, run {number}, scenario {indices[k]}: {error}") from error
 
 
 def _plain(word: str) -> str:

@@ -1,7 +1,7 @@
 """The numbers of an episode: what each means, and of which type and in which range it is wherever one is read."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,20 +38,27 @@ class Metric:
             return f"a line of at most {WORD} characters"
         return f"a {'whole ' if self.kind is int else ''}number within {self.least:g} … {self.most:g}"
 
-    def admits(self, value: object, *, world: str, failed: bool) -> bool:
-        """Whether it may be this, in a flight, on the ground or on a course, in a scenario that failed or another one.
+    def odd(self, values: Sequence[object], failed: Sequence[bool], *, world: str) -> int | None:
+        """Which value it cannot have, the first; None where it may have them all.
 
-        A simulation that diverged has failed, and leaves numbers that are none.
+        Args:
+            values: Its values in scenarios, all in one call, since the committed rows have half a million.
+            failed: Which of these scenarios failed: a simulation that diverged leaves numbers that are none.
+            world: A flight, the ground or a course.
         """
-        if world not in self.worlds:
-            return value is None
-        if value is None:
-            return self.kind is float and failed
-        if not isinstance(value, self.kind) or isinstance(value, bool) != (self.kind is bool):
-            return False
-        if isinstance(value, str):
-            return len(value) <= WORD and value.isprintable()
-        return isinstance(value, int | float) and bool(self.least <= value <= self.most)
+        kind, least, most, told = self.kind, self.least, self.most, world in self.worlds
+        for k, value in enumerate(values):
+            if not told or value is None:
+                fits = value is None and (not told or (kind is float and failed[k]))
+            elif not isinstance(value, kind) or isinstance(value, bool) != (kind is bool):
+                fits = False
+            elif isinstance(value, str):
+                fits = len(value) <= WORD and value.isprintable()
+            else:
+                fits = isinstance(value, int | float) and least <= value <= most
+            if not fits:
+                return k
+        return None
 
 
 def _spread(flight: float = 0.0, ground: float = 0.0, course: float = 0.0) -> dict[str, float]:
@@ -175,13 +182,28 @@ def check_metrics(metrics: Mapping[str, Any], *, world: str) -> None:
         InvalidValueError: For a metric that is missing, too many, of another type, out of its range, or at odds with
             the others.
     """
+    if (found := find_odd({name: [value] for name, value in metrics.items()}, world=world)) is not None:
+        raise found[1]
+
+
+def find_odd(run: Mapping[str, Sequence[Any]], *, world: str) -> tuple[int, InvalidValueError] | None:
+    """The first scenario that no episode can have given, and why; None where all of them may have been.
+
+    Args:
+        run: Metric → its value in each scenario.
+        world: A flight, the ground or a course.
+    """
     known = told_in(world)
-    if set(metrics) != set(known):
-        odd = sorted(set(metrics) ^ set(known))[:3]
-        raise InvalidValueError("metrics", odd, f"all of {', '.join(known)}, and no others")
-    failed = metrics["failed"] is True
+    if set(run) != set(known):
+        odd = sorted(set(run) ^ set(known))[:3]
+        return 0, InvalidValueError("metrics", odd, f"all of {', '.join(known)}, and no others")
+    failed = [value is True for value in run["failed"]]
+    found = []
     for name, metric in known.items():
-        if not metric.admits(metrics[name], world=world, failed=failed):
-            raise InvalidValueError(name, metrics[name], metric.expected)
-    if failed and (metrics["success"] or metrics["error"] != CAP):
-        raise InvalidValueError("error", metrics["error"], f"{CAP:g} and no success where a scenario failed")
+        if (k := metric.odd(run[name], failed, world=world)) is not None:
+            found.append((k, InvalidValueError(name, run[name][k], metric.expected)))
+    for k, (error, success) in enumerate(zip(run["error"], run["success"], strict=True)):
+        if failed[k] and (success or error != CAP):
+            expected = f"{CAP:g} and no success where a scenario failed"
+            found.append((k, InvalidValueError("error", error, expected)))
+    return min(found, key=lambda each: each[0], default=None)

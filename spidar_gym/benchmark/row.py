@@ -2,11 +2,10 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -223,7 +222,8 @@ def read_content(path: Path) -> dict[str, Any]:
     try:
         if path.is_file() and path.stat().st_size > LARGEST:
             raise RowError(f"{path} is larger than {LARGEST} bytes; valid: a row that `spidar eval` wrote")
-        content = json.loads(path.read_text(encoding="utf-8"), parse_float=_finite, parse_constant=_finite)
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        _require_finite(content)
         digest = row_hash(content) if isinstance(content, dict) else ""
     except OSError as error:
         raise RowError(f"{path}: {error.strerror}; valid: a row that `spidar eval` wrote") from error
@@ -236,12 +236,17 @@ def read_content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _finite(text: str) -> float:
-    """A number of a file; JSON has no NaN, and a row no infinity."""
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(f"{text[:20]} is no finite number")
-    return number
+def _refuse(word: str) -> NoReturn:
+    """JSON has no NaN, and a row no infinity."""
+    raise ValueError(f"{word} is no finite number")
+
+
+def _require_finite(content: object) -> None:
+    """Refuse `1e999`, of which `json` makes an infinity; writing it again asks all numbers in C."""
+    try:
+        json.dumps(content, allow_nan=False)
+    except ValueError:
+        _refuse("a number of it")
 
 
 def read_row(path: Path) -> Row:
