@@ -66,24 +66,24 @@ TIMED = [*PYTEST, "--durations", "12"]
 UNCHECKED = "--strict-markers -q --import-mode=importlib"
 """Pytest's options of pyproject.toml without the checks of shapes and types."""
 FULL = (
-    Stage("static checks, guide", CHECKS | GUIDE, 1.5),
+    Stage("static checks, guide", CHECKS | GUIDE, 1.2),
     Stage(
         "tests, shapes and types checked",
         {"pytest": [*TIMED, "-m", "not ros and not slow and not train"]},
-        7.0,
+        15.0,
     ),
     # The same code for longer: the checks at run time would double its time, and have been made above.
     Stage(
         "long tests",
         {"pytest": [*TIMED, "-o", f"addopts={UNCHECKED}", "-m", "(slow or train) and not ros"]},
-        3.5,
+        11.5,
     ),
     # In real time: nothing else runs beside them.
-    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 4.5),
+    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 5.8),
     Stage(
-        "rows of the leaderboard, played again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.3
+        "rows of the leaderboard, played again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.2
     ),
-    Stage("wheel, installed alone", {"wheel": ["python", str(Path(".ci", "wheel.py"))]}, 1.2),
+    Stage("wheel, installed alone", {"wheel": ["python", str(Path(".ci", "wheel.py"))]}, 0.8),
 )
 FAST = (
     Stage("static checks", CHECKS, 0.7),
