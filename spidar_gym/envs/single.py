@@ -51,6 +51,7 @@ def drawn(numbers: np.ndarray) -> dict[str, np.ndarray]:
     return draws
 
 
+_STATUSES = tuple(str(word) for word in STATUS)
 SETS = ("shortfalls",)
 """What names several words at once: their numbers are bits."""
 
@@ -62,7 +63,7 @@ def words_of(failures: Iterable[str], words: Mapping[str, tuple[str, ...]]) -> d
         failures: Why an episode may be over.
         words: What else an environment has.
     """
-    return {"qp_status": tuple(str(word) for word in STATUS), "failure": tuple(failures), **words}
+    return {"qp_status": _STATUSES, "failure": tuple(failures), **words}
 
 
 def spoken(name: str, code: int, words: Sequence[str]) -> str:
