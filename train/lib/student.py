@@ -1,6 +1,6 @@
 """A network that is taught: how it learns, what it learns from, and all of it as arrays to go on from later.
 
-Torch is loaded where a student is made: whoever asks for help need not have it.
+Torch is loaded where a student is made, so that `--help` works without it.
 """
 
 import copy
