@@ -23,10 +23,10 @@ from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.actions import CRAWL_MODES, GAIT, find_action_mode
-from spidar_gym.envs.crawl.task import SUCCESS_POSITION
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.robot import GRAVITY, ROBOT
+from spidar_gym.tasks.crawl import SUCCESS_POSITION
 from train.lib.config import parse
 from train.lib.envs import Scaling
 from train.lib.evaluate import Base

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.envs.batch import length, tolerance
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import HOVER, register_task
+from spidar_gym.tasks.task import length, tolerance
 
 
 @dataclass(frozen=True)

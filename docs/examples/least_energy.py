@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from spidar_gym.envs.batch import length, square
-from spidar_gym.envs.hover.flights import FlightTask
-from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.envs.registry import HOVER, register_task
+from spidar_gym.tasks.start import FlightStart
+from spidar_gym.tasks.task import length, square
 
 NEAR, HOVERS = 0.2, 3000.0
 """How far off costs nothing [m]; power of a hover with all rotors upright, about [W]."""

@@ -3,9 +3,8 @@
 import numpy as np
 
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.batch import length, tolerance
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import HOVER, register_task
+from spidar_gym.tasks.task import length, tolerance
 
 PLACES = np.array([[0.4, 0.0, 0.0], [0.4, 0.5, 0.1], [0.0, 0.0, 0.0]])
 """Where the load is, where it belongs, and home, from the hover's place [m]."""

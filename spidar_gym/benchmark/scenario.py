@@ -15,16 +15,17 @@ import numpy as np
 from spidar_gym.benchmark.track import BOTH, GROUND, SCENARIOS, SPLITS, TRACKS, Track, find_track
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.course.task import CourseTask, parse_course, plain_course
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import FlightStart, HoverTask
-from spidar_gym.envs.path.task import PathTask
 from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import SpidarError, StaleAssetError, require_name
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import assets_dir
 from spidar_gym.so3 import exp
+from spidar_gym.tasks.course import CourseTask, parse_course, plain_course
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.path import PathTask
+from spidar_gym.tasks.start import FlightStart, draw_start
 
 PINS = "scenarios/SHA256SUMS"
 """File with the hash of every scenario file, relative to assets/."""
@@ -97,17 +98,16 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
         disturbances = {}
     start = None
     if track.world == BOTH:
-        start = _rounded(plain_course(CourseTask(**_own(CourseTask, track)).draw(rng)))
+        start = _rounded(plain_course(CourseTask(**_own(CourseTask, track)).draw_course(rng)))
     elif track.flies:
         kind = PathTask if track.env_id == PATH else HoverTask
         task = kind(horizon_s=track.seconds, perturbation=OFFSET, **_own(kind, track))
+        drawn = draw_start(task, rng)
         goals = [
-            [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()]
-            for goal in task.schedule(rng)
+            [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()] for goal in drawn.goals
         ]
-        position, rotation = task.offset(rng)
+        position, rotation, path = drawn.position, drawn.rotation, drawn.path
         start = {"goals": goals, "position": position.round(6).tolist(), "rotation": rotation.round(6).tolist()}
-        path = task.draw_path(rng)
         if path is not None:
             knots = np.column_stack((path.times, path.pose_w, path.rate_w, path.acceleration_w))
             start["path"] = (knots.round(6) + 0.0).tolist()  # no zero is negative

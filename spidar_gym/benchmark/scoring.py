@@ -8,20 +8,20 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 
 from spidar_gym.benchmark.scenario import Scenario, check_drawn, make_env, reset_options
-from spidar_gym.benchmark.tally import EnvWatch, FleetWatch, Look, Tally
+from spidar_gym.benchmark.tally import FleetWatch, Tally
 from spidar_gym.benchmark.track import REST_S, Track, find_track
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.course.task import CourseProgress, parse_course
-from spidar_gym.envs.crawl.task import CrawlProgress
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.task import FlightStart, Progress
+from spidar_gym.envs.progress import CourseProgress, CrawlProgress, FlightProgress
 from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.policy import BatchPolicy, Policy, control_of, policy_arguments
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.tasks.course import parse_course
+from spidar_gym.tasks.start import FlightStart
 
 ACT_LIMIT_S = 10.0
 """How long a policy may think about one action [s]."""
@@ -76,14 +76,14 @@ def play_scenario(
         until_finished=False,
     )
     check_drawn(env.sampled_parameters, scenario, place)
-    look, tally = _watch(env), Tally(1)
+    watch, tally = FleetWatch(env.fleet, env.failures), Tally(1)
     times: list[float] = []
     info: dict[str, Any] = {}
     rest, only = _steps_of(REST_S, env), np.zeros(1, int)
     for step in steps:
         info = step.info
         times.append(step.seconds)
-        tally.count(look(info), only)
+        tally.count(watch.look(only), only)
         on_tick(info)
         rest -= step.finished
         if rest <= 0:
@@ -128,7 +128,7 @@ def play_scenarios(
     own = bool(track.ranges)
     envs = [make_env(track, scenario, arguments) for scenario in (scenarios if own else scenarios[:1])]
     env = envs[0]
-    if env.fleet is None:
+    if arguments["control"] != CONTROL:
         how: dict[str, Any] = {"act_limit_s": act_limit_s, "control": control, "track": track, "run": run}
         return [play_scenario(policy, name, one, **how) for one in scenarios]
     rules = np.stack([each.rules() for each in envs]) if own else None
@@ -192,19 +192,11 @@ def _steps_of(seconds: float, env: SpidarEnv) -> int:
     return round(seconds * CONTROL_RATE / env.hold)
 
 
-def _watch(env: SpidarEnv) -> Callable[[dict[str, Any]], Look]:
-    """What looks at the robot of an environment, wherever it is simulated."""
-    if env.fleet is None:
-        return EnvWatch(env).look
-    watch, only = FleetWatch(env.fleet, env.failures), np.zeros(1, int)
-    return lambda _: watch.look(only)
-
-
-def _progress(fleet: Fleet, robot: int) -> Progress | CrawlProgress | CourseProgress:
+def _progress(fleet: Fleet, robot: int) -> FlightProgress | CrawlProgress | CourseProgress:
     """How far a robot's episode has come."""
     record = fleet.robots[robot]
     if fleet.kind == "hover":
-        return Progress.read(record, fleet.goals[robot])
+        return FlightProgress.read(record, fleet.goals[robot])
     return (CourseProgress if fleet.kind == "coursing" else CrawlProgress).read(record)
 
 

@@ -1,4 +1,4 @@
-"""What is counted of episodes, step by step: of an environment's, or of many side by side in the engine."""
+"""What is counted of episodes, step by step, of one robot or of many side by side."""
 
 import math
 from collections.abc import Sequence
@@ -12,16 +12,9 @@ from spidar_gym.benchmark.metrics import METRICS, told_in
 from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, SETTLE_S, course_error, flight_error, ground_error
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import CourseProgress
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.crawl.task import CrawlProgress
-from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import Progress
-from spidar_gym.model.interference import InterferenceConfig, find_interference, no_interference
-from spidar_gym.model.rotor import nominal_vectoring
+from spidar_gym.envs.progress import CourseProgress, CrawlProgress, FlightProgress
+from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.native.constants import PROGRAMS
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import STATUS
@@ -62,52 +55,6 @@ class Look:
     """Whether the allocation has no answer (N,)."""
     breaks: np.ndarray
     """Whether a constraint is broken (N,); never on a course."""
-
-
-class EnvWatch:
-    """Looks at the robot of an environment whose controller and task are in Python."""
-
-    def __init__(self, env: SpidarEnv) -> None:
-        """Take it."""
-        self.env = env
-        self._bounds, self._config = no_interference(), InterferenceConfig()
-
-    def look(self, info: dict[str, Any]) -> Look:
-        """What is seen now, N = 1, of which this was told."""
-        env, state = self.env, self.env.state
-        broken = float(np.abs(info["joint_torque_allocated"]).max()) > ALLOCATED_MOST
-        position, finished = np.zeros(3), False
-        if isinstance(env, HoverEnv):
-            position, attitude = info["position_error"], info["attitude_error"]
-            wanted = env.progress.plan()
-            broken = broken or (info["failure"] != "diverged" and self._interferes(env))
-        elif isinstance(env, CourseEnv):
-            attitude, finished, broken = np.array([info["tilt_rad"]]), info["finished"], False
-            wanted = state.joint_position
-        else:
-            assert isinstance(env, CrawlEnv)
-            attitude, finished = np.array([info["tilt_rad"]]), info["finished"]
-            last = env.controller.last_step
-            broken = broken and last is not None and last.mode != "rest"  # where the floor carries the legs
-            wanted = env.controller.memory.joint_position
-        seen = {
-            "diverged": info["failure"] == "diverged", "finished": finished, "position": position,
-            "attitude": attitude, "joints": wanted - state.joint_position, "joint_torque": info["joint_torque"],
-            "torque_limit": env.plant.config.actuators.max_joint_torque, "thrust_command": info["thrust_command"],
-            "unsolved": info["qp_status"] not in (*ANSWERED, "none"), "breaks": broken,
-        }  # fmt: skip
-        return Look(**{name: np.asarray(value)[None] for name, value in seen.items()})
-
-    def _interferes(self, env: HoverEnv) -> bool:
-        """Whether a thrusting rotor points where its jet meets another rotor or the torso."""
-        state = env.state
-        snapshot = env.truth.snapshot
-        nominal = nominal_vectoring(snapshot.R_bl, state.vectoring)
-        bounds = self._bounds = find_interference(snapshot, nominal, self._bounds, config=self._config)
-        theta = state.vectoring[:, 1]
-        beyond = np.maximum(bounds.lower - theta, theta - bounds.upper)
-        blows = bounds.restricted & (beyond > INTERFERENCE_TOLERANCE) & (state.thrust > INTERFERENCE_THRUST)
-        return bool(blows.any())
 
 
 class FleetWatch:
@@ -183,11 +130,11 @@ class Tally:
         self._violations[ids] += under_way & look.breaks
 
     def metrics(
-        self, robot: int, info: dict[str, Any], progress: Progress | CrawlProgress | CourseProgress
+        self, robot: int, info: dict[str, Any], progress: FlightProgress | CrawlProgress | CourseProgress
     ) -> dict[str, Any]:
         """The `METRICS` by name (None where one has no meaning) of an episode that is over, from its last `info`."""
         counted = int(self.ticks[robot])
-        if isinstance(progress, Progress):
+        if isinstance(progress, FlightProgress):
             world, own = FLIGHT, self._flight(robot, info, progress)
         elif isinstance(progress, CrawlProgress):
             world, own = GROUND, _crawl(info, progress)
@@ -212,7 +159,7 @@ class Tally:
         # What a simulation that diverged leaves behind is no number.
         return {k: None if isinstance(v, float) and not v <= METRICS[k].most else v for k, v in found.items()}
 
-    def _flight(self, robot: int, info: dict[str, Any], progress: Progress) -> dict[str, Any]:
+    def _flight(self, robot: int, info: dict[str, Any], progress: FlightProgress) -> dict[str, Any]:
         """What only flights have."""
         position, attitude = self._rms(0, robot), self._rms(1, robot)
         late = len(progress.overdue())

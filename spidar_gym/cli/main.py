@@ -25,7 +25,6 @@ from spidar_gym.committed import artifact_patterns
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
-from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.errors import require_above, require_least, require_name
 from spidar_gym.files import json_text, output_folder
@@ -37,6 +36,7 @@ from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import FAULTS, Disturbances
 from spidar_gym.sim.randomize import check_strength
+from spidar_gym.tasks.hover import SEQUENCES
 from spidar_gym.text import format_table
 from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import margin_lines

@@ -12,7 +12,6 @@ from spidar_gym import viz
 from spidar_gym.cli.arguments import CameraArg, CrawlPresetArg, Flag, FlightPresetArg, JsonArg
 from spidar_gym.cli.console import drawn, progress, published, studied
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.crawl.task import RANGES
 from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
 from spidar_gym.files import output_folder
 from spidar_gym.paper import crawl as crawl_experiment
@@ -23,6 +22,7 @@ from spidar_gym.paper.trial import CONDITIONS
 from spidar_gym.processes import cpu_count
 from spidar_gym.sim.renderer import require_pictures
 from spidar_gym.sim.stage import FIXED, VIEWS
+from spidar_gym.tasks.crawl import RANGES
 from spidar_gym.text import format_table
 
 paper_app = tyro.extras.SubcommandApp()

@@ -23,7 +23,6 @@ from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.observations import OBSERVATIONS
 from spidar_gym.envs.registry import COURSE, Entry, environment
 from spidar_gym.errors import InvalidValueError, require_least, require_name
@@ -47,6 +46,7 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import TERRAINS
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
+from spidar_gym.tasks.hover import SEQUENCES
 
 ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES, **COURSE_MODES})]
 FormsArg = Annotated[str | None, choice(SEQUENCES)]

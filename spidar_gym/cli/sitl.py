@@ -17,7 +17,6 @@ from spidar_gym.cli.console import drawn, progress, published, studied
 from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.errors import InvalidValueError, SpidarError, require_above, require_least, require_name, require_within
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
@@ -48,6 +47,7 @@ from spidar_gym.sitl.play import (
 )
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
+from spidar_gym.tasks.crawl import CrawlTask
 from spidar_gym.text import format_table
 
 sitl_app = tyro.extras.SubcommandApp()

@@ -12,7 +12,6 @@ from spidar_gym.cli.arguments import Flag, choice
 from spidar_gym.cli.evaluate import BASELINES
 from spidar_gym.cli.run import UNDISTURBED, TaskOptions, chosen_arguments
 from spidar_gym.committed import committed_artifacts
-from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.envs.registry import HOVER, environment
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.native.plant import Plant
@@ -21,6 +20,7 @@ from spidar_gym.policies.policy import policy_arguments, policy_name
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.scene import scene
+from spidar_gym.tasks.hover import hover_height
 from spidar_gym.viz.live.serve import HOST, PORT, is_loopback, keep_time, require_viser, served
 from spidar_gym.viz.live.session import ALONE, Session
 

@@ -13,16 +13,12 @@ from spidar_gym.control.flight.observation import Field, layout, path_layout
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, ActionMode
-from spidar_gym.envs.course import task as course_task
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl import task as crawl_task
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.goals import REWARDS
-from spidar_gym.envs.hover import task as hover_task
 from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
-from spidar_gym.envs.path import task as path_task
 from spidar_gym.envs.path.env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
 from spidar_gym.robot import field_docs, source_doc
@@ -30,6 +26,10 @@ from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import TABLE
 from spidar_gym.sim.violations import AT_LIMIT, BLOWN_FACTOR
+from spidar_gym.tasks import course as course_task
+from spidar_gym.tasks import crawl as crawl_task
+from spidar_gym.tasks import hover as hover_task
+from spidar_gym.tasks import path as path_task
 from spidar_gym.text import markdown_rows
 
 INFO = {
@@ -77,8 +77,6 @@ class Chapter:
     """Least and largest number of the task's arguments, and their units."""
     layout: Any
     """Size of the action → layout of the observation."""
-    failures: dict[str, str]
-    """Words of failure and what they mean."""
     info: dict[str, tuple[str, str, str]]
     """More keys of `info`."""
     start: str
@@ -107,7 +105,6 @@ HOVER_CHAPTER = Chapter(
     ACTION_MODES,
     hover_task.RANGES,
     layout,
-    hover_task.FAILURES,
     {
         "position_error": ("(3,)", "m", "desired − actual CoG, world, true state"),
         "attitude_error": ("(3,)", "rad", "log(RᵀR_d), torso axes, true state"),
@@ -137,7 +134,7 @@ CHAPTERS: dict[str, Chapter] = {
         "their deadlines, the integrals' preload and the path's knots instead, as the benchmark's scenarios do.",
     ),
     "spidar_gym/Crawl-v0": Chapter(
-        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout, crawl_task.CRAWL_FAILURES,
+        CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout,
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
             "phase": ("str", "", "phase of the gait"),
@@ -169,7 +166,7 @@ CHAPTERS: dict[str, Chapter] = {
         law="Crawler",
     ),
     "spidar_gym/Course-v0": Chapter(
-        CourseEnv, course_task.CourseTask, COURSE_MODES, course_task.RANGES, course_layout, course_task.COURSE_FAILURES,
+        CourseEnv, course_task.CourseTask, COURSE_MODES, course_task.RANGES, course_layout,
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
             "distance_m": ("float", "m", "their distance, a radian counting 0.5 m"),
@@ -277,7 +274,7 @@ def page(name: str) -> str:
         "## Rewards",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",
         markdown_rows(
-            "term | weight | formula", ((f"`{n}`", f"{w:g}", text) for n, (w, text) in own.env.reward_terms.items())
+            "term | weight | formula", ((f"`{n}`", f"{w:g}", text) for n, (w, text) in own.task.reward_terms.items())
         ),
         "## Info",
         markdown_rows("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
@@ -287,7 +284,7 @@ def page(name: str) -> str:
         own.start,
         "## Episode End",
         "Terminated with `info['failure']`:",
-        "\n".join(f"- `{word}`: {meaning}." for word, meaning in own.failures.items()),
+        "\n".join(f"- `{word}`: {meaning}." for word, meaning in own.task.failures.items()),
         f"Truncated after {entry.horizon} steps ({task.horizon_s:g} s). For another length give "
         "`gym.make` either\n"
         f"`horizon_s={2.0 * task.horizon_s:g}` or `max_episode_steps={2 * entry.horizon}`; of both the shorter "
@@ -335,7 +332,8 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
         "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
-        "task": "a task of one's own: a `FlightTask` or a `WalkTask`, its class or its name; of a course there is none",
+        "task": f"another task: an object of a class derived from `{own.task.__name__}`, the class, or its name, "
+        "`module:Class`",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "robot": "a `RobotSpec` of one's own, its numbers by name, or a TOML file: controller and simulator know it",
         "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",

@@ -1,31 +1,28 @@
-"""What every environment shares: the simulated robot, actions, seeds, pictures, and the rules of `info`."""
+"""What every environment shares: one robot behind Gymnasium's interface, a fleet of one."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.orders import Orders
 from spidar_gym.envs import rules, single
 from spidar_gym.envs.actions import ActionMode
-from spidar_gym.envs.batch import VectorTask
+from spidar_gym.envs.commander import Commander
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.judge import Judge, find_task, require_task
-from spidar_gym.envs.midway import Disturbable
 from spidar_gym.envs.moments import Restorable
 from spidar_gym.envs.observed import Observed
-from spidar_gym.envs.options import Task, own_robot
-from spidar_gym.envs.readable import Readable
+from spidar_gym.envs.options import own_robot
+from spidar_gym.envs.remade import Remade
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import RENDER_MODES, View, fps
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
@@ -35,14 +32,15 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import Randomization
 from spidar_gym.state import Command, RobotState
+from spidar_gym.tasks.task import Task
 
-TaskT = TypeVar("TaskT", bound=Task)
+TaskT = TypeVar("TaskT", bound=Task[Any])
 ControllerT = TypeVar("ControllerT", FlightControl, CrawlControl, Orders)
 ProgressT = TypeVar("ProgressT")
 
 
 class SpidarEnv(
-    Readable, Disturbable, Observed, Restorable, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+    Remade, Observed, Restorable, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
@@ -54,18 +52,10 @@ class SpidarEnv(
     """What is to be done."""
     controller: ControllerT
     """What commands the robot where no action does."""
-    reward_terms: Mapping[str, tuple[float, str]]
-    """Weight and formula of each term of the reward; the weights add up to 1."""
-    failures: tuple[str, ...]
-    """Why an episode may be over, in the engine's order."""
     words: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
     hold: int = 1
     """Control periods of a step."""
-    untouchable: tuple[str, ...] = ("duct", "part")
-    kind: ClassVar[str]
-    """Struct of a robot in the engine."""
-
     def __init__(
         self,
         mode: ActionMode,
@@ -73,7 +63,7 @@ class SpidarEnv(
         *,
         joint_speed: float,
         control: str,
-        task: VectorTask[Any] | type[VectorTask[Any]] | str | None = None,
+        task: Any = None,  # noqa: ANN401 - what users give, made into a task by `make_task`
         idle_thrust: float = 0.0,
         robot: RobotSpec | str | Path | Mapping[str, Any] | None = None,
         plant: PlantConfig | None = None,
@@ -97,8 +87,8 @@ class SpidarEnv(
             layout: The observation's layout.
             joint_speed: Speed limit of the joint servos [rad/s].
             control: `python` or `core`.
-            task: A task of one's own in place of the built-in one: a `FlightTask` or a `WalkTask`, its class, or the
-                class's name, `module:Class`.
+            task: Another task in place of the built-in one: an object of a class derived from that, the class, or its
+                name, `module:Class`.
             idle_thrust: Least commanded thrust of a module [N].
             robot: A robot of one's own, which controller and simulator know: a `RobotSpec`, its numbers by name, or a
                 TOML file of these; the nominal one by default.
@@ -124,6 +114,7 @@ class SpidarEnv(
             StaleAssetError: When the model file was edited by hand.
         """
         nominal = own_robot(plant, robot)
+        self.task = task
         self.robot = nominal.robot
         """The robot as described."""
         if "robot" in self._arguments:  # what a file said holds for as long as the environment lives
@@ -132,14 +123,8 @@ class SpidarEnv(
         """How it is looked at."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, self.robot.max_thrust, "N", idle_thrust=idle_thrust)
-        self.own_task: VectorTask[Any] | None = find_task(task)
-        """The task of one's own; None where the built-in one is done."""
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
-        if self.own_task is not None:
-            own = self.own_task
-            require_task(own, self.kind, self._arguments)
-            self.reward_terms, self.failures = own.reward_terms, tuple(own.failures)
-            layout = (*layout, *own.fields)
+        layout = (*layout, *self.task.fields)
         self._mode, self.layout = mode, layout
         if max_episode_steps is not None:
             self.end(max_episode_steps)
@@ -155,7 +140,6 @@ class SpidarEnv(
         )
         self._described = plant is None and not self._randomization.draws
         self._control = control
-        self.estimator = Estimator(robot=self.robot)
         self.sampled_parameters: dict[str, np.ndarray] = {}
         """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
         self.render_mode = render_mode
@@ -168,34 +152,36 @@ class SpidarEnv(
         self._now: dict[str, Any] = {}
         self.ticks = 0
         self._began = False
-        self._command: Command | None = None
-        self._made = self.task, self._nominal
-        self.fleet: Fleet | None = None
-        """Its robot in the engine, where that does all of it."""
         if not self._is_bare:
-            self._furnish(native=self._is_native())
+            self._furnish()
 
-    # ---- two ways to run: all of it in the engine, or controller and task in Python over the engine's robot ----
-
-    def _is_native(self) -> bool:
-        """Whether the engine does all of it: the core flies, and task and rewards are the built-in ones."""
-        return is_compiled(self._control) and self._is_built_in()
-
-    def _furnish(self, *, native: bool) -> None:
+    def _furnish(self) -> None:
         """Make robot and controller."""
-        if not native and self.own_task is not None:
-            valid = "None beside a law, an allocator or a page of one's own in Python: the core flies"
-            raise InvalidValueError("task", self.own_task, valid)
-        self.fleet = self.make_fleet(1) if native else None
-        self._judge = self.judge(self.fleet)
+        self.fleet: Fleet = self.make_fleet(1)
+        """Its robot in the engine, and the task."""
+        self.plant = Plant(self._nominal, engine=self.fleet.engine)
+        """Its robot as simulated."""
         self._ruled = self.task
-        self.plant = Plant(self._nominal, engine=None if self.fleet is None else self.fleet.engine)
-        self.controller = self._make_controller()
-        self._now = {}
+        self._commander: Commander | None = None
+        if is_compiled(self._control):
+            self.controller = self._look_at_controller()
+        else:
+            self.fleet.commander = self._commander = self._make_commander()
+            self.controller = self._commander.controller
+
+    @property
+    def reward_terms(self) -> Mapping[str, tuple[float, str]]:
+        """Weight and formula of each term of the reward; the weights add up to 1."""
+        return self.task.reward_terms
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Why an episode may be over, in the order of the codes."""
+        return tuple(self.task.failures)
 
     @in_turn
     def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
-        """What is known of this tick; where the engine does it all, it is read when somebody asks."""
+        """What is known of this tick, read when it is asked for."""
         if name not in self._now:
             if not self._began:
                 raise SpidarError(f"there is no {name} before reset(); valid: call reset() first")
@@ -209,16 +195,14 @@ class SpidarEnv(
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
         """Read what the engine knows: the true state, what is seen of it, the last command."""
-        assert self.fleet is not None
         return self.plant.state() if name == "state" else single.look(self.fleet, name)
 
     @property
-    @in_turn
     def command(self) -> Command:
         """The last command (`SpidarError` before the first step)."""
         if not self.ticks:
             raise SpidarError("there is no command before step(); valid: call step() first")
-        return self._known("command") if self._command is None else self._command
+        return self._known("command")
 
     @property
     def state(self) -> RobotState:
@@ -231,9 +215,9 @@ class SpidarEnv(
         return self._known("seen" if self._nominal.sense else "state")
 
     @property
-    def _loads(self) -> bool:
-        """Whether robots get a model of their own because their task has them carry things."""
-        return self.own_task is not None and self.own_task.loads
+    def is_drawn(self) -> bool:
+        """Whether robots are drawn."""
+        return self._randomization.draws
 
     @property
     def progress(self) -> ProgressT:
@@ -260,24 +244,17 @@ class SpidarEnv(
         super().reset(seed=seed)
         for name, value in chosen.items():
             setattr(self, name, value)
-        if self._is_native() != (self.fleet is not None):
-            self._furnish(native=self.fleet is None)
-        self.ticks, self._began, self._now = 0, True, {}
-        self._action, self._command, self._failure = np.zeros(self._mode.size), None, ""
-        if self.fleet is None:
-            self._begin(self.np_random)
-            self.plant.forgive()
-        else:
-            self._begin_native(self.fleet)
+        self.ticks, self._began, fleet = 0, True, self.fleet
+        self._obey(fleet)
+        fleet.disturb(0, self._disturbances)
+        self._prepare(fleet)
+        single.begin(fleet, self.np_random)
+        self.plant.reread()
+        self._forget()
+        self.sampled_parameters = single.drawn(fleet.robots[0]["episode"]["drawn"]) if self.is_drawn else {}
         if self.render_mode == "human":
             self.render()
-        observation, info = self._shown()
-        terms = {name.removeprefix("reward_") for name in info if name.startswith("reward_")}
-        if terms != self.reward_terms.keys():
-            raise InvalidValueError(
-                "reward_terms", sorted(self.reward_terms), f"the terms of the task: {sorted(terms)}"
-            )
-        return observation, info
+        return self._shown()
 
     @in_turn
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -300,33 +277,45 @@ class SpidarEnv(
             raise InvalidValueError("action", action.tolist(), "finite numbers within −1 … 1")
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        if self.fleet is not None:
-            return self._step_native(self.fleet, action)
-        self._action = np.minimum(np.maximum(action, -1.0), 1.0)
+        fleet = self.fleet
+        self.plant.keep()
+        fleet.actions[0] = action
+        self._forget()
         self.ticks += 1
-        self.plant.forgive()
-        failure = self._control_period()
-        for _ in range(self.hold - 1):
-            failure = failure or self._control_period()
-        self._failure = failure
-        info = self._info(failure)
-        if failure == "diverged":
-            shown = self._show(np.zeros(len(self._bound), np.float32), info)
-            return shown, self._judged(shown, 0.0), True, self.is_over, info
-        reward = sum(weight * info[f"reward_{name}"] for name, (weight, _) in self.reward_terms.items())
+        fleet.step()
+        observation, info = self._shown()
         if self.render_mode == "human":
             self.render()
-        shown = self._show(self._observation(), info)
-        return shown, self._judged(shown, reward), failure != "", self.is_over, info
+        reward = self._judged(observation, float(fleet.rewards[0]))
+        return observation, reward, bool(fleet.terminated[0]), self.is_over, info
 
     def _shown(self) -> tuple[Any, dict[str, Any]]:
-        if self.fleet is not None:
-            info = self.tell(self.fleet)
-            return self._show((self._judge or self.fleet).observations[0].copy(), info), info
-        info = self._info(self._failure)
-        has_diverged = self._failure == "diverged"
-        flat = np.zeros(len(self._bound), np.float32) if has_diverged else self._observation()
-        return self._show(flat, info), info
+        """Observation and info of now."""
+        return self._show(self.fleet.observations[0].copy()), self.tell(self.fleet)
+
+    @in_turn
+    def disturb(self, disturbances: Mapping[str, Any] | Disturbances | None, towards: float = 0.0) -> None:
+        """Let something else happen to the robot from now on, without a reset, and in the episodes after this one.
+
+        Args:
+            disturbances: As at `reset`; a `fault_time` that is past is now. Pushes begin with one at once.
+            towards: Where the wind of this episode blows to, 0 along x, π/2 along y [rad].
+
+        Raises:
+            UnknownNameError: For a name that does not exist, and nothing has changed.
+            InvalidValueError: For a value that is not valid, and nothing has changed.
+            SpidarError: When `reset` was never called.
+        """
+        chosen = Disturbances.parse(disturbances)
+        require_within(-1e6, 1e6, "rad", towards=towards)
+        if not self._began:
+            raise SpidarError("there is no episode to disturb before reset(); valid: call reset() first")
+        self._disturbances = chosen
+        self._choices = self._choices | {"disturbances": chosen}  # a reset that rebuilds it, and a restore, keep them
+        self.fleet.disturb(0, chosen)
+        self.plant.disturb(chosen, towards)
+        self.fleet.refer()
+        self._now = {}
 
     def _empty(self) -> None:
         self.controller.close()
@@ -337,7 +326,7 @@ class SpidarEnv(
         assert name == "disturbances"
         return {"_disturbances": Disturbances.parse(value)}
 
-    # ---- all of it in the engine ----
+    # ---- what a subclass says ----
 
     @abstractmethod
     def make_fleet(
@@ -365,55 +354,30 @@ class SpidarEnv(
             record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
             horizon=self.horizon, truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
-        record["rules"]["is_judged"] = self.own_task is not None
+        record["rules"]["is_referred"] = self.task.refers
+        record["rules"]["is_commanded"] = not is_compiled(self._control)
+        self.task.write(record)
 
     @abstractmethod
-    def _make_controller(self) -> ControllerT:
-        """The controller; in the engine's memory where the engine does all of it."""
+    def _look_at_controller(self) -> ControllerT:
+        """The core's controller in the engine's memory."""
 
     @abstractmethod
+    def _make_commander(self) -> Commander:
+        """The controller in Python, in the core's place."""
+
     def _rule(self, fleet: Fleet) -> None:
         """Write the task into the engine's rules."""
-
-    @abstractmethod
-    def _is_built_in(self) -> bool:
-        """Whether task and rewards are those that the engine has too."""
+        fleet.rules[()] = self.rules()
+        fleet.take_task(self.task)
 
     @abstractmethod
     def _prepare(self, fleet: Fleet) -> None:
         """Write down what the next episode begins with, where that is given."""
 
-    def _begin_native(self, fleet: Fleet) -> None:
-        self._obey(fleet)
-        fleet.disturb(0, self._disturbances)
-        self._prepare(fleet)
-        single.begin(fleet, self._judge, self.np_random)
-        self.plant.reread()
-        self._forget()
-        self.sampled_parameters = single.drawn(fleet.robots[0]["episode"]["drawn"]) if self.is_drawn else {}
-
-    def _step_native(self, fleet: Fleet, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.plant.keep()
-        fleet.actions[0] = action
-        self._forget()
-        self.ticks += 1
-        (self._judge or fleet).step()
-        observation, info = self._shown()
-        if self.render_mode == "human":
-            self.render()
-        reward = self._judged(observation, float(fleet.rewards[0]))
-        return observation, reward, bool(fleet.terminated[0]), self.is_over, info
-
-    def judge(self, fleet: Fleet | None, before: Judge | None = None) -> Judge | None:
-        """Who judges these robots by the task of one's own, if there is one; as `Judge`."""
-        if self.own_task is None or fleet is None:
-            return None
-        return Judge(self.own_task, fleet, self.task, before)
-
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
-        values = None if self._judge is None else self._judge.terms[robot]
         draws = single.drawn(fleet.robots[robot]["episode"]["drawn"]) if self.is_drawn else {}
         words = single.words_of(self.failures, self.words)
-        info = single.info(fleet.infos[robot : robot + 1], self.reward_terms, values, words)
+        info = single.info(fleet.infos[robot : robot + 1], self.reward_terms, fleet.terms[robot], words)
         return info | {"randomization": draws}

@@ -1,46 +1,58 @@
-"""Robots of one environment in the engine, and what goes in and comes out at a tick: one robot or thousands."""
+"""Robots of one environment: the engine moves them, their task rates them; one robot or thousands."""
 
 import logging
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from spidar_gym.control.course.gates import Course
-from spidar_gym.envs.hover.task import FlightStart
-from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.envs.turns import whole
+from spidar_gym.errors import REAL, InvalidValueError, SpidarError, require_array, require_keys
 from spidar_gym.native.course import write_course
-from spidar_gym.native.draws import from_numpy
+from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine import Engine
-from spidar_gym.native.engine_structs import COURSE_FAILURES, CRAWL_FAILURES, FLIGHT_FAILURES, engine_layouts
+from spidar_gym.native.engine_structs import AUTORESETS, SEQUENCES, engine_layouts
 from spidar_gym.native.library import write
-from spidar_gym.native.structs import fill
+from spidar_gym.native.structs import WORDS, fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.tasks.start import FlightStart, FormGoal
+from spidar_gym.tasks.task import Task, checked_array, require_finite, square
 
 _LOG = logging.getLogger("spidar_gym.mujoco")
-_FAILURES = {"hover": FLIGHT_FAILURES, "crawling": CRAWL_FAILURES, "coursing": COURSE_FAILURES}
-_SHARED = ("rules", "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun",
-           "infos", "final_infos", "goals", "knots")  # fmt: skip
+_SHARED = ("rules", "actions", "observations", "begun", "infos", "quantities", "goals", "knots")
 """Arrays that the engine reads and writes where they lie."""
+_SHOWN = ("rewards", "terminated", "truncated", "final_observations", "final_infos", "terms", "final_terms")
+"""Arrays that are written here."""
+_CLIENTS = ("actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
+            "final_infos", "terms", "final_terms")  # fmt: skip
+"""Arrays in which clients look."""
 _AT_ONCE, _SETTLING_AT_ONCE = 256, 4
 """Robots that a thread resets before Ctrl-C is answered: on tiles one takes up to 70 ms to come to rest."""
+_MODES = len(WORDS["reference", "mode"])
+UNIT = 1e-3
+"""Within which the squared length of a quaternion has to be 1."""
 
 
 class Fleet:
-    """Robots of one environment.
+    """Robots of one environment and their task.
 
     Its arrays have an entry for every robot, and are written anew at every tick: who keeps them makes a copy.
     """
 
+    commander: Any = None
+    """The controller in Python of the only robot; None where the core controls."""
+
     def __init__(
-        self, kind: str, rules: np.ndarray, plant: PlantConfig, robots: int, threads: int, *,
+        self, task: Task[Any], rules: np.ndarray, plant: PlantConfig, robots: int, threads: int, *,
         alike: bool, goals: int = 0, knots: int = 0,
     ) -> None:  # fmt: skip
         """Make them.
 
         Args:
-            kind: `hover`, `crawling` or `coursing`.
+            task: What they are to do.
             rules: `sp_hover_rules`, `sp_crawl_rules` or `sp_course_rules`, one for all or one for every robot: then
                 each is simulated as its own say, on floors of the same kind.
             plant: The simulated robot, or the one that others are drawn around.
@@ -50,45 +62,70 @@ class Fleet:
             goals: Forms that an episode has at most.
             knots: Knots that a path of an episode has at most.
         """
-        engine = Engine(kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
+        engine = Engine(task.robots.kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
         if rules.ndim:
             engine.configure(np.ascontiguousarray(rules["rules"]["plant"]))
         self.has_own_copies, self._settles = not alike, plant.ground.uneven
-        self._share(kind, engine, rules, goals, knots)
+        self._share(task, engine, rules, goals, knots)
 
-    def _share(self, kind: str, engine: Engine, rules: np.ndarray, goals: int, knots: int) -> None:
+    def _share(self, task: Task[Any], engine: Engine, rules: np.ndarray, goals: int, knots: int) -> None:
         """Make what goes in and out of an engine."""
         layouts, common, robots = engine_layouts(), rules["rules"], len(engine.robots)
-        self.kind, self.rules, self.engine = kind, rules, engine
+        self.task, self.rules, self.engine, self.kind = task, rules, engine, task.robots.kind
         self.robots = engine.robots
         """All that there is of the robots: records of `sp_hover`, `sp_crawling` or `sp_coursing`."""
-        info, size = layouts[f"{kind}_info"], int(common["size"].flat[0])
+        own, shown = sum(f.size for f in task.fields), int(common["size"].flat[0])
         self.actions = np.zeros((robots, int(common["mode"]["size"].flat[0])))
-        self.observations, self.final_observations = (np.zeros((robots, size), np.float32) for _ in range(2))
+        self.observations, self.final_observations = (np.zeros((robots, shown + own), np.float32) for _ in range(2))
         self.rewards = np.zeros(robots)
         self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
-        self.infos, self.final_infos = np.zeros(robots, info), np.zeros(robots, info)
-        self.told, self.final_told = told(self.infos), told(self.final_infos)
-        """Views of `infos` and `final_infos` by name."""
+        self.infos, self.final_infos = (np.zeros(robots, layouts[f"{self.kind}_info"]) for _ in range(2))
+        self.quantities = np.zeros(robots, layouts[f"{self.kind}_quantities"])
+        """What the engine counts for the task."""
         self.goals, self.knots = np.zeros((robots, goals), layouts["goal"]), np.zeros((robots, knots), layouts["knot"])
-        self.extras: list[np.ndarray] = []
-        """Other arrays with an entry for every robot that belong to what a robot is."""
-        self.task = "the built-in one"
-        """Who judges."""
-        self.failures = len(_FAILURES[kind])
-        """How many words there are for why an episode is over."""
+        self.terms, self.final_terms = (np.zeros((robots, len(task.reward_terms))) for _ in range(2))
+        """Terms of the reward, in the order of the task's table."""
+        self.memory = np.zeros(robots, np.dtype([*task.memory, ("_task", "u1")]))
+        """What the task remembers of the robots."""
+        self.is_given = np.zeros(robots, bool)
+        """Whose start a user has given, which goes before the task's."""
+        self.scheduled: dict[str, np.ndarray] = {}
         for name in _SHARED:
             engine.share(name, getattr(self, name))
         if rules.ndim:
             engine.record["rules_bytes"] = rules.itemsize
         engine.record["goal_room"], engine.record["knot_room"] = goals, knots
+        engine.record["observation_size"] = shown + own
+        self._prepare_task()
+
+    def _prepare_task(self) -> None:
+        """Look at the task once: what of it is to be called, and in which order its answers come."""
+        task, common, robots = self.task, self.rules["rules"], len(self.robots)
+        self.view = task.robots(self, self.memory)
+        """What the task is given."""
+        self.told, self.final_told = told(self.infos), told(self.final_infos)
+        """Views of `infos` and `final_infos` by name."""
+        self._episode = self.robots["episode"]
+        self._failure_code, self._success = self.infos["info"]["failure_code"], self.infos["is_success"]
+        self._names, self._words = list(task.reward_terms), [word for word in task.failures if word != "diverged"]
+        codes = list(task.failures)
+        self._codes = np.array([codes.index(word) for word in ("diverged", *self._words)])
+        self._weights = np.array([weight for weight, _ in task.reward_terms.values()])
+        self._failed = np.zeros((len(self._codes), robots), bool)
+        self._horizon, self._truncates, self._autoreset = common["horizon"], common["truncates"], common["autoreset"]
+        self._advances, self._draws = task.overrides("advance"), task.overrides("draw")
+        self._tells = type(task).tell is not Task.tell
+        self._starts = hasattr(task, "start") and task.overrides("start")
+        self._refers = task.refers
+        self._bound = np.concatenate([[], *(np.full(f.size, f.bound) for f in task.fields)])
+        self._was_over = True
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of: numbers, and no array that the engine has the address of."""
-        numbers = {name: getattr(self, name).tobytes() for name in _SHARED if name != "rules"}
+        names = (*(name for name in _SHARED if name != "rules"), *_SHOWN, "memory", "is_given")
         return {
-            "share": (self.kind, self.engine, self.rules.copy(), self.goals.shape[1], self.knots.shape[1]),
-            "numbers": numbers, "extras": self.extras, "task": self.task, "failures": self.failures,
+            "share": (self.task, self.engine, self.rules.copy(), self.goals.shape[1], self.knots.shape[1]),
+            "numbers": {name: getattr(self, name).tobytes() for name in names},
             "has_own_copies": self.has_own_copies, "_settles": self._settles,
         }  # fmt: skip
 
@@ -100,13 +137,36 @@ class Fleet:
         for name, content in numbers.items():
             write(getattr(self, name), content)
 
+    @property
+    def horizon(self) -> np.ndarray:
+        """Steps after which an episode ends, one for all or one for every robot."""
+        return self._horizon
+
+    @property
+    def action_size(self) -> int:
+        """Entries of an action."""
+        return self.actions.shape[1]
+
+    @property
+    def parts(self) -> list[np.ndarray]:
+        """Arrays that belong to what a robot is, besides `robots`, `goals` and `knots`."""
+        return [self.observations, self.infos, self.quantities, self.terms, self.memory, self.is_given]
+
+    def take_task(self, task: Task[Any]) -> None:
+        """Do a task with other options from the next episode on; its terms and failures are the same."""
+        self.task = task
+        if self.kind == "hover":
+            self.robots["forms"] = SEQUENCES.index(vars(task)["forms"])
+
+    # ---- what is said of the next episode ----
+
     def seed(self, robot: int, rng: np.random.Generator) -> None:
         """Let a robot's environment draw what this generator would."""
-        self.robots[robot]["episode"]["generator"] = from_numpy(rng)
+        self._episode[robot]["generator"] = from_numpy(rng)
 
     def disturb(self, robot: int, disturbances: Disturbances) -> None:
         """Say what happens to a robot from its next episode on."""
-        fill(self.robots[robot]["episode"]["disturbances"], disturbances)
+        fill(self._episode[robot]["disturbances"], disturbances)
 
     def load(self, ids: np.ndarray, mass: np.ndarray, position_b: np.ndarray) -> None:
         """Let torsos carry point masses from the next tick on, until their episodes end.
@@ -129,16 +189,27 @@ class Fleet:
         record["offset"], record["rotation"] = start.position, start.rotation
         record["velocity"], record["omega"] = start.velocity, start.omega
         record["has_trim"], record["trim"] = start.trim is not None, 0.0 if start.trim is None else start.trim
-        record["goals"] = count = len(start.goals)
         record["knots"] = knots = 0 if start.path is None else len(start.path.times)
-        self.make_room(count, knots)
+        self.make_room(0, knots)
         if start.path is not None:
             row = self.knots[robot, :knots]
             row["time"], row["pose_w"] = start.path.times, start.path.pose_w
             row["rate_w"], row["acceleration_w"] = start.path.rate_w, start.path.acceleration_w
-        goals = self.goals[robot, :count]
+        self.reschedule(robot, start.goals)
+
+    def reschedule(self, robot: int, goals: Sequence[FormGoal]) -> None:
+        """Let a flight go through these forms; those that its episode has reached stay reached."""
+        self.robots[robot]["goals"] = count = len(goals)
+        self.make_room(count)
+        rows = self.goals[robot, :count]
+        rows["reached"][int(self.robots[robot]["current"]) :] = 0
         for name in ("start", "deadline", "joint_target"):
-            goals[name] = [getattr(goal, name) for goal in start.goals]
+            rows[name] = [getattr(goal, name) for goal in goals]
+
+    def give_start(self, robot: int, start: FlightStart | None) -> None:
+        """As `begin_with`, for a start that a user has given: it goes before the task's."""
+        self.begin_with(robot, start)
+        self.is_given[robot] = start is not None
 
     def go(self, robot: int, course: Course | None) -> None:
         """Say which course a robot goes from its next episode on; None has it drawn."""
@@ -160,30 +231,32 @@ class Fleet:
             raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
         self.rules["rules"]["is_advised"] = 1
 
+    # ---- memory ----
+
     def take_over(self, old: "Fleet") -> None:
         """Go on in the arrays of other robots, where clients look; those are closed, and these have to begin anew.
 
         Their generators, and what was said of their next episodes, go on too.
         """
         with old.engine.turn.lock, self.engine.turn.lock:
-            for name in (
-                "actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
-                "final_infos",
-            ):  # fmt: skip
-                setattr(self, name, getattr(old, name))
-                self.engine.share(name, getattr(self, name))
-            self.told, self.final_told = old.told, old.final_told
+            for name in _CLIENTS:
+                if getattr(self, name).shape == getattr(old, name).shape:
+                    setattr(self, name, getattr(old, name))
+                    if name in _SHARED:
+                        self.engine.share(name, getattr(self, name))
+            self.is_given = old.is_given
             self.make_room(old.goals.shape[1], old.knots.shape[1])
             self.goals[:, : old.goals.shape[1]], self.knots[:, : old.knots.shape[1]] = old.goals, old.knots
             plants = self.robots["plant"].copy()
             self.robots[:] = old.robots
             self.robots["plant"] = plants
             self.rules["rules"]["is_advised"] = np.any(old.rules["rules"]["is_advised"])
+            self._prepare_task()
             old.close()
 
     def way_back(self) -> Callable[[], None]:
         """What lets robots and rules be again as they are now."""
-        arrays = [self.rules, self.robots, self.goals, self.knots, self.observations, self.infos, *self.extras]
+        arrays = [self.rules, self.robots, self.goals, self.knots, *self.parts]
         contents = [(array, array.copy()) for array in (*arrays, self.engine.copies)]
         rooms = {"goals": self.goals, "knots": self.knots}
 
@@ -213,28 +286,293 @@ class Fleet:
                     wider[:, :room] = held
                     self._give(name, wider)
 
+    def restored(self) -> None:
+        """Go on where robots have been written from outside."""
+        self._was_over = True
+        self.engine.forget_copies()
+
+    # ---- episodes ----
+
     def reset(self, ids: np.ndarray | None = None) -> None:
         """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""
+        chosen = np.arange(len(self.robots)) if ids is None else ids
+        self._say_starts(chosen)
         self._run("reset", ids, _SETTLING_AT_ONCE if self._settles else _AT_ONCE)
+        if self.commander is not None:
+            self.commander.begin()
+        self._begin(chosen)
+        if self.commander is not None:
+            self.commander.look()
+        if self.commander is not None and self.kind == "hover":
+            self._run("regard", chosen)
+        self.terms[chosen] = self._terms()[chosen]
+        self.rewards[chosen] = 0.0
+        self.terminated[chosen] = self.truncated[chosen] = False
+        self._tell()
+        self._observe(chosen)
+        if self.commander is not None:
+            self.commander.observe()
 
     def step(self, ids: np.ndarray | None = None) -> None:
-        """One control period of robots, with `actions`; of all if not said which, in rising order.
+        """One step of robots, with `actions`; of all if not said which, in rising order.
 
-        Where MuJoCo gives up a robot, its episode ends as one that has diverged, and nobody else's is changed; `reset`
+        Where MuJoCo gives up a robot, its episode ends as one that has diverged, and no other robot is changed; `reset`
         begins its next. Where it does so while an episode begins by itself, that is an error.
 
         Raises:
             SpidarError: For a robot that MuJoCo cannot put where its next episode begins.
         """
-        self._run("step", ids)
+        with whole():  # the engine ends its part for all robots before Ctrl-C is answered, and so does the task
+            if self._starts and self._autoreset.flat[0] == AUTORESETS.index("next_step"):
+                self._say_starts(np.flatnonzero(self._episode["over"]))
+            self._move(ids)
+            if self._regards:
+                self._run("regard", ids)
+            self._rate(slice(None) if ids is None else ids)
+            if self.commander is not None:
+                self.commander.observe()
 
-    def show(self) -> None:
-        """Write observations and infos of what is now, where Python judges."""
-        self._run("show", None)
+    def _move(self, ids: np.ndarray | None) -> None:
+        """Let robots move for a step; a controller in Python commands every control period of it."""
+        commander = self.commander
+        hold = int(self.rules["hold"]) if commander is not None and self.kind == "coursing" else 1
+        for period in range(hold):
+            if commander is not None:
+                commander.act()
+            self._run("hold" if period else "step", ids)
+            self._refer()
+            if commander is not None:
+                commander.look()
+                if self._stops():
+                    break
 
-    def regard(self, ids: np.ndarray) -> None:
-        """Look at flights with the references that Python has written, where episodes have just begun; show them."""
-        self._run("regard", ids)
+    def _stops(self) -> bool:
+        """Whether the only robot's step ends before its time."""
+        limits = getattr(self.task, "stops", {})
+        return bool(self.view.diverged[0]) or any(getattr(self.view, name)[0] > most for name, most in limits.items())
+
+    @property
+    def _regards(self) -> bool:
+        """Whether the engine's step ends before errors are known: Python has a part in references or commands."""
+        return self._refers or (self.commander is not None and self.kind == "hover")
+
+    def _rate(self, rows: Any) -> None:  # noqa: ANN401 - all robots, or some by number
+        """Rewards, failures and ends of robots that have moved; the next episodes of those at an end."""
+        task, view, failed = self.task, self.view, self._failed
+        if self._advances:
+            task.advance(view)
+        np.not_equal(view.diverged, 0.0, out=failed[0])
+        found = self._rows(task.failed(view), self._words, "failed", "?")
+        for k, mask in enumerate(found):
+            failed[k + 1] = mask
+        fails = failed.any()
+        terms = self._terms()
+        if fails and failed[0].any():
+            terms[failed[0]] = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            rewards = np.add.reduce(terms * self._weights, axis=1)
+        if not math.isfinite(rewards.sum()):
+            require_finite(f"{self._name}: sum of terms", rewards, view.diverged)
+        succeeded = checked_array(f"{self._name}.succeeded", task.succeeded(view), rewards.shape, "?")
+        terminated = np.logical_or.reduce(failed) if fails else np.zeros(rewards.shape, bool)
+        truncated: Any = (view.ticks >= self._horizon) & (self._truncates != 0)
+        way = self._autoreset.flat[0]
+        begun = np.flatnonzero(self.begun) if way == _NEXT_STEP else _NONE
+        if begun.size:
+            terminated[begun], truncated[begun], rewards[begun], succeeded[begun] = False, False, 0.0, False
+        self.terms[rows], self.rewards[rows] = terms[rows], rewards[rows]
+        self.terminated[rows], self.truncated[rows] = terminated[rows], truncated[rows]
+        over = terminated | truncated
+        if over.any() or self._was_over:
+            self._note_ends(rows, terminated, truncated, over, begun)
+        self._go_on(begun)
+        if succeeded.any():
+            self._success[rows] = (succeeded & ~terminated)[rows]
+        self._tell()
+        self._observe()
+        if way == _SAME_STEP and over.any():
+            self._begin_anew(np.flatnonzero(over) if isinstance(rows, slice) else rows[over[rows]])
+
+    def _go_on(self, begun: np.ndarray) -> None:
+        """Say what robots are to do in the next step, and how those begin whose next episode has."""
+        task: Any = self.task
+        if self._refers:
+            self._write_reference(task.reference(self.view), task.preview(self.view))
+        if begun.size:
+            self._begin(begun)
+            self.terms[begun] = self._terms()[begun]
+        if self._refers:
+            self._run("show", None)
+
+    def _note_ends(
+        self, rows: Any, terminated: np.ndarray, truncated: np.ndarray, over: np.ndarray, begun: np.ndarray  # noqa: ANN401 - as above
+    ) -> None:
+        """Write down whose episode is over, and why."""
+        failure = np.where(terminated, self._codes[self._failed.argmax(axis=0)], -1)
+        failure[begun] = -1
+        episode = self._episode
+        for name, values in (("failure", failure), ("truncated", truncated), ("over", over)):
+            episode[name][rows] = values[rows]
+        self._failure_code[rows] = failure[rows]
+        self._was_over = bool(over.any()) or not isinstance(rows, slice)
+
+    def _begin_anew(self, ids: np.ndarray) -> None:
+        """Keep what is shown of robots at an end, and let their next episodes begin in the same step."""
+        for name in ("observations", "infos", "terms"):
+            getattr(self, f"final_{name}")[ids] = getattr(self, name)[ids]
+        kept = {name: getattr(self, name)[ids] for name in ("rewards", "terminated", "truncated")}
+        self.reset(ids)
+        for name, values in kept.items():
+            getattr(self, name)[ids] = values
+
+    def _say_starts(self, ids: np.ndarray) -> None:
+        """Say what episodes that are about to begin begin with, where the task does."""
+        if not self._starts:
+            return
+        task: Any = self.task
+        for k in ids[~self.is_given[ids]].tolist():
+            rng = to_numpy(self._episode[k]["generator"])
+            start = task.start(rng)
+            if not (start is None or isinstance(start, FlightStart)):
+                raise InvalidValueError(f"{self._name}.start", start, "a FlightStart, or None to have it drawn")
+            self.begin_with(k, start)
+            self._episode[k]["generator"] = from_numpy(rng)
+
+    def _begin(self, ids: np.ndarray) -> None:
+        """Go on where the engine has begun episodes: what the task remembers, and its references."""
+        self.memory[ids] = 0
+        if self._draws:
+            for k in ids.tolist():
+                rng = to_numpy(self._episode[k]["generator"])
+                self._remember(k, self.task.draw(rng))
+                self._episode[k]["generator"] = from_numpy(rng)
+        if self._refers:
+            task: Any = self.task
+            self._run("refer", ids)
+            before = {name: self.robots[name].copy() for name in ("reference", "preview")}
+            self._schedule()
+            self._write_reference(task.reference(self.view), task.preview(self.view))
+            others = np.setdiff1d(np.arange(len(self.robots)), ids)
+            for name, records in before.items():
+                self.robots[name][others] = records[others]
+            if self.commander is None:
+                self._run("regard", ids)
+
+    def refer(self) -> None:
+        """Let a controller in Python know what has changed about what it is to do."""
+        if self._regards and not self._refers:
+            self._run("refer", None)
+
+    def _refer(self) -> None:
+        """Say what the robots are to do now where Python has a part in it: the schedule first, then the task."""
+        if not self._regards:
+            return
+        task: Any = self.task
+        self._run("refer", None)
+        if not self._refers:
+            return
+        self._schedule()
+        self.robots["reference"] = self._checked_reference(task.reference(self.view))
+
+    def _schedule(self) -> None:
+        self.scheduled = {name: self.robots[name].copy() for name in ("reference", "preview")}
+
+    def _write_reference(self, reference: object, preview: object) -> None:
+        self.robots["reference"] = self._checked_reference(reference)
+        self.robots["preview"] = self._checked_records("preview", preview)
+
+    def _checked_reference(self, given: object) -> np.ndarray:
+        wanted, name = self._checked_records("reference", given), f"{self._name}.reference"
+        if not ((wanted["mode"] >= 0) & (wanted["mode"] < _MODES)).all():
+            raise InvalidValueError(f"{name}: mode", wanted["mode"].tolist(), f"numbers within 0 … {_MODES - 1}")
+        off = ~(np.abs(square(wanted["quat_wb"]) - 1.0) < UNIT) & (self.view.diverged == 0.0)
+        if off.any():
+            k = int(np.flatnonzero(off)[0])
+            raise InvalidValueError(
+                f"{name}: quat_wb", wanted["quat_wb"][k].tolist(), f"a unit quaternion for robot {k}"
+            )
+        return wanted
+
+    def _checked_records(self, method: str, given: object) -> np.ndarray:
+        """Records that a task gives, of the kind of the default, finite for robots that have not diverged."""
+        like, name = self.robots[method], f"{self._name}.{method}"
+        if not (isinstance(given, np.ndarray) and given.dtype == like.dtype and given.shape == like.shape):
+            raise InvalidValueError(
+                name, getattr(given, "dtype", given), f"records of shape {like.shape} with the fields of the default"
+            )
+        # All at once: whole numbers read as floats are finite, but for negative ones.
+        if not np.isfinite(np.ascontiguousarray(given).view(np.float64)).all():
+            for member in given.dtype.names or ():
+                if given[member].dtype.kind == "f":
+                    require_finite(f"{name}: {member}", given[member], self.view.diverged)
+        return given
+
+    def _terms(self) -> np.ndarray:
+        """Terms of the reward (N, k), in the order of the task's table."""
+        found = self._rows(self.task.terms(self.view), self._names, "terms", REAL)
+        terms = np.empty((len(self.robots), len(found)))
+        for k, values in enumerate(found):
+            terms[:, k] = values
+        if not math.isfinite(terms.sum()) and not np.isfinite(terms).all():
+            for name, values in zip(self._names, found, strict=True):
+                require_finite(f"{self._name}.terms: {name}", values.astype(float), self.view.diverged)
+        return terms
+
+    def _tell(self) -> None:
+        """Write what the task says into `infos`."""
+        if self._tells:
+            for name, values in self.task.tell(self.view).items():
+                self.infos[name] = values
+
+    def _observe(self, ids: np.ndarray | None = None) -> None:
+        """Write what the task's own fields say, at the end of the observations."""
+        if not len(self._bound):
+            return
+        task, rows = self.task, slice(None) if ids is None else ids
+        given = task.observe(self.view)
+        self._require_names(given, [f.name for f in task.fields], "observe")
+        own = []
+        for f in task.fields:
+            name = f"{self._name}.observe: {f.name}"
+            values = checked_array(name, given[f.name], (len(self.robots), f.size)).astype(float)
+            require_finite(name, values, self.view.diverged)
+            own.append(values)
+        seen = np.clip(np.concatenate(own, axis=1), -self._bound, self._bound)
+        seen[self.view.diverged != 0.0] = 0.0
+        self.observations[rows, -len(self._bound) :] = seen[rows]
+
+    @property
+    def _name(self) -> str:
+        return type(self.task).__name__
+
+    def _remember(self, robot: int, drawn: Any) -> None:  # noqa: ANN401 - a user's
+        """Write what a task has drawn for a robot into its memory."""
+        method = f"{self._name}.draw"
+        memory = self.memory[robot]
+        for name, value in require_keys(
+            method, "entry of the memory", drawn, [row[0] for row in self.task.memory]
+        ).items():
+            shape = np.shape(memory[name])
+            values = require_array(f"{method}: {name}", value, f"numbers of shape {shape}")
+            if values.shape not in ((), shape) or not np.isfinite(values).all():
+                raise InvalidValueError(f"{method}: {name}", value, f"finite numbers of shape {shape}")
+            memory[name] = value
+
+    def _rows(self, given: Any, names: list[str], method: str, kinds: str) -> list[np.ndarray]:  # noqa: ANN401 - a user's
+        """What a task gives by name, an entry for every robot each, in the order of its table."""
+        self._require_names(given, names, method)
+        shape, rows = self.rewards.shape, []
+        for name in names:
+            values = given[name]
+            if not (type(values) is np.ndarray and values.shape == shape and values.dtype.char in kinds):
+                values = checked_array(f"{self._name}.{method}: {name}", values, shape, kinds)
+            rows.append(values)
+        return rows
+
+    def _require_names(self, given: Any, names: list[str], method: str) -> None:  # noqa: ANN401 - a user's
+        if not isinstance(given, dict) or len(given) != len(names) or any(name not in given for name in names):
+            expected = f"a dictionary with an array for each of {', '.join(names)}"
+            raise InvalidValueError(f"{self._name}.{method}", given, expected)
 
     def _run(self, job: str, ids: np.ndarray | None, at_once: int | None = None) -> None:
         failed = self.engine.run(f"sp_{job}_{self.kind}s", ids, at_once=at_once)
@@ -257,8 +595,12 @@ class Fleet:
         self.engine.close()
 
 
+_NEXT_STEP, _SAME_STEP = AUTORESETS.index("next_step"), AUTORESETS.index("same_step")
+_NONE = np.zeros(0, int)
+
+
 def told(records: np.ndarray) -> dict[str, Any]:
-    """Views of infos (`sp_hover_info` or `sp_crawling_info`) by name: what all environments tell comes first."""
+    """Views of infos (`sp_hover_info` or another task's) by name: what all environments tell comes first."""
     common = records["info"]
     shared = {name: common[name] for name in common.dtype.names or ()}
     return shared | {name: records[name] for name in records.dtype.names or () if name != "info"}

@@ -11,13 +11,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.crawl.task import SUCCESS_POSITION, SUCCESS_YAW, TURN_LENGTH
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.task import ARRIVAL_TOLERANCE
-from spidar_gym.envs.hover.task import SUCCESS_ATTITUDE as HOVER_ATTITUDE
-from spidar_gym.envs.hover.task import SUCCESS_POSITION as HOVER_POSITION
 from spidar_gym.errors import InvalidValueError, require_array, require_name
 from spidar_gym.robot import N_JOINTS
+from spidar_gym.tasks.crawl import SUCCESS_POSITION, SUCCESS_YAW, TURN_LENGTH
+from spidar_gym.tasks.hover import ARRIVAL_TOLERANCE
+from spidar_gym.tasks.hover import SUCCESS_ATTITUDE as HOVER_ATTITUDE
+from spidar_gym.tasks.hover import SUCCESS_POSITION as HOVER_POSITION
 
 REWARDS = {
     "sparse": "0 where the goal is reached, −1 elsewhere",

@@ -18,7 +18,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 import numpy as np
 from jaxtyping import Float
 
-from spidar_gym.arrays import FootForces, JointVector, Vector3, Wrench
+from spidar_gym.arrays import FootForces, JointVector, Vector3
 from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
 from spidar_gym.control.course.gates import Course
 from spidar_gym.control.course.pilot import Pilot
@@ -36,15 +36,15 @@ from spidar_gym.control.locomotion import orders
 from spidar_gym.control.locomotion.commands import LocomotionCommand
 from spidar_gym.control.locomotion.manager import Manager, ManagerMemory
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.envs.hover.task import FlightStart, FormGoal
+from spidar_gym.envs.commander import Commander, FlightCommander
 from spidar_gym.robot import N_LEGS
-from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.ground import Touch
 from spidar_gym.state import Command, Reference, RobotState
+from spidar_gym.tasks.start import FlightStart
 
 MOST = 2**53
 """Whole numbers that are counted with are nearer to 0."""
+_COMMANDER = {"seen": RobotState | None, "command": Command | None}
 _COMMON = {"dt": float, "_torque_limit": JointVector}
 KEPT: dict[type, dict[str, Any]] = {
     FlightController: _COMMON
@@ -61,23 +61,19 @@ KEPT: dict[type, dict[str, Any]] = {
         "path": Path | None, "lying": JointVector,
     },
     Pilot: {"last": Target | None},
+    FlightCommander: _COMMANDER | {
+        "control_state": ControlState | None, "truth": ControlState | None, "_joint_velocity": JointVector,
+        "_leg_momentum": Vector3, "_leg_momentum_rate": Vector3, "_reference": tuple[bytes, Reference] | None,
+    },
+    Commander: _COMMANDER,
 }  # fmt: skip
 """Kinds of what parts of an environment keep, by class."""
 KEPT_BY_ENVIRONMENTS: dict[str, Any] = {
-    "trim": Wrench | None,  # pyright: ignore[reportOperatorIssue] - an array's shape is a type here
-    "ticks": int, "sampled_parameters": dict[str, np.ndarray], "_began": bool, "_failure": str,
-    "_np_random": np.random.Generator | None, "_np_random_seed": int | None, "_action": np.ndarray,
-    "_command": Command | None, "_choices": dict[str, Any], "_now": dict[str, Any], "_disturbances": Disturbances,
-    "_nominal": PlantConfig, "_start": FlightStart | None, "_reference": Reference | None,
-    "_goals": list[FormGoal] | None, "_given": Course | None, "_control_state": ControlState, "_leg_momentum": Vector3,
-    "_leg_momentum_rate": Vector3, "_joint_velocity": JointVector, "_touch": Touch, "_tilt": float,
+    "ticks": int, "sampled_parameters": dict[str, np.ndarray], "_began": bool,
+    "_np_random": np.random.Generator | None, "_np_random_seed": int | None, "_choices": dict[str, Any],
+    "_disturbances": Disturbances, "_start": FlightStart | None, "_given": Course | None,
 }  # fmt: skip
 """Kinds of what environments keep besides their task."""
-OF_THE_TICK: dict[str, Any] = {
-    "state": RobotState, "seen": RobotState, "way": tuple[float, float, float], "path": Path | None, "course": Course,
-    "truth": ControlState,
-}  # fmt: skip
-"""Kinds of what is known of a tick."""
 
 
 def fault_of(part: object, names: Collection[str], told: dict[str, Any], *, is_environment: bool) -> str:
@@ -95,14 +91,12 @@ def fault_of(part: object, names: Collection[str], told: dict[str, Any], *, is_e
     ]
     if wrong:
         return f"{wrong[0]!s:.40} missing, or where it is no attribute"
-    now = told.get("_now") if is_environment else None
-    for name, value in (told | (now or {})).items():
-        if not _fits(value, OF_THE_TICK.get(name, Any) if now and name in now else kinds.get(name, Any)):
+    for name, value in told.items():
+        if not _fits(value, kinds.get(name, Any)):
             return f"{name} of another kind"
         if fault := _fault_of_value(value, set()):
             return f"{name}: {fault}"
-    shapes = [getattr(each, "shape", None) for each in (vars(part).get("_action"), told.get("_action"))]
-    return "_action of another shape" if shapes[0] is not None and shapes[0] != shapes[1] else ""
+    return ""
 
 
 def _is_attribute(part: object, name: object) -> bool:

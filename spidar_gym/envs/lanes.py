@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from spidar_gym.envs.course.task import parse_course
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.task import FlightStart
-from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.engine_structs import SEQUENCES
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.tasks.course import parse_course
+from spidar_gym.tasks.start import FlightStart
 
 
 def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - whatever a user gives
@@ -116,29 +115,26 @@ def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa:
     return [ways[name](one) for one in each]
 
 
-def said_at_reset(fleet: Fleet, judge: Judge | None, robot: int, options: Mapping[str, Any]) -> None:
+def said_at_reset(fleet: Fleet, robot: int, options: Mapping[str, Any]) -> None:
     """Say what options, as `parsed`, are for a robot from its next episode on."""
     if "disturbances" in options:
         fleet.disturb(robot, options["disturbances"])
     if "forms" in options:
         fleet.robots["forms"][robot] = options["forms"]
     if "start" in options:
-        fleet.begin_with(robot, options["start"])
-        if judge is not None:
-            judge.is_given[robot] = options["start"] is not None
+        fleet.give_start(robot, options["start"])
     if "course" in options:
         fleet.go(robot, options["course"])
 
 
 def arrays_of(
-    fleet: Fleet, judge: Judge | None, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
+    fleet: Fleet, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
     ended: dict[str, np.ndarray] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Build `info` of all robots, words in it as codes: arrays of their own, (N, …) each, and a mask for every entry.
 
     Args:
         fleet: The robots.
-        judge: What judges them, where the engine does not.
         terms: Names of the terms of the reward.
         mask: Of which robots it is (N,).
         is_drawn: Which robots are drawn (N,).
@@ -147,8 +143,7 @@ def arrays_of(
     final = ended is not None
     # Each a block of its own: JAX takes no view into records.
     info: dict[str, Any] = {name: each.copy() for name, each in (fleet.final_told if final else fleet.told).items()}
-    if judge is not None:
-        info["term"] = (judge.final_terms if final else judge.terms).copy()
+    info["term"] = (fleet.final_terms if final else fleet.terms).copy()
     info.update(zip(titles("reward_", terms), info["term"].T.copy(), strict=True))
     masks = dict.fromkeys(titles("_", info), mask)
     if draws := ended if final else draws_of(fleet, is_drawn):

@@ -21,34 +21,34 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.readable import ReadableController
 from spidar_gym.envs import saving
 from spidar_gym.envs.actions import ActionMode
+from spidar_gym.envs.commander import Commander
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.judge import task_options
 from spidar_gym.envs.kept import fault_of
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
 from spidar_gym.model.dynamics import Model
-from spidar_gym.native import limits
-from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import Core, version
 from spidar_gym.native.plant import Plant, Saved
-from spidar_gym.native.structs import fill
 from spidar_gym.sim.config import PlantConfig
 
 TITLE = "state.json"
 """Part of a saved state that says what it is of."""
-PARTS = (ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, Plant)
+PARTS = (Commander, ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, Plant)
 """Objects that remember something, each in place."""
 IN_BYTES = (Core, Plant)
 """Those of them that the library remembers for."""
 SETTLED = (
-    "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "hold",
-    "most_steps", "_arguments", "_is_bare", "_randomization", "_described", "_control", "_mode", "_bound", "_ruled",
-    "_config", "_allocator", "_law", "_is_waypoint", "_made", "own_task", "_judge", "reward_terms", "failures", "turn",
-    "is_closed", "truncates", "metadata",
+    "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "plant",
+    "hold", "most_steps", "_arguments", "_is_bare", "_nominal", "_randomization", "_described", "_control", "_mode",
+    "_bound", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_made", "turn", "is_closed", "truncates",
+    "metadata", "_now",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
-SETTLED_OF_PARTS = {ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",)}
+SETTLED_OF_PARTS = {
+    ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",),
+    Commander: ("_fleet", "_plant", "_mode", "_bound", "_gait", "_is_waypoint", "_decide", "_is_described"),
+}  # fmt: skip
 """The same of its parts."""
 _ROOT = "env"
 """How the environment itself is called among its parts."""
@@ -58,8 +58,7 @@ class Restorable(ABC):
     """An environment that is copied, pickled, saved and restored."""
 
     task: Any
-    own_task: Any
-    fleet: Fleet | None
+    fleet: Fleet
     plant: Plant
     controller: Any
     render_mode: str | None
@@ -71,8 +70,10 @@ class Restorable(ABC):
     _ruled: Any
     _made: tuple[Any, PlantConfig]
     """Task and robot as they were asked for."""
-    _failure: str
-    """Why the episode was over at the last step, where controller and task are in Python."""
+    _now: dict[str, Any]
+    """What is known of this tick."""
+    _commander: Commander | None
+    """The controller in Python, where there is one."""
 
     @property
     @abstractmethod
@@ -83,19 +84,22 @@ class Restorable(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of; who looks into the engine's memory looks into the copy's there."""
         state = vars(self).copy()
-        if not self._is_bare:
-            self.plant.keep()
-        if self.fleet is not None:
-            state["_now"] = {}
-            for name in ("controller", "_pilot"):
-                state.pop(name, None)
+        if self._is_bare:
+            return state
+        self.plant.keep()
+        state["_now"] = {}
+        if self._commander is None:
+            state.pop("controller")
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Become a copy."""
         vars(self).update(state)
-        if self.fleet is not None:
-            self.controller = self._make_controller()
+        if self._is_bare:
+            return
+        if self._commander is None:
+            self.controller = self._look_at_controller()
+        self.fleet.commander = self._commander
 
     def __copy__(self) -> NoReturn:
         """Two environments that share one robot would both be wrong about it."""
@@ -120,10 +124,10 @@ class Restorable(ABC):
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         known = {path: _remembered(part) for path, part in self._parts()}
         words, numbers = pack_values(known, self._modules())
-        arrays = {"words": words, "numbers": numbers}
-        if self.fleet is not None:
-            self.plant.keep()
-            arrays["robot"] = np.frombuffer(saving.save(self.fleet, [0]), np.uint8)
+        self.plant.keep()
+        arrays = {
+            "words": words, "numbers": numbers, "robot": np.frombuffer(saving.save(self.fleet, [0]), np.uint8)
+        }  # fmt: skip
         return pack(TITLE, self._description(), arrays, sealed=True)
 
     @in_turn
@@ -158,8 +162,8 @@ class Restorable(ABC):
     def _become(self, arrays: dict[str, np.ndarray]) -> tuple[Any, dict[str, Any]]:
         """Go on from what was saved, observation and info of that; where this raises, some of it may be taken over."""
         self._take_over(arrays)
-        if self.fleet is None:  # Python may raise anything at what means nothing: a period shows, and is undone
-            self._control_period()
+        if self._commander is not None:  # Python may raise anything at what means nothing: a step shows, and is undone
+            self.fleet.step()
             self._take_over(arrays)
         return self._shown()
 
@@ -170,18 +174,17 @@ class Restorable(ABC):
         _require_parts(known, parts)
         for path, part in parts.items():
             _recall(part, known[path])
-        if fleet is not None:
-            self._obey(fleet)
-            saving.restore(fleet, arrays["robot"].tobytes() if "robot" in arrays else b"", [0])
-            self.plant.refresh()
-            self._forget()
+        self._obey(fleet)
+        saving.restore(fleet, arrays["robot"].tobytes() if "robot" in arrays else b"", [0])
+        self.plant.refresh()
+        self._forget()
 
     def _way_back(self) -> Callable[[], None]:
         """What lets everything be again as it is now."""
         parts, fleet = dict(self._parts()), self.fleet
-        if fleet is not None and self._began:
+        if self._began:
             self.plant.keep()
-        robots = None if fleet is None else fleet.way_back()
+        robots, known = fleet.way_back(), self._now
         now = {path: _remembered(p) if isinstance(p, IN_BYTES) else vars(p).copy() for path, p in parts.items()}
 
         def back() -> None:
@@ -191,17 +194,17 @@ class Restorable(ABC):
                 else:
                     vars(part).clear()
                     vars(part).update(now[path])
-            if robots is not None:
-                robots()
-                if self._began:
-                    self.plant.refresh()
+            robots()
+            self._now = known
+            if self._began:
+                self.plant.refresh()
 
         return back
 
     def _parts(self) -> Iterator[tuple[str, Any]]:
         """The environment itself, and what of it remembers something by itself, by the way that leads there."""
         yield _ROOT, self
-        if self.fleet is None:
+        if self._commander is not None:
             yield from _parts_of(self, "", set())
 
     def _modules(self) -> set[str]:
@@ -218,13 +221,12 @@ class Restorable(ABC):
         mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
         options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
         options |= {name: getattr(self, name, None) for name in ("_config", "_randomization", "hold", "_is_waypoint")}
-        options |= {f"own.{name}": getattr(self.own_task, name) for name in task_options(self.own_task)}
-        parts = task, robot, getattr(self, "_config", None), self.own_task
+        parts = task, robot, getattr(self, "_config", None)
         modules = {type(value).__module__ for value in parts}
         content = pack_values({**options, "floor": floor, "mode": mode}, modules, shared=False)
         return {
             "environment": _name(type(self)),
-            "task": _name(type(self.own_task or task)),
+            "task": _name(type(task)),
             "version": version(),
             "controller": ", ".join([self._control, *kinds]),
             "set of options": hashlib.sha256(b"".join(part.tobytes() for part in content)).hexdigest()[:16],
@@ -236,16 +238,12 @@ class Restorable(ABC):
         """A picture."""
 
     @abstractmethod
-    def _make_controller(self) -> Any:  # noqa: ANN401 - a controller of the subclass
-        """The controller; in the engine's memory where the engine does all of it."""
+    def _look_at_controller(self) -> Any:  # noqa: ANN401 - a controller of the subclass
+        """The core's controller in the engine's memory."""
 
     @abstractmethod
     def _rule(self, fleet: Fleet) -> None:
         """Write the task into the engine's rules."""
-
-    @abstractmethod
-    def _control_period(self) -> str:
-        """A period of controller and robot, where Python runs them; why the episode is over, empty where it is not."""
 
     @abstractmethod
     def _forget(self) -> None:
@@ -274,9 +272,9 @@ def _parts_of(owner: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]
 
 
 def _settled(owner: Any) -> tuple[str, ...]:  # noqa: ANN401 - as above
-    """Attributes that its construction settles; where the engine does all of it, what only looks at that too."""
+    """Attributes that its construction settles."""
     if isinstance(owner, Restorable):
-        return SETTLED if owner.fleet is None else (*SETTLED, "_now")
+        return SETTLED
     return next((names for kind, names in SETTLED_OF_PARTS.items() if isinstance(owner, kind)), ())
 
 
@@ -323,13 +321,8 @@ def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
         if fault:
             raise SpidarError(f"the saved state has, of {path}, {fault}; {valid}")
     env, told = parts[_ROOT], known[_ROOT]
-    nominal = np.zeros(2, engine_layouts()["plant_config"])
-    for record, config in zip(nominal, (told["_nominal"], env._made[1]), strict=True):
-        fill(record, config)
-    nominal["ground"][1] = nominal["ground"][0]  # the episode's
-    fault = limits.fault_of("plant_config", nominal) or limits.differs("plant_config", nominal[:1], nominal[1:])
-    if fault or type(told.get("task")) is not type(env.task) or told["_nominal"].robot != env.robot:
-        raise SpidarError(f"the saved state is of another task or robot ({fault}); {valid}")
+    if type(told.get("task")) is not type(env.task):
+        raise SpidarError(f"the saved state is of another task; {valid}")
 
 
 def _fault_in_bytes(part: Any, told: dict[str, Any]) -> str:  # noqa: ANN401 - as above

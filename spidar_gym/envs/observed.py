@@ -7,10 +7,8 @@ import numpy as np
 from gymnasium import spaces
 
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.batch import VectorTask
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import REWARDS, Goal
-from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observations import OBSERVATIONS, AsymmetricSight, GoalSight, Robots, Sight
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import View
@@ -58,10 +56,10 @@ class Observed(Rewarding):
     """Why there is nothing that hindsight could put in its place."""
     true_fields: ClassVar[tuple[Field, ...]] = ()
     """What of `info` only a critic may know, with its scale."""
-    fleet: Fleet | None
+    fleet: Fleet
     plant: Plant
     view: View
-    own_task: VectorTask[Any] | None
+    task: Any
 
     def _choose_sight(
         self, observation: str, goal_reward: str, flat: spaces.Box, layout: Sequence[Field]
@@ -72,23 +70,19 @@ class Observed(Rewarding):
         if observation == "goal":
             if self.goal_type is None:
                 raise InvalidValueError("observation", observation, f"vector or asymmetric: {self.no_goal}")
-            if self.own_task is not None:
+            if self.task.is_own:
                 raise InvalidValueError("observation", observation, "vector or asymmetric: a task of one's own rewards")
             return GoalSight(flat, layout, self.goal_type(goal_reward))
         if goal_reward != "sparse":
             raise InvalidValueError("goal_reward", goal_reward, "none, or observation='goal', which has a goal")
         return AsymmetricSight(flat, self.true_fields) if observation == "asymmetric" else None
 
-    def _show(self, flat: np.ndarray, info: dict[str, Any]) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
+    def _show(self, flat: np.ndarray) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
         """What a client is shown, of the flat numbers (size,), which are handed out."""
         if self.sight is None:
             return flat
-        if self.fleet is not None:
-            robots = robots_of(self.sight, self.fleet)
-        else:
-            wanted = self._wanted()[None] if isinstance(self.sight, GoalSight) else None
-            robots = Robots(self.plant.records, lambda name: np.asarray(info[name], float)[None], wanted)
-        return {name: rows[0].copy() for name, rows in self.sight.look(flat[None], robots).items()}
+        shown = self.sight.look(flat[None], robots_of(self.sight, self.fleet))
+        return {name: rows[0].copy() for name, rows in shown.items()}
 
     @in_turn
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
@@ -100,10 +94,6 @@ class Observed(Rewarding):
         if not isinstance(self.sight, GoalSight):
             return reward
         return float(self.sight.goal.reward(shown["achieved_goal"], shown["desired_goal"]))
-
-    def _wanted(self) -> np.ndarray:
-        """What is to be reached, where controller and task are in Python: nothing, unless a subclass has a goal."""
-        return np.zeros(0)
 
 
 def robots_of(sight: Sight, fleet: Fleet) -> Robots:
@@ -135,16 +125,14 @@ class Shown:
         for name, rows in self._sight.look(flat, robots_of(self._sight, fleet)).items():
             self.now[name][...] = rows
 
-    def conclude(self, fleet: Fleet, judge: Judge | None, ids: np.ndarray | None) -> None:
+    def conclude(self, fleet: Fleet, ids: np.ndarray | None) -> None:
         """Go on where robots have moved: rewards of their goals, and the next episode of those at an end.
 
         Args:
             fleet: The robots.
-            judge: Who judges them by a task of one's own, if there is one.
             ids: Which ones have moved, all if not given.
         """
-        shows = judge or fleet
-        self.look(fleet, shows.observations)
+        self.look(fleet, fleet.observations)
         if isinstance(self._sight, GoalSight):
             rewards = self._sight.goal.reward(self.now["achieved_goal"], self.now["desired_goal"])
             fleet.rewards[:] = np.where(fleet.begun, 0.0, rewards)
@@ -156,11 +144,9 @@ class Shown:
         ended = np.flatnonzero(over)
         for name, rows in self.now.items():
             self.final[name][ended] = rows[ended]
-        fleet.final_infos[ended] = fleet.infos[ended]
-        if judge is not None:
-            judge.final_terms[ended] = judge.terms[ended]
+        fleet.final_infos[ended], fleet.final_terms[ended] = fleet.infos[ended], fleet.terms[ended]
         kept = {name: getattr(fleet, name)[ended] for name in ("rewards", "terminated", "truncated")}
-        shows.reset(ended)
+        fleet.reset(ended)
         for name, values in kept.items():
             getattr(fleet, name)[ended] = values
-        self.look(fleet, shows.observations)
+        self.look(fleet, fleet.observations)

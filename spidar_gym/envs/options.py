@@ -1,8 +1,10 @@
-"""Arguments of the environments: which ones there are, and what those that both take are made into."""
+"""Arguments of the environments: which ones there are, and what those that all take are made into."""
 
+import importlib
 import inspect
-from collections.abc import Collection
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Collection, Mapping
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.errors import (
@@ -14,21 +16,13 @@ from spidar_gym.errors import (
 )
 from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.tasks.task import Task, check_weights
 
+TaskT = TypeVar("TaskT", bound=Task[Any])
 OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps")
 """Arguments that only a vector has."""
 OF_ONE = ("control", "allocator", "law")
 """Arguments that only a single robot's environment has: the core flies a vector."""
-
-
-@runtime_checkable
-class Task(Protocol):
-    """What every environment asks of its task, a frozen dataclass of options."""
-
-    @property
-    def horizon_s(self) -> float:
-        """Length of an episode [s]."""
-        ...
 
 
 def option_names(shared: type, env: type, task: type) -> list[str]:
@@ -42,13 +36,61 @@ def option_names(shared: type, env: type, task: type) -> list[str]:
     return [*inspect.signature(task).parameters, *named]
 
 
-def split_options(
-    shared: type, env: type, task: type, options: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arguments of the task, and the others (`UnknownArgumentError` lists all that there are)."""
-    require_arguments(options, option_names(shared, env, task))
-    own = inspect.signature(task).parameters
-    return {k: v for k, v in options.items() if k in own}, {k: v for k, v in options.items() if k not in own}
+def make_task(
+    shared: type, env: type, built_in: type[TaskT], options: Mapping[str, Any], known: Mapping[str, Any] | None = None
+) -> tuple[TaskT, dict[str, Any]]:
+    """The task of an environment, and the arguments that are none of it.
+
+    Args:
+        shared: Class of what all environments share.
+        env: Class of the environment.
+        built_in: Class of its task; `options["task"]` may be an object of a class derived from it.
+        options: All arguments but those that `env` itself has.
+        known: Arguments of the task that are others than its defaults where they are not given.
+
+    Raises:
+        UnknownArgumentError: For an argument that does not exist; it lists all that there are.
+        InvalidValueError: For a task of other robots, weights that do not add up to 1, failures without `diverged`.
+    """
+    given = find_task(options.get("task"), built_in)
+    kind = given if isinstance(given, type) else type(given)
+    require_arguments(options, option_names(shared, env, kind))
+    names = {field.name: field.default for field in fields(kind)}
+    own = {name: value for name, value in options.items() if name in names}
+    rest = {name: value for name, value in options.items() if name not in names and name != "task"}
+    told = dict(known or {})
+    if not isinstance(given, type):
+        told = {name: value for name, value in told.items() if getattr(given, name) == names[name]}
+    task = given(**told | own) if isinstance(given, type) else replace(given, **told | own)
+    if not check_weights(task):
+        raise InvalidValueError("reward_terms", dict(task.reward_terms), "weights that add up to 1")
+    if "diverged" not in task.failures:
+        raise InvalidValueError("failures", list(task.failures), "diverged among them: the engine says that")
+    arguments = {*option_names(shared, env, built_in)} - {field.name for field in fields(built_in)}
+    twice = sorted(arguments & {*names})
+    if twice:
+        raise InvalidValueError("task", kind.__name__, f"one whose options are not called {', '.join(twice)}")
+    return task, rest
+
+
+def find_task(task: object, built_in: type[TaskT]) -> TaskT | type[TaskT]:
+    """A task that a user gives: an object, a class, or its name `module:Class`; the built-in one for None.
+
+    Raises:
+        InvalidValueError: For a name that leads to no class, and a task of other robots.
+    """
+    if task is None:
+        return built_in
+    found = task
+    if isinstance(task, str):
+        module, _, name = task.partition(":")
+        try:
+            found = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise InvalidValueError("task", task, f"module:Class of a task that Python finds ({error})") from None
+    if not issubclass(found if isinstance(found, type) else type(found), built_in):
+        raise InvalidValueError("task", task, f"an object of a class derived from {built_in.__name__}")
+    return found  # pyright: ignore[reportReturnType] - it was looked at
 
 
 def require_vector_options(shared: type, env: type, task: type, options: Collection[str]) -> None:

@@ -3,12 +3,12 @@
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.judge import find_task, task_options
+from spidar_gym.envs.options import find_task
 from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import View
 from spidar_gym.errors import InvalidValueError, require_keys, require_least
@@ -18,10 +18,8 @@ from spidar_gym.turn import Turn
 class Remade(ABC):
     """What an environment is made of, and how `reset` changes that."""
 
-    task_type: ClassVar[type]
+    task_type: ClassVar[type[Any]]
     """Class of its task."""
-    own_task: Any
-    """A task of one's own in its place, or None."""
     task: Any
     """What is to be done, a frozen dataclass of arguments."""
     layout: tuple[Field, ...]
@@ -75,7 +73,8 @@ class Remade(ABC):
         own = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
         if self.most_steps is None:
             return own
-        return min(self.most_steps, own) if "horizon_s" in self._arguments else self.most_steps
+        is_given = "horizon_s" in self._arguments or self.task.horizon_s != self.task_type.horizon_s
+        return min(self.most_steps, own) if is_given else self.most_steps
 
     @in_turn
     def end(self, max_episode_steps: int | None) -> None:
@@ -103,8 +102,7 @@ class Remade(ABC):
     @property
     def reset_arguments(self) -> tuple[str, ...]:
         """Arguments that `reset` takes as options: those of the task, its own too, and how robots are drawn."""
-        own = task_options(self.own_task)
-        return (*(name for name in inspect.signature(type(self.task)).parameters), "randomization", "task", *own)
+        return (*(field.name for field in fields(self.task)), "randomization", "task")
 
     @abstractmethod
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
@@ -136,16 +134,19 @@ class Remade(ABC):
         env._is_bare, env.most_steps = True, self.most_steps
         env.__init__(**own)
         if env.layout != self.layout:
-            raise InvalidValueError("task", env.own_task, "one with the fields of now: an observation keeps its size")
+            raise InvalidValueError("task", env.task, "one with the fields of now: an observation keeps its size")
         env.view = self.view
         return env
 
     def _with(self, others: Mapping[str, Any]) -> dict[str, Any]:
         """All arguments, where some are others: options of a task of one's own are those of `task`."""
         arguments = self._arguments | self._choices | dict(others)
-        task = find_task(arguments.get("task"))
-        own = {name: arguments.pop(name) for name in task_options(task) if name in arguments}
-        return arguments | {"task": replace(task, **own)} if own else arguments
+        task = find_task(arguments.get("task"), self.task_type)
+        built_in = {field.name for field in fields(self.task_type)}
+        own = {f.name: arguments.pop(f.name) for f in fields(task) if f.name in arguments and f.name not in built_in}
+        if own:
+            arguments["task"] = task(**own) if isinstance(task, type) else replace(task, **own)
+        return arguments
 
     def _choose(self, options: object) -> dict[str, object]:
         """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""

@@ -69,7 +69,7 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
                 part[chosen, : row.shape[1]] = row
             else:
                 part[chosen] = row
-        fleet.engine.forget_copies()
+        fleet.restored()
 
 
 def _opened(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> tuple[dict[str, Any], bytes]:
@@ -111,7 +111,7 @@ def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list
 
 def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
     """What of saved robots is out of bounds, does not fit together or not to the options, in words; else empty."""
-    robots, goals, knots, observations, infos, *others = rows
+    robots, goals, knots, observations, infos, quantities, *others = rows
     parts = ((fleet.kind, robots), ("goal", goals), ("knot", knots), (f"{fleet.kind}_info", infos))
     for struct, records in parts:
         if fault := fault_of(struct, records):
@@ -119,10 +119,10 @@ def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
     if fleet.kind == "hover" and not ((robots["goals"] <= goals.shape[1]) & (robots["knots"] <= knots.shape[1])).all():
         return "more goals or knots than there is room for"
     if (
-        not (robots["episode"]["failure"] < fleet.failures).all()
-        or not (infos["info"]["failure_code"] < fleet.failures).all()
+        not (robots["episode"]["failure"] < len(fleet.task.failures)).all()
+        or not (infos["info"]["failure_code"] < len(fleet.task.failures)).all()
     ):
-        return f"episode.failure, expected −1 … {fleet.failures - 1}"
+        return f"episode.failure, expected −1 … {len(fleet.task.failures) - 1}"
     rules = fleet.rules[ids] if fleet.rules.ndim else fleet.rules
     owner, member, struct = _CONTROLLERS[fleet.kind]
     fault = differs(struct, robots[owner]["config"], rules[member]) or differs(
@@ -132,7 +132,8 @@ def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
         return f"config.{fault} is another than the options say"
     if fleet.has_own_copies and (fault := fleet.engine.fault_of_copies(others.pop())):
         return fault
-    plain = [observations, *(part for part in others if part.dtype.kind == "f")]
+    counted = np.ascontiguousarray(quantities).view(np.float64)
+    plain = [observations, counted, *(part for part in others if part.dtype.kind == "f")]
     flags = [part.view(np.uint8) for part in others if part.dtype.kind == "b"]
     if not all(np.isfinite(part).all() for part in plain) or any((part > 1).any() for part in flags):
         return "a number that is none"
@@ -141,7 +142,7 @@ def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
 
 def _parts(fleet: Fleet) -> list[np.ndarray]:
     """Arrays with an entry for every robot that are all that there is of them."""
-    parts = [fleet.robots, fleet.goals, fleet.knots, fleet.observations, fleet.infos, *fleet.extras]
+    parts = [fleet.robots, fleet.goals, fleet.knots, *fleet.parts]
     # Where all robots are alike there is a single copy of what they are, and every fleet of these options has the same.
     return parts + [fleet.engine.copies] * fleet.has_own_copies
 
@@ -153,7 +154,7 @@ def _description(fleet: Fleet, ids: Sequence[int]) -> dict[str, Any]:
     return {
         "environment": fleet.kind,
         "robot": model_hash(fleet.engine.robot)[:16],
-        "task": fleet.task,
+        "task": f"{type(fleet.task).__module__}.{type(fleet.task).__qualname__}",
         "version": version(),
         "set of options": hashlib.sha256(_content(rules)).hexdigest()[:16],
     }

@@ -7,8 +7,7 @@ import numpy as np
 
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.task import HoverTask
-from spidar_gym.envs.rules import most_goals
+from spidar_gym.tasks.hover import HoverTask
 
 Env = SpidarEnv[Any, Any, Any]
 
@@ -67,4 +66,4 @@ def make_room(fleet: Fleet, envs: Sequence[Env]) -> None:
     """Let the longest episode have its forms, and its path its knots."""
     for task in {id(env): env.task for env in envs}.values():
         if isinstance(task, HoverTask):
-            fleet.make_room(most_goals(task.horizon_s), task.most_knots)
+            fleet.make_room(task.most_goals, task.most_knots)

@@ -15,9 +15,7 @@ from spidar_gym.envs import lanes
 from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.judge import Judge
 from spidar_gym.envs.observed import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
 from spidar_gym.envs.path.env import PathEnv
@@ -40,7 +38,7 @@ KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
 
 
 class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.ndarray]):
-    """Robots of one environment; the controller is the core, the task the built-in one.
+    """Robots of one environment; the controller is the core.
 
     `info` is arrays: its words are numbers (`qp_status_code`, `failure_code`, and in the crawl `phase_code` and
     `shortfalls_code`; −1 is none), and the terms of the reward are one array, in the order of the task's table. As in
@@ -100,7 +98,6 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._threads, self._how = num_threads, {"autoreset": "disabled", "truncates": ends}
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
-        self._judge: Judge | None = None
         self._is_drawn = np.full(num_envs, single.is_drawn)
         self._everybody = np.ones(num_envs, bool)
         self.set_autoreset_mode(mode)
@@ -125,8 +122,6 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             way = "disabled" if same_step else way  # it is left to what is shown
         self._how["autoreset"] = way
         self.fleet.rules["rules"]["autoreset"] = AUTORESETS.index(way)
-        self.fleet.extras.clear()  # those of the judge until now
-        self._judge = self._envs[0].judge(self.fleet, self._judge)
         self._began = False
 
     @property
@@ -158,15 +153,10 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         observation that is a dictionary is one here, too.
         """
         names = ("rewards", "terminated", "truncated", "begun", "final_infos", "infos")
-        shown = {name: getattr(self._shows, name) for name in ("observations", "final_observations")}
+        shown = {name: getattr(self.fleet, name) for name in ("observations", "final_observations")}
         if self._shown is not None:
             shown = {"observations": self._shown.now, "final_observations": self._shown.final}
         return shown | {name: getattr(self.fleet, name) for name in names}
-
-    @property
-    def _shows(self) -> Fleet | Judge:
-        """Who writes what is seen."""
-        return self._judge or self.fleet
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -218,12 +208,12 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             self._ask(asked, ids)
             fleet = self.fleet
         for k in ids.tolist():
-            lanes.said_at_reset(fleet, self._judge, k, {name: values[k] for name, values in chosen.items()})
+            lanes.said_at_reset(fleet, k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
                 generator, self._seeds[k] = generators[k]
                 fleet.seed(k, generator)
         self._began = False  # where this is interrupted, some have begun and others have not
-        self._shows.reset(ids)
+        fleet.reset(ids)
         self._began = True
         return self._seen(), self._info(mask.copy())
 
@@ -237,11 +227,10 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise InvalidValueError(
                 "reset_mask", self._everybody.tolist(), f"all robots, as {', '.join(options)} were never given before"
             )
-        elif self._judge is not None and not alike:
+        elif self.task.is_own and not alike:
             raise InvalidValueError("options", dict(options), "one value for all robots with a task of your own")
         else:
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
-            self._judge = envs[0].judge(self.fleet, self._judge)
         self._envs, self.task = envs, envs[0].task
         self._is_drawn = np.array([env.is_drawn for env in envs])
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
@@ -249,8 +238,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
         """What is seen of all robots now."""
         if self._shown is None:
-            return self._shows.observations.copy()
-        self._shown.look(self.fleet, self._shows.observations)
+            return self.fleet.observations.copy()
+        self._shown.look(self.fleet, self.fleet.observations)
         return lanes.copied(self._shown.now)
 
     @in_turn
@@ -301,33 +290,26 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise InvalidValueError("actions", "nan or inf", "finite numbers within −1 … 1")
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        if ids is not None and self._judge is not None:
+        if ids is not None and self.task.is_own:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
         ids = None if ids is None else np.array(lanes.numbered(ids, self.num_envs, rising=True), np.int32)
         fleet.actions[:] = given
-        if self._judge is None and self._shown is None:
-            fleet.step(ids)
-            return
-        with whole():  # the engine ends its part for all robots; here is more
-            if self._judge is None:
-                fleet.step(ids)
-            else:
-                self._judge.step()
-            if self._shown is not None:
-                self._shown.conclude(fleet, self._judge, ids)
+        fleet.step(ids)
+        if self._shown is not None:
+            with whole():
+                self._shown.conclude(fleet, ids)
 
     def _info(self, mask: np.ndarray, *, ended: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
         """As `arrays_of`."""
         terms = self._envs[0].reward_terms
-        return lanes.arrays_of(self.fleet, self._judge, terms, mask, self._is_drawn, ended=ended)
+        return lanes.arrays_of(self.fleet, terms, mask, self._is_drawn, ended=ended)
 
     @in_turn
     def ended(self, robot: int) -> dict[str, Any]:
         """How the last episode of a robot ended that has begun anew in the same step, as `info` of a single one."""
-        own, judge = self._envs[robot], self._judge
-        values = None if judge is None else judge.final_terms[robot]
-        record = self.fleet.final_infos[robot : robot + 1]
-        return single_info(record, own.reward_terms, values, words_of(own.failures, own.words))
+        own, fleet = self._envs[robot], self.fleet
+        record, terms = fleet.final_infos[robot : robot + 1], fleet.final_terms[robot]
+        return single_info(record, own.reward_terms, terms, words_of(own.failures, own.words))
 
     @in_turn
     def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:

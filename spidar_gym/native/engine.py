@@ -23,8 +23,8 @@ MAX_THREADS = 256
 """Threads of an engine at most."""
 _POINTERS = (
     "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
-    "own_copies", "job", "argument", "rules", "goals", "knots", "actions", "observations", "final_observations",
-    "rewards", "terminated", "truncated", "begun", "infos", "final_infos", "goal_room", "knot_room", "rules_bytes",
+    "own_copies", "job", "argument", "rules", "goals", "knots", "actions", "observations", "begun", "infos",
+    "quantities", "observation_size", "goal_room", "knot_room", "rules_bytes",
 )  # fmt: skip
 """Members of `sp_engine`, eight bytes each."""
 

@@ -10,6 +10,14 @@ from spidar_gym.control.course import gates
 from spidar_gym.native.configurations import configuration_structs
 from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
+from spidar_gym.native.quantities import (
+    CourseQuantities,
+    CrawlQuantities,
+    HoverQuantities,
+    Quantities,
+    quantity_names,
+    quantity_struct,
+)
 from spidar_gym.native.structs import ANY, CODE, COUNT, FLAG, INFINITE, SINCE, USUAL, CStruct, dtypes
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
 from spidar_gym.sim import actuators, air, course, disturbances, energy, ground, scene, sensors, violations
@@ -42,11 +50,14 @@ MAX_FRAMES = 16
 """Frames of the motion capture on their way: at 100 Hz more than 0.1 s, the longest latency, and four to hand out."""
 DRAWN = ("equal", "independent", "narrow")
 """Sequences of forms that are drawn from ranges of angles."""
+COURSE_QUANTITIES = quantity_names(CourseQuantities)
+"""Quantities of a course, in the order of its block."""
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
-    "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES, "TILES": TILES,
-    "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES, "AIR_STEPS": AIR_STEPS,
-    "SERVO_STEPS": SERVO_STEPS, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
+    "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
+    "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
+    "AIR_STEPS": AIR_STEPS, "COURSING_QUANTITIES": len(COURSE_QUANTITIES), "SERVO_STEPS": SERVO_STEPS,
+    "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -68,18 +79,10 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
 """Prefix in C, where the numbers are, and their names there."""
 SEQUENCES = ("paper", *FORMS, *DRAWN, "mixed")
 """Sequences of forms."""
-CRAWL_FAILURES = ("duct", "tilt", "astray", "diverged")
-"""Why a crawl is over."""
-SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "duct", "time")
-"""What keeps a crawl from being a success."""
-COURSE_FAILURES = ("hit", "out", "tilt", "empty", "diverged")
-"""Why a course is over."""
 PATHS = ("none", "legs", "lemniscate", "spline", "mixed")
 """Paths of the CoG."""
 HEADINGS = ("kept", "along", "mixed")
 """Where the robot looks on its path."""
-FLIGHT_FAILURES = ("contact", "tilt", "position", "diverged")
-"""Why a flight is over."""
 MAX_OBSTACLES, MAX_WINDOWS, MAX_DRAWS, DRAWN_NUMBERS = 64, 16, 64, 256
 """Blocks on the floor, windows of time, runs of drawn numbers and drawn numbers in all that there is room for."""
 AUTORESETS = ("next_step", "same_step", "disabled")
@@ -90,11 +93,6 @@ ENGINE_ENUMERATIONS = (
     Enumeration("path_kind", "Paths of the CoG.", PATHS, "PATHS_"),
     Enumeration("heading", "Where the robot looks on its path.", HEADINGS, "HEADING_"),
     Enumeration("terrain", "What a floor with steps may be.", TERRAINS, "TERRAIN_"),
-    Enumeration("flight_failure", "Why a flight is over.", FLIGHT_FAILURES, "FLIGHT_"),
-    Enumeration("crawl_failure", "Why a crawl is over.", CRAWL_FAILURES, "CRAWL_"),
-    Enumeration("course_failure", "Why a course is over.", COURSE_FAILURES, "OFF_COURSE_"),
-    Enumeration("shortfall", "What keeps a crawl from being a success.", SHORTFALLS, "SHORT_OF_",
-                tuple(1 << k for k in range(len(SHORTFALLS)))),
     Enumeration("constraint", "What a robot violates.", violations.VIOLATIONS, "VIOLATED_", (1, 2, 4, 8, 16)),
     Enumeration("autoreset", "What happens at the end of an episode.", AUTORESETS, "RESET_"),
 )  # fmt: skip
@@ -228,7 +226,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("strength", "f8", (), "of the randomisation, 0 … 1"),
         ("horizon", "i8", (), "ticks of an episode; success is judged there"),
         ("truncates autoreset", "i4", (), "whether it ends there; sp_autoreset"),
-        ("is_commanded is_judged", "i4", (), "whether Python commands; whether it refers, previews and judges"),
+        ("is_commanded is_referred", "i4", (), "whether commands are Python's; whether references are"),
         ("is_advised", "i4", (), "whether the controller says what it would do where an action goes past it"),
     )),
     CStruct("hover_rules", "The task of a flight.", (
@@ -241,11 +239,13 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("form", "f8", (len(FORMS), N_JOINTS), "the paper's [rad]"),
         ("range", "f8", (len(DRAWN), 2, 4), "least and largest angles of a leg's joints in drawn forms [rad]"),
         ("drawn_legs", "i4", (len(DRAWN),), "how many legs are drawn; the others are alike"),
-        ("weight margin", "f8", (4,), "of the terms of the reward: position, attitude, joints, action"),
-        ("max_tilt max_distance", "f8", (), "beyond which a flight is over [rad], [m]"),
-        ("success_position success_attitude", "f8", (), "largest RMS errors of a success [m], [rad]"),
+        ("mixture", "f8", (2,), "of drawn forms: share of the paper's; of these and those with equal legs"),
+        ("paper_pause", "f8", (), "from the paper's first form to its second [s]"),
+        ("pause", "f8", (2,), "between drawn forms, drawn in between [s]"),
+        ("offset", "f8", (2,), "of the start, position and attitude per axis at most [m], [rad]"),
         ("arrival_grace arrival_tolerance", "f8", (), "how late [s] and how far off [rad] a form may be reached"),
         ("path heading", "i4", (), "sp_path_kind; sp_heading"),
+        ("path_mixture", "f8", (2,), "share of straight legs; of these and lemniscates"),
         ("speed", "f8", (2,), "of a path, drawn in between [m/s]"),
         ("path_begin half_width", "f8", (), "when it begins [s]; of a lemniscate [m]"),
         ("corner_radius corner_turn", "f8", (2,), "of corners from where it begins [m]; from one to the next [rad]"),
@@ -264,7 +264,6 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("ticks", "i8", (), "since the reset", COUNT),
         ("failure", "i4", (), "why the episode is over, or −1", CODE),
         ("truncated over", "i4", (), "whether the horizon is reached; whether the next step is a reset", FLAG),
-        ("reward", "f8", (), ""),
         ("drawn", "f8", (DRAWN_NUMBERS,), "what was drawn of the robot, in the order of the draws"),
     )),
     CStruct("hover", "A robot in flight: simulated, controlled, and what it is to do.", (
@@ -304,9 +303,14 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("info", "info", (), ""),
         ("position_error attitude_error", "f8", (3,), "true ones [m], [rad]"),
         ("wrench_desired", "f8", (6,), "[N, Nm]"),
-        ("term", "f8", (4,), "of the reward: position, attitude, joints, action"),
         ("restricted_rotors", "b1", (N_ROTORS,), "", FLAG),
         ("is_success", "b1", (), "", FLAG),
+    )),
+    quantity_struct("quantities", Quantities),
+    quantity_struct("hover_quantities", HoverQuantities),
+    CStruct("flight_start", "What is drawn of a flight besides forms and knots.", (
+        ("position rotation", "f8", (3,), "offset of the torso [m], [rad]"),
+        ("goals knots", "i4", (), "how many"),
     )),
     CStruct("watch", "What is looked at in a flight besides what is told.", (
         ("config", "interference_config", (), ""),
@@ -330,10 +334,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("obstacle", "f8", (MAX_OBSTACLES, 3), "x, y, radius [m]"),
         ("obstacle_height goal_clearance", "f8", (), "[m]"),
         ("settle_ticks", "i4", (), "in which the robot comes to lie on a floor that is no plane"),
-        ("weight", "f8", (6,), "of the terms of the reward: progress, goal, level, slip, power, action"),
-        ("goal_margin level_margin slip_margin most_power", "f8", (), "[m], [rad], [m/s], [W]"),
-        ("turn_length max_tilt max_astray", "f8", (), "of a radian [m]; beyond which a crawl is over [rad], [m]"),
-        ("success_position success_yaw success_airborne success_slip success_time", "f8", (), "bounds of a success"),
+        ("turn_length", "f8", (), "of a radian [m]"),
+        ("success_position success_yaw", "f8", (), "how near the goal a robot rests at it [m], [rad]"),
         ("saturated rest_time rest_speed rest_turn rest_joint_speed rest_thrust", "f8", (),
          "a servo this close to its largest torque is [Nm]; a rest: [s], [m/s], [rad/s], [rad/s], of the weight"),
     )),
@@ -348,27 +350,30 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("nominal_time", "f8", (), "where joints and torso go exactly as planned [s]"),
         ("error", "f8", (3,), "goal − torso, x, y [m], world, and yaw [rad]"),
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
-        ("crawled swing_ticks timeouts rested", "i4", (), "ticks; of the swing; phases timed out; of rest till now",
-         COUNT),
+        ("crawled timeouts rested", "i4", (), "ticks; phases timed out; ticks of rest till now", COUNT),
+        ("swinging", "i4", (N_LEGS,), "whether the feet are on their way", FLAG),
+        ("is_done", "i4", (), "whether the gait is", FLAG),
         ("finished", "f8", (), "when the gait was done, or without one had rested at the goal [s]; 0 before"),
-        ("airborne_ticks foot_slip peg_slip", "f8", (N_LEGS,), "ticks of the swing in the air; ways on the floor [m]"),
+        ("swing_ticks airborne_ticks", "f8", (N_LEGS,), "ticks of the swing; of these in the air"),
+        ("foot_slip peg_slip", "f8", (N_LEGS,), "ways on the floor [m]"),
         ("duct_clearance", "f8", (), "least so far [m]", INFINITE),
         ("duct_contact", "i4", (), "whether a duct touched it", FLAG),
         ("saturation thrust thrust_peak", "f8", (), "sums over ticks: saturated joints, thrust over weight; its peak"),
         ("tilt_legs tilt_torso", "f8", (), "largest tilt while legs are lifted, while the torso moves [rad]"),
     )),
+    quantity_struct("crawling_quantities", CrawlQuantities),
     CStruct("crawling_info", "What is told of a crawl.", (
         ("info", "info", (), ""),
         ("goal_error", "f8", (3,), "[m], [m], [rad]"),
         ("time_s nominal_time_s airborne_share foot_slip_m peg_slip_m duct_clearance_m", "f8", (), ""),
         ("saturation_share thrust_fraction thrust_fraction_mean thrust_fraction_peak", "f8", (), ""),
         ("tilt_rad cost_of_transport", "f8", (), ""),
-        ("term", "f8", (6,), "of the reward: progress, goal, level, slip, power, action"),
         ("phase_code timeouts shortfalls_code", "i4", (), "sp_phase; phases; bits of sp_shortfall",
          ("phase", COUNT, (0, 255))),
         ("foot_contact", "b1", (N_LEGS,), "", FLAG),
         ("finished is_success", "b1", (), "", FLAG),
     )),
+    quantity_struct("coursing_quantities", CourseQuantities),
     CStruct("course_rules", "The task of a course.", (
         ("rules", "rules", (), ""),
         ("manager", "manager_config", (), ""),
@@ -381,8 +386,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("floor_gap floor_length middle goal_side goal_yaw", "f8", (), "[m], the last [rad]"),
         ("charge", "f8", (2,), "of the battery at the start, drawn in between"),
         ("is_waypoint hold decide", "i4", (), "whether an action is a target; ticks of a step; between decisions"),
-        ("weight", "f8", (4,), "of the terms of the reward: progress, goal, power, safety"),
-        ("goal_margin hit_margin most_power max_hit max_tilt lies at_rest", "f8", (), "[m], [N], [W], [rad], [m/s]"),
+        ("stop", "f8", (len(COURSE_QUANTITIES),), "limit of each of the quantities, beyond which a step ends"),
+        ("lies at_rest", "f8", (), "[m], [m/s]"),
         ("carried turn_length success_position success_yaw", "f8", (), "of the weight; of a radian [m]; [m], [rad]"),
     )),
     CStruct("coursing", "A robot on a course: simulated, controlled, and what it is to do.", (
@@ -403,7 +408,6 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("info", "info", (), ""),
         ("goal_error", "f8", (3,), "[m], [m], [rad]"),
         ("distance_m time_s flown_s crawled_s charge hit_n most_hit_n tilt_rad thrust_fraction", "f8", (), ""),
-        ("term", "f8", (4,), "of the reward: progress, goal, power, safety"),
         ("phase_code gate", "i4", (), "sp_manager_phase; how many gates and floors are behind it",
          ("manager_phase", (0, gates.MAX_GATES))),
         ("lies finished is_success", "b1", (), "", FLAG),

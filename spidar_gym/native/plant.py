@@ -4,7 +4,7 @@
 # The compiled modules below come without stubs.
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import mujoco
@@ -17,13 +17,13 @@ from spidar_gym.native.draws import from_numpy
 from spidar_gym.native.engine import Engine, check_delay
 from spidar_gym.native.engine_structs import AIR_STEPS, engine_layouts
 from spidar_gym.native.library import pointer
-from spidar_gym.native.structs import fill, read
+from spidar_gym.native.structs import WORDS, fill, read
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import PUSH_SECONDS, Disturbances
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sim.scene import TIMESTEP
-from spidar_gym.state import Command, Measurement, RobotState
+from spidar_gym.state import Command, Measurement, Reference, RobotState
 
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _POSE = np.dtype(
@@ -59,6 +59,15 @@ def read_command(record: np.ndarray | np.void) -> Command:
         record["thrust"].copy(), record["vectoring"].reshape(N_ROTORS, 2).copy(), record["joint_position"].copy(),
         record["joint_torque_limit"].copy(),
     )  # fmt: skip
+
+
+def read_reference(record: np.ndarray | np.void) -> Reference:
+    """A reference of the library as a dataclass of its own arrays."""
+    masks = {name: record[name] != 0 for name in ("lost_thrust", "lost_vectoring")}
+    names = [f.name for f in fields(Reference) if f.name not in ("mode", "support", *masks)]
+    arrays = {name: record[name].copy() for name in names}
+    mode = WORDS["reference", "mode"][int(record["mode"])]
+    return Reference(**arrays, **masks, mode=mode, support=float(record["support"]))
 
 
 class Plant:
@@ -170,6 +179,18 @@ class Plant:
         self.record["spent_wh"] = spent_wh
         if rng is not None:
             self.record["generator"] = from_numpy(rng)
+        return self.place(position_w, quat_wb, joint_position, vectoring, thrust, motion)
+
+    def place(
+        self,
+        position_w: Vector3,
+        quat_wb: Quaternion = _LEVEL,
+        joint_position: JointVector | None = None,
+        vectoring: Vectoring | None = None,
+        thrust: RotorVector | None = None,
+        motion: np.ndarray | None = None,
+    ) -> RobotState:
+        """As `reset`, with the disturbances, the generator and the battery that the robot has."""
         pose = self._pose[0]
         pose["position_w"], pose["quat_wb"] = position_w, quat_wb
         pose["joint_position"] = 0.0 if joint_position is None else joint_position

@@ -11,7 +11,6 @@ from spidar_gym.control.allocation.problem import N_FORCES
 from spidar_gym.control.course import gates
 from spidar_gym.control.locomotion.commands import FIELD, HEIGHTS, SPEEDS, STEEPEST
 from spidar_gym.control.locomotion.orders import PHASES
-from spidar_gym.envs.course.task import DECIDE
 from spidar_gym.native.codegen.header import (
     array,
     define,
@@ -27,6 +26,7 @@ from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec, source_doc
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
+from spidar_gym.tasks.course import DECIDE
 
 RUNNER = Path(__file__).resolve().parent / "runner"
 """Sources of the runner."""

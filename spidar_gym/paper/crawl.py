@@ -13,7 +13,6 @@ from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.crawl.task import CrawlTask
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.paper.flight import ExperimentLog, qp_figures, qp_lines
 from spidar_gym.policies.rollout import columns, rollout
@@ -22,6 +21,7 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.energy import endurance_min
 from spidar_gym.so3 import euler_angles, quat_to_matrix
+from spidar_gym.tasks.crawl import CrawlTask
 
 CRAWL_DISTANCE = 0.6
 """Way of the crawl experiment, in 3 cycles of 0.2 m [m] [Zhao2025, Sec. Crawling Motion]."""
@@ -85,7 +85,7 @@ def check_way(preset: str, *, distance: float, direction: float, turn: float, jo
     """
     config = crawler_config(preset)
     task = CrawlTask(distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
-    way = task.way(np.random.Generator(np.random.PCG64(0)))
+    way = task.draw_way(np.random.Generator(np.random.PCG64(0)))
     seconds = nominal_time(
         config.gait, [Move(way)], joint_speed=task.joint_speed or config.joint_speed, dt=1.0 / CONTROL_RATE
     )

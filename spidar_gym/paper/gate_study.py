@@ -31,7 +31,7 @@ from spidar_gym.control.course.rule import (
 from spidar_gym.control.course.target import Target
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import DEPTHS, FLOOR_LENGTH, GOAL_WAY, SIZES
+from spidar_gym.tasks.course import DEPTHS, FLOOR_LENGTH, GOAL_WAY, SIZES
 
 SWEPT = {
     "wall": (0.01, 0.02, 0.05, 0.1, 0.4, 1.0, 1.5, 1.8, 2.1, 2.3, 2.5, 2.6, 2.7),

@@ -18,7 +18,6 @@ from spidar_gym.control.flight.path import wrap
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
 from spidar_gym.control.presets import controller_config, crawler_config
-from spidar_gym.envs.course.task import DECIDE
 from spidar_gym.errors import SpidarError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
@@ -38,6 +37,7 @@ from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing
 from spidar_gym.sitl.session import Run, tilt_of
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, RobotState
+from spidar_gym.tasks.course import DECIDE
 from spidar_gym.text import format_table
 
 IN_THE_AIR = ("climb", "hover", "form", "fly")

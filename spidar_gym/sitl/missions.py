@@ -12,11 +12,12 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff, require_order
 from spidar_gym.control.presets import controller_config, crawler_config
-from spidar_gym.envs.course.task import CourseTask
-from spidar_gym.envs.crawl.task import PAPER_WAY
-from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
 from spidar_gym.robot import FORMS, ROBOT, RobotSpec
+from spidar_gym.tasks.course import CourseTask
+from spidar_gym.tasks.crawl import PAPER_WAY
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.start import draw_start
 
 PREPARE = 8.0
 """From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
@@ -73,7 +74,7 @@ def flight_mission(preset: str = "as_flown", *, odometry: bool = False, residual
     """The paper's flight: ① for 4 s, ②, ③ without a stop, and the two windows without interference rows."""
     controller_config(preset)
     # The paper's sequence draws nothing.
-    forms = HoverTask(forms="paper").schedule(np.random.Generator(np.random.PCG64(0)))
+    forms = draw_start(HoverTask(forms="paper"), np.random.Generator(np.random.PCG64(0))).goals
     lines = [f"flight {preset}", *_switches(odometry, residual), _form(0.0, forms[0].joint_target)]
     lines += [_form(PREPARE + goal.start, goal.joint_target) for goal in forms[1:]]
     lines += [f"unrestricted {PREPARE + start:g} {PREPARE + end:g}" for start, end in UNRESTRICTED]
@@ -183,7 +184,7 @@ def gate_line(gate: Gate) -> str:
 
 def drawn_course(gates: int, seed: int = 0) -> Course:
     """The course that Course-v0 draws at a reset with this seed, where it draws so many gates."""
-    return CourseTask(count=(gates, gates)).draw(np.random.Generator(np.random.PCG64(seed)))
+    return CourseTask(count=(gates, gates)).draw_course(np.random.Generator(np.random.PCG64(seed)))
 
 
 def _fence(commands: Iterable[LocomotionCommand]) -> str:

@@ -10,10 +10,10 @@ import numpy as np
 
 from spidar_gym.benchmark.leaderboard import Board, ranking
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.envs.crawl.task import SUCCESS_SLIP
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, PAPER_FLIGHT, UNRESTRICTED, FlightLog
 from spidar_gym.policies.policy import KINDS
+from spidar_gym.tasks.crawl import SUCCESS_SLIP
 from spidar_gym.viz.style import (
     BLACK,
     BLUE,

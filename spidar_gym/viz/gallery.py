@@ -16,7 +16,6 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.course.task import DECIDE
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.registry import COURSE, ENVIRONMENTS
 from spidar_gym.paper.crawl import crawl_paper
@@ -24,6 +23,7 @@ from spidar_gym.paper.flight import fly_paper
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.stage import Stage, cog, extent, standing
+from spidar_gym.tasks.course import DECIDE
 from spidar_gym.viz.courses import gate_figure, way_figure, way_of
 from spidar_gym.viz.figures import ablation_figure, crawl_figure, flight_figure, speed_figure, step_figure
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.crawl.walks import WalkTask
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
 
 ROBOTS = 2
 

@@ -30,13 +30,13 @@ from spidar_gym.benchmark.held_out import (
 from spidar_gym.benchmark.held_out_table import read_content
 from spidar_gym.benchmark.scenario import load_scenarios, make_env, reset_options
 from spidar_gym.benchmark.track import SPLITS, TRACKS
-from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import GRAVITY, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import TABLE
 from spidar_gym.sim.scene import TIMESTEP
+from spidar_gym.tasks.start import FlightStart
 from spidar_gym.tune import search
 
 ROOT = Path(__file__).resolve().parents[2]

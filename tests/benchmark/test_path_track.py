@@ -11,14 +11,15 @@ from spidar_gym.benchmark.scenario import make_env, reset_options
 from spidar_gym.benchmark.scoring import play_scenario, play_scenarios
 from spidar_gym.benchmark.track import SPLITS, flight_error
 from spidar_gym.control.flight.path import Path
-from spidar_gym.envs.hover.task import FlightStart, hover_height
-from spidar_gym.envs.path.task import CLIMB, PATH_BEGIN, SPEEDS
 from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import defined_on
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.so3 import exp
+from spidar_gym.tasks.hover import hover_height
+from spidar_gym.tasks.path import CLIMB, PATH_BEGIN, SPEEDS
+from spidar_gym.tasks.start import FlightStart
 
 TRACK = "flight-path"
 LEARNED = pathlib.Path(__file__).resolve().parents[2] / "baselines" / "learned"

@@ -24,11 +24,12 @@ from spidar_gym.benchmark.scenario import (
 )
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS, Track
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.hover.task import FlightStart, HoverTask
 from spidar_gym.envs.registry import HOVER
 from spidar_gym.errors import SpidarError, StaleAssetError, UnknownNameError
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.description import assets_dir
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.start import FlightStart
 
 FLIGHTS = [name for name, track in TRACKS.items() if track.flies]
 FREE = [name for name in FLIGHTS if not (TRACKS[name].options.get("randomization") or TRACKS[name].disturbances)]

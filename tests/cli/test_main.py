@@ -16,10 +16,10 @@ from spidar_gym.cli import main as cli
 from spidar_gym.cli.main import main
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
-from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.robot import FORMS
 from spidar_gym.robot.description import CAMERAS
+from spidar_gym.tasks.hover import SEQUENCES
 
 NAMES = (
     "paper",

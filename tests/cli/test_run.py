@@ -14,8 +14,8 @@ from spidar_gym.benchmark.row import read_rows
 from spidar_gym.cli.main import main
 from spidar_gym.cli.run import COURSE_PACE
 from spidar_gym.envs import env
-from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.envs.registry import COURSE
+from spidar_gym.tasks.hover import HoverTask
 
 drawing = pytest.mark.skipif(
     not (ctypes.util.find_library("EGL") or ctypes.util.find_library("OSMesa")), reason="no OpenGL library"

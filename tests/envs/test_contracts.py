@@ -14,7 +14,6 @@ from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.control.presets import PRESETS, controller_config
 from spidar_gym.envs.actions import ACTION_MODES
-from spidar_gym.envs.hover.task import REWARD_TERMS, SEQUENCES, hover_height
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.flight import CoreFlightController
@@ -24,6 +23,7 @@ from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import TABLE
 from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.tasks.hover import REWARD_TERMS, SEQUENCES, hover_height
 
 HOVERS = [(HOVER, mode) for mode in ACTION_MODES]
 

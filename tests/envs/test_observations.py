@@ -9,12 +9,12 @@ from support.episodes import same
 from support.moments import actions_for, copied, pickled
 
 from spidar_gym.envs.goals import CrawlGoal, HoverGoal
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.observations import MOST, privileged_layout
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, NoGoalError, UnknownNameError
 from spidar_gym.sim.randomize import TABLE
 from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
+from spidar_gym.tasks.hover import HoverTask
 
 CONTROLS = ("core", "python")
 GOALS = (HOVER, CRAWL)

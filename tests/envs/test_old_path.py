@@ -14,14 +14,14 @@ from support.vectors import expected
 
 from spidar_gym.envs import env as module
 from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import FAILURES, REWARD_TERMS
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.native.mujoco import STATE
 from spidar_gym.native.plant import Plant
 from spidar_gym.sim import violations
+from spidar_gym.tasks.crawl import CRAWL_FAILURES, CRAWL_REWARD_TERMS
+from spidar_gym.tasks.hover import FAILURES, REWARD_TERMS
 
 pytestmark = pytest.mark.slow
 STATES = int(os.environ.get("SPIDAR_STATES", "200"))

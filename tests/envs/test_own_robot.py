@@ -12,12 +12,12 @@ from support.robots import LOADED, LONG, OTHER, ROBOTS
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.presets import controller_config, crawler_config
-from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownArgumentError, UnknownNameError
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.tasks.hover import hover_height
 
 FLIGHT = {"forms": "independent", "joint_speed": 0.6}
 

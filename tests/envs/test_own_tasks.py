@@ -17,14 +17,14 @@ from support.vectors import speed_share
 
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.crawl.walks import WalkTask
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.flights import FlightTask
-from spidar_gym.envs.hover.task import FlightStart
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, register_task
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.sim.scene import scene
 from spidar_gym.so3 import exp, log, matrix_to_quat
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.start import FlightStart
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 IDS = {"figure_of_eight": "FigureOfEight", "least_energy": "LeastEnergy", "payload": "Fetch"}

@@ -7,9 +7,9 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 
 from spidar_gym.envs.codes import Coded
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.tasks.hover import HoverTask
 
 IDS = (HOVER, PATH, CRAWL, COURSE)
 MODES = [*AutoresetMode]

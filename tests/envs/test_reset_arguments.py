@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.episodes import assert_same, flight, make, same
 
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.tasks.hover import HoverTask
 
 OTHERS: dict[str, dict[str, Any]] = {
     HOVER: {"forms": "equal", "joint_speed": 1.0, "perturbation": 0.5, "unrestricted": ((0.2, 0.4),)},

@@ -8,13 +8,13 @@ from gymnasium.vector import AutoresetMode
 from support.vectors import DRAWN, FLIGHTS, expected
 
 from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import FAILURES, REWARD_TERMS
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownArgumentError, UnknownNameError
 from spidar_gym.native.draws import to_numpy
+from spidar_gym.tasks.crawl import CRAWL_FAILURES, CRAWL_REWARD_TERMS
+from spidar_gym.tasks.hover import FAILURES, REWARD_TERMS
 
 CRAWLS = {
     "published": {},

@@ -12,12 +12,12 @@ import pytest
 from support.episodes import same
 from support.moments import HARDEST, ROUGH, copied, pickled
 
-from spidar_gym.envs.batch import length, tolerance
-from spidar_gym.envs.crawl.walks import WalkTask
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import SpidarError
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.task import length, tolerance
 
 MODES = ("NextStep", "SameStep", "Disabled")
 

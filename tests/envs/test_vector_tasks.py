@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from support.vectors import DRAWN, FLIGHTS, speed_share
 
-from spidar_gym.envs.batch import length, tolerance
 from spidar_gym.envs.crawl import walks
-from spidar_gym.envs.crawl.walks import WalkTask
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.flights import FlightTask
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.native.draws import to_numpy
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.task import length, tolerance
 
 RATE = 2.0 * math.pi / 12.0
 MODES = ("NextStep", "SameStep", "Disabled")

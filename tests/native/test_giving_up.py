@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from spidar_gym.envs.crawl.task import CRAWL_FAILURES
-from spidar_gym.envs.hover.task import FAILURES
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.native import engine
 from spidar_gym.native.engine_structs import N_DOFS
 from spidar_gym.native.mujoco import member_offsets
+from spidar_gym.tasks.crawl import CRAWL_FAILURES
+from spidar_gym.tasks.hover import FAILURES
 
 DIVERGED = {HOVER: list(FAILURES).index("diverged"), CRAWL: list(CRAWL_FAILURES).index("diverged")}
 

@@ -14,7 +14,6 @@ from support.networks import made
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
 from spidar_gym.control.locomotion.commands import Land
-from spidar_gym.envs.course.task import SUCCESS_POSITION, SUCCESS_YAW
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
@@ -37,6 +36,7 @@ from spidar_gym.sitl.missions import course_mission, crawl_mission, flight_missi
 from spidar_gym.sitl.play import build_for, fault_figures, faults_of, play
 from spidar_gym.sitl.report import fault_table, read_runner_log
 from spidar_gym.sitl.session import Run
+from spidar_gym.tasks.course import SUCCESS_POSITION, SUCCESS_YAW
 
 pytestmark = needs_compiler
 cross, ros = marked("cross"), marked("ros")

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spidar_gym.envs.hover.task import HoverTask
 from spidar_gym.errors import SpidarError, UnknownNameError
 from spidar_gym.paper.flight import PAPER_FLIGHT, FlightLog, flight_figures, flight_lines, fly_paper, recovery, sink
 from spidar_gym.robot import ROBOT
+from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.text import format_table
 
 KEYS = {

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from spidar_gym.control.course.gates import KINDS
-from spidar_gym.envs.course.task import SIZES
 from spidar_gym.paper import gate_study
 from spidar_gym.paper.gate_study import GAITS, SWEPT, Case, cells, course_of, gate_lines, play
+from spidar_gym.tasks.course import SIZES
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -22,13 +22,13 @@ from spidar_gym.control.crawl.footsteps import Move, Stand
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE, FlightController
 from spidar_gym.control.flight.margins import DELAY, LAG
-from spidar_gym.envs.hover.task import FlightStart, FormGoal
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.interference import InterferenceConfig
 from spidar_gym.robot import FORMS, GRAVITY, ROBOT
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import exp, matrix_to_quat
+from spidar_gym.tasks.start import FlightStart, FormGoal
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -11,12 +11,12 @@ import gymnasium
 import numpy as np
 import pytest
 
-from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.errors import SpidarError, UnknownNameError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.renderer import OffscreenRenderer, Window, require_display
+from spidar_gym.tasks.hover import hover_height
 
 HOVER = "spidar_gym/Hover-v0"
 WIDTH, HEIGHT = 64, 48

@@ -11,12 +11,12 @@ import pytest
 from spidar_gym import viz
 from spidar_gym.cli.main import main
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.sim.stage import Stage, between, extent, standing
+from spidar_gym.tasks.hover import hover_height
 from spidar_gym.viz.film import FPS, SIZE, STRIP, flight_phase, tick_at
 
 pytestmark = pytest.mark.skipif(

@@ -9,8 +9,9 @@ import numpy as np
 import spidar_gym.envs.registry
 from spidar_gym.benchmark.track import HOVER
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.hover.task import FlightStart, FormGoal, HoverTask
 from spidar_gym.policies.rollout import rollout
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.start import FlightStart, FormGoal, draw_start
 from train.lib.envs import training_seed
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def pulse_response(arguments: Mapping[str, Any], seed: int, ticks: int, control:
         HOVER, forms="independent", perturbation=0.0, control=control, disable_env_checker=True,
         max_episode_steps=10**9, **arguments,
     )  # fmt: skip
-    form = HoverTask(forms="independent").schedule(np.random.Generator(np.random.PCG64(seed)))[0].joint_target
+    form = draw_start(HoverTask(forms="independent"), np.random.Generator(np.random.PCG64(seed))).goals[0].joint_target
     start = FlightStart((FormGoal(0.0, 0.0, form),), np.zeros(3), np.zeros(3))
     found = []
     for pulse in np.vstack((np.zeros(POSE), PULSE * np.eye(POSE))):

@@ -7,9 +7,9 @@ import numpy as np
 
 from spidar_gym.benchmark.track import ENERGY_SCALE
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.crawl.task import SUCCESS_SLIP
-from spidar_gym.envs.hover.flights import length, tolerance
 from spidar_gym.errors import require_name
+from spidar_gym.tasks.crawl import SUCCESS_SLIP
+from spidar_gym.tasks.task import length, tolerance
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from spidar_gym.benchmark.scenario import OFFSET
 from spidar_gym.benchmark.track import find_track
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.fleet import told
-from spidar_gym.envs.hover.task import MARGINS
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies import torso
@@ -121,7 +120,7 @@ class _Group:
         if "finished" in now:
             return now | {"remaining": robots["distance"].copy(), "way": robots["initial_distance"].copy()}
         error = robots["truth"]["error"]
-        joints = MARGINS[2] * np.sqrt(1.0 / np.maximum(now["term"][:, 2:3], 1e-12) - 1.0)  # of which that term is made
+        joints = self.vector.fleet.quantities["joint_error"][:, None].copy()
         return now | {
             "velocity_error": error["velocity_w"].copy(), "rate_error": error["omega_b"].copy(), "joint_error": joints,
         }  # fmt: skip

@@ -2,8 +2,8 @@
 
 from spidar_gym.control.flight.observation import Field, path_layout
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.path.task import PathTask
 from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.tasks.path import PathTask
 
 
 class PathEnv(HoverEnv):

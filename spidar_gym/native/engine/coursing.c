@@ -1,8 +1,6 @@
-/* Courses: both ways of moving, a pose to reach behind gates. `envs/course/task.py` is the same page in Python; a test
- * holds the two to each other. */
+/* Courses: draws and builds the course of an episode, moves through a step, counts what `tasks/course.py` makes a reward
+ * of. */
 #include "episode.h"
-
-enum { PROGRESS, GOAL, POWER, SAFETY, TERMS }; /* of the reward */
 
 /* ---- the course ---- */
 
@@ -18,7 +16,7 @@ static double between(sp_generator *generator, const double *bounds)
 }
 
 /* Draw a course. */
-static void draw_course(const sp_course_rules *rules, sp_generator *generator, sp_course *course)
+void sp_draw_course(const sp_course_rules *rules, sp_generator *generator, sp_course *course)
 {
     double x = 0.0;
     int has_beam = 0, which, count = (int)sp_integer(generator, rules->count[0], rules->count[1] + 1);
@@ -155,15 +153,32 @@ static void advance(const sp_course_rules *rules, sp_coursing *c)
     else if (c->arrived == 0.0) c->arrived = c->controls / SP_CONTROL_RATE;
 }
 
-static int failure(const sp_course_rules *rules, const sp_coursing *c)
+/* What the task makes rewards, failures and success of. */
+static void count(const sp_course_rules *rules, const sp_coursing *c, sp_coursing_quantities *q)
 {
     const double *position = c->plant.state.position_w;
-    if (c->hit > rules->max_hit) return SP_OFF_COURSE_HIT;
-    if (!(-SP_COURSE_BEFORE <= position[0] && position[0] <= sp_course_end(&c->course)) ||
-        fabs(position[1]) > SP_COURSE_HALF_WIDTH || position[2] > SP_COURSE_CEILING)
-        return SP_OFF_COURSE_OUT;
-    if (c->tilt > rules->max_tilt || c->manager.memory.phase == SP_MANAGER_CUT) return SP_OFF_COURSE_TILT;
-    return c->charge > 0.0 ? -1 : SP_OFF_COURSE_EMPTY;
+    sp_count_episode(&rules->rules, &c->plant, &c->episode, c->controls, &q->common);
+    q->distance = c->distance;
+    q->initial_distance = c->initial_distance;
+    q->position_error = sqrt(c->error[0] * c->error[0] + c->error[1] * c->error[1]);
+    q->yaw_error = fabs(c->error[2]);
+    q->hit = c->hit;
+    q->tilt = c->tilt;
+    q->charge = c->charge;
+    q->lies = c->lies != 0;
+    q->is_cut = c->manager.memory.phase == SP_MANAGER_CUT;
+    q->is_outside = !(-SP_COURSE_BEFORE <= position[0] && position[0] <= sp_course_end(&c->course)) ||
+                    fabs(position[1]) > SP_COURSE_HALF_WIDTH || position[2] > SP_COURSE_CEILING;
+    q->is_empty = !(c->charge > 0.0);
+}
+
+/* Whether a quantity is beyond where the task has a step stop. */
+static int stops(const sp_course_rules *rules, const sp_coursing_quantities *quantities)
+{
+    const double *values = (const double *)quantities;
+    for (int k = 0; k < SP_COURSING_QUANTITIES; k++)
+        if (values[k] > rules->stop[k]) return 1;
+    return 0;
 }
 
 /* ---- an episode ---- */
@@ -178,7 +193,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     double position_w[3] = {0.0, 0.0, numbers->peg_depth}, charge = rules->charge[0];
     sp_plant_config config = rules->rules.plant;
     e->begun[robot] = 1;
-    if (!c->is_given) draw_course(rules, &episode->generator, &c->course);
+    if (!c->is_given) sp_draw_course(rules, &episode->generator, &c->course);
     if (rules->charge[0] < rules->charge[1]) charge = between(&episode->generator, rules->charge);
     build(&c->course, config.ground.boxes);
     if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
@@ -193,7 +208,6 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     episode->ticks = 0;
     episode->failure = -1;
     episode->has_command = episode->truncated = episode->over = 0;
-    episode->reward = 0.0;
     sp_zero(episode->action, SP_MAX_ENTRIES);
     sp_first_look(numbers, &rules->rules, &c->plant, episode);
     sp_manager_reset(numbers, &c->manager, &episode->seen);
@@ -232,14 +246,13 @@ static void act(const sp_course_rules *rules, sp_room *room, sp_coursing *c)
     episode->has_command = 1;
 }
 
-static void tell(const sp_course_rules *rules, const sp_world *world, sp_coursing *c, sp_coursing_info *info)
+static void tell(const sp_world *world, const sp_coursing *c, sp_coursing_info *info)
 {
     const sp_episode *episode = &c->episode;
     const sp_plant *plant = &c->plant;
     const sp_manager *m = &c->manager;
     int crawls = m->memory.phase == SP_MANAGER_LIE || m->memory.phase == SP_MANAGER_CRAWL;
     const sp_allocation *allocation = crawls ? &m->crawl.allocation : &m->flight.allocation;
-    double *term = info->term;
     sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
             (crawls ? m->crawl.ticked : m->flight.ticked) ? allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
@@ -257,13 +270,7 @@ static void tell(const sp_course_rules *rules, const sp_world *world, sp_coursin
     for (int k = 0; k < c->course.count; k++) info->gate += plant->state.position_w[0] > c->course.gates[k].end;
     info->lies = (uint8_t)c->lies;
     info->finished = c->arrived > 0.0;
-    term[PROGRESS] = sp_max(0.0, 1.0 - c->distance / c->initial_distance);
-    term[GOAL] = c->lies ? sp_tolerance(c->distance, rules->goal_margin) : 0.0;
-    term[POWER] = sp_max(0.0, 1.0 - plant->power / rules->most_power);
-    term[SAFETY] = sp_tolerance(c->hit, rules->hit_margin);
-    if (plant->diverged) sp_zero(term, TERMS);
-    info->is_success = episode->failure < 0 && is_there(rules, c);
-    c->episode.reward = sp_row(rules->weight, term, TERMS);
+    info->is_success = 0; /* the task says */
 }
 
 static void observe(const sp_course_rules *rules, const sp_robot *robot, const sp_coursing *c, float *observation)
@@ -285,32 +292,32 @@ static void show(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_course_rules *rules = sp_rules_of(e, robot);
     sp_coursing *c = (sp_coursing *)sp_plant_of(e, robot);
-    tell(rules, e->world, c, (sp_coursing_info *)e->infos + robot);
-    observe(rules, thread->room->robot, c, e->observations + (int64_t)robot * rules->rules.size);
+    tell(e->world, c, (sp_coursing_info *)e->infos + robot);
+    count(rules, c, (sp_coursing_quantities *)e->quantities + robot);
+    observe(rules, thread->room->robot, c, e->observations + (int64_t)robot * e->observation_size);
 }
 
 static void reset_coursing(sp_engine *e, sp_thread *thread, int robot)
 {
     begin(e, thread, robot);
     show(e, thread, robot);
-    e->rewards[robot] = 0.0;
-    e->terminated[robot] = e->truncated[robot] = 0;
 }
 
-/* What follows upon a step, of a robot that has diverged or not. */
-static void conclude(sp_engine *e, sp_thread *thread, int robot)
+/* A control period of a robot that is carried; whether the step goes on. */
+static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, sp_coursing *c)
 {
-    const sp_course_rules *rules = sp_rules_of(e, robot);
-    sp_coursing *c = (sp_coursing *)sp_plant_of(e, robot);
-    sp_episode *episode = &c->episode;
-    if (c->plant.diverged) episode->failure = SP_OFF_COURSE_DIVERGED;
-    show(e, thread, robot);
-    sp_end_tick(e, &rules->rules, episode, robot);
-    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
-        sp_keep_final(e, &rules->rules, robot, sizeof(sp_coursing_info));
-        begin(e, thread, robot);
-        show(e, thread, robot);
-    }
+    sp_coursing_quantities now;
+    if (rules->rules.is_commanded) c->episode.has_command = 1;
+    else act(rules, thread->room, c);
+    sp_enter(&thread->sim, &c->plant);
+    sp_plant_step(e->world, &thread->sim, &c->episode.command, &c->plant);
+    sp_leave(&thread->sim, &c->plant);
+    if (c->plant.diverged) return 0;
+    sp_look(thread->room->robot, &rules->rules, &c->plant, &c->episode);
+    measure(rules, thread->room->robot, c);
+    advance(rules, c);
+    count(rules, c, &now);
+    return !stops(rules, &now);
 }
 
 static void step_coursing(sp_engine *e, sp_thread *thread, int robot)
@@ -328,27 +335,28 @@ static void step_coursing(sp_engine *e, sp_thread *thread, int robot)
     c->plant.violated = 0;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
     sp_carry(e, thread, robot);
-    for (int k = 0; k < rules->hold && episode->failure < 0; k++) {
-        act(rules, thread->room, c);
-        sp_enter(&thread->sim, &c->plant);
-        sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
-        sp_leave(&thread->sim, &c->plant);
-        if (c->plant.diverged) break;
-        sp_look(thread->room->robot, &c->plant, episode);
-        measure(rules, thread->room->robot, c);
-        advance(rules, c);
-        episode->failure = failure(rules, c);
-    }
-    conclude(e, thread, robot);
+    /* A controller in Python commands period by period. */
+    for (int k = 0; k < (rules->rules.is_commanded ? 1 : rules->hold); k++)
+        if (!move(e, rules, thread, c)) break;
+    show(e, thread, robot);
+}
+
+/* One more control period of a step. */
+static void hold_coursing(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_carry(e, thread, robot);
+    move(e, sp_rules_of(e, robot), thread, (sp_coursing *)sp_plant_of(e, robot));
+    show(e, thread, robot);
 }
 
 static void lose_coursing(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant_of(e, robot)->diverged = 1;
-    conclude(e, thread, robot);
+    show(e, thread, robot);
 }
 
 int sp_show_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show, NULL); }
 int sp_reset_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_coursing, NULL); }
 int sp_step_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_coursing, NULL); }
+int sp_hold_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, hold_coursing, NULL); }
 int sp_lose_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_coursing, NULL); }

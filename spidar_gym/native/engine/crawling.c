@@ -1,9 +1,6 @@
-/* Crawls: the paper's gait on the ground, a pose to reach. `envs/crawl/task.py` is the same page in Python, for N robots
- * at once; a test holds the two to each other. */
+/* Crawls: draws the way and the floor of an episode, crawls a tick, counts what `tasks/crawl.py` makes a reward of. */
 #include "episode.h"
 #include "ground.h"
-
-enum { PROGRESS, GOAL, LEVEL, SLIP, POWER, ACTION, TERMS }; /* of the reward */
 
 /* ---- where to, and on what ---- */
 
@@ -16,10 +13,10 @@ static int is_blocked(const sp_crawl_rules *rules, sp_pose2 way)
     return 0;
 }
 
-/* Draw a way, again where an obstacle covers its end. */
-static sp_pose2 draw_way(const sp_crawl_rules *rules, sp_generator *generator)
+/* Draw a way, again where an obstacle covers its end, but at most so often; whether one was found. */
+int32_t sp_draw_way(const sp_crawl_rules *rules, sp_generator *generator, int64_t most, sp_pose2 *drawn_way)
 {
-    for (;;) {
+    for (int64_t draw = 0; draw < most; draw++) {
         int paper = sp_random(generator) < rules->share;
         double drawn[3] = {sp_uniform(generator, rules->distance[0], rules->distance[1]), 0.0, 0.0};
         drawn[1] = sp_uniform(generator, -SP_PI, SP_PI);
@@ -29,8 +26,10 @@ static sp_pose2 draw_way(const sp_crawl_rules *rules, sp_generator *generator)
             if (rules->is_given[k]) drawn[k] = rules->given[k];
         /* On an arc the chord points in the given direction. */
         sp_pose2 way = {drawn[0] * cos(drawn[1]), drawn[0] * sin(drawn[1]), drawn[2]};
-        if (!is_blocked(rules, way)) return way;
+        *drawn_way = way;
+        if (!is_blocked(rules, way)) return 1;
     }
+    return 0;
 }
 
 /* Tiles of random heights, or stairs across the way ahead. */
@@ -113,7 +112,9 @@ static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const
 
 static void start_counting(sp_crawling *c)
 {
-    c->crawled = c->swing_ticks = c->timeouts = c->rested = 0;
+    c->crawled = c->timeouts = c->rested = c->is_done = 0;
+    sp_zero(c->swing_ticks, SP_LEGS);
+    memset(c->swinging, 0, sizeof c->swinging);
     c->duct_contact = 0;
     c->finished = c->saturation = c->thrust = c->thrust_peak = c->tilt_legs = c->tilt_torso = 0.0;
     sp_zero(c->airborne_ticks, SP_LEGS);
@@ -150,7 +151,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     int draws_floor = rules->steps > 0.0 || rules->obstacles > 0;
     sp_plant_config config = rules->rules.plant;
     e->begun[robot] = 1;
-    c->way = draw_way(rules, &episode->generator);
+    sp_draw_way(rules, &episode->generator, INT64_MAX, &c->way);
     if (draws_floor) draw_floor(rules, &episode->generator, config.ground.tiles);
     if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
     if (draws_floor || rules->rules.strength > 0.0) sp_become(e, thread, robot, &config);
@@ -172,7 +173,6 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     episode->ticks = 0;
     episode->failure = -1;
     episode->has_command = episode->truncated = episode->over = 0;
-    episode->reward = 0.0;
     sp_zero(episode->action, SP_MAX_ENTRIES);
     sp_first_look(numbers, &rules->rules, &c->plant, episode);
     sp_crawl_reset(&c->crawl, &episode->seen);
@@ -200,6 +200,8 @@ static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawling *c)
     } else {
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
         sp_crawl_step(&c->crawl, &episode->seen, &episode->residual, room, &episode->command);
+        for (int leg = 0; leg < SP_LEGS; leg++) c->swinging[leg] = c->crawl.gait.phase == SP_SWING;
+        c->is_done = sp_gait_done(&c->crawl) && c->crawl.memory.gap == 0.0;
     }
     episode->has_command = 1;
 }
@@ -230,9 +232,9 @@ static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl
     const double dt = 1.0 / SP_CONTROL_RATE;
     int phase = c->crawl.gait.phase;
     c->crawled++;
-    if (phase == SP_SWING) {
-        c->swing_ticks++;
-        for (int leg = 0; leg < SP_LEGS; leg++) c->airborne_ticks[leg] += !c->touch.balls[leg];
+    for (int leg = 0; leg < SP_LEGS; leg++) {
+        c->swing_ticks[leg] += c->swinging[leg];
+        c->airborne_ticks[leg] += c->swinging[leg] && !c->touch.balls[leg];
     }
     for (int leg = 0; leg < SP_LEGS; leg++) {
         c->foot_slip[leg] += dt * c->touch.slip[leg];
@@ -256,17 +258,9 @@ static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl
         c->tilt_torso = sp_max(c->tilt_torso, c->tilt);
     c->timeouts = c->crawl.gait.timeouts;
     c->rested = rules->rules.mode.is_direct && rests(rules, robot, c) ? c->rested + 1 : 0;
-    int is_done = rules->rules.mode.is_direct ? c->rested / SP_CONTROL_RATE >= rules->rest_time
-                                              : sp_gait_done(&c->crawl) && c->crawl.memory.gap == 0.0;
+    int is_done = rules->rules.mode.is_direct ? c->rested / SP_CONTROL_RATE >= rules->rest_time : c->is_done;
     if (is_done && c->finished == 0.0)
         c->finished = c->crawled / SP_CONTROL_RATE;
-}
-
-static int failure(const sp_crawl_rules *rules, const sp_crawling *c)
-{
-    if (c->touch.ducts) return SP_CRAWL_DUCT;
-    if (c->tilt > rules->max_tilt) return SP_CRAWL_TILT;
-    return c->distance > c->initial_distance + rules->max_astray ? SP_CRAWL_ASTRAY : -1;
 }
 
 static double largest(const double *x, int n)
@@ -279,33 +273,38 @@ static double largest(const double *x, int n)
 /* Share of its swing in which the worst foot was in the air; 1 before the first swing. */
 static double airborne(const sp_crawling *c)
 {
-    double least = c->airborne_ticks[0];
-    for (int leg = 1; leg < SP_LEGS; leg++) least = sp_min(least, c->airborne_ticks[leg]);
-    return c->swing_ticks ? least / c->swing_ticks : 1.0;
+    double least = 1.0;
+    for (int leg = 0; leg < SP_LEGS; leg++)
+        if (c->swing_ticks[leg] > 0.0) least = sp_min(least, c->airborne_ticks[leg] / c->swing_ticks[leg]);
+    return least;
 }
 
-/* What keeps a finished crawl from being a success: bits. */
-static int32_t shortfalls(const sp_crawl_rules *rules, const sp_crawling *c)
+/* What the task makes rewards, failures and success of. */
+static void count(const sp_crawl_rules *rules, const sp_crawling *c, sp_crawling_quantities *q)
 {
-    int32_t bits = 0;
-    if (c->finished == 0.0) bits |= SP_SHORT_OF_UNFINISHED;
-    if (length(c->error[0], c->error[1]) > rules->success_position) bits |= SP_SHORT_OF_POSITION;
-    if (fabs(c->error[2]) > rules->success_yaw) bits |= SP_SHORT_OF_YAW;
-    if (airborne(c) < rules->success_airborne) bits |= SP_SHORT_OF_AIRBORNE;
-    if (c->timeouts > 0) bits |= SP_SHORT_OF_TIMEOUT;
-    if (largest(c->foot_slip, SP_LEGS) >= rules->success_slip) bits |= SP_SHORT_OF_SLIP;
-    if (c->duct_contact) bits |= SP_SHORT_OF_DUCT;
-    if (c->finished > rules->success_time * c->nominal_time) bits |= SP_SHORT_OF_TIME;
-    return bits;
+    sp_count_episode(&rules->rules, &c->plant, &c->episode, c->crawled, &q->common);
+    q->distance = c->distance;
+    q->initial_distance = c->initial_distance;
+    q->position_error = length(c->error[0], c->error[1]);
+    q->yaw_error = fabs(c->error[2]);
+    q->tilt = c->tilt;
+    q->slip = largest(c->touch.slip, 2 * SP_LEGS);
+    q->duct_touches = c->touch.ducts != 0;
+    q->duct_touched = c->duct_contact != 0;
+    q->finished = c->finished;
+    q->nominal_time = c->nominal_time;
+    q->timeouts = c->timeouts;
+    q->airborne = airborne(c);
+    q->foot_slip = largest(c->foot_slip, SP_LEGS);
 }
 
-static void tell(const sp_crawl_rules *rules, const sp_world *world, sp_crawling *c, sp_crawling_info *info)
+static void tell(const sp_world *world, const sp_crawling *c, sp_crawling_info *info)
 {
     const sp_episode *episode = &c->episode;
     const sp_plant *plant = &c->plant;
-    double time = c->crawled / SP_CONTROL_RATE, slip = largest(c->touch.slip, 2 * SP_LEGS);
+    double time = c->crawled / SP_CONTROL_RATE;
     double counted = sp_max(1.0, c->finished > 0.0 ? rint(c->finished * SP_CONTROL_RATE) : c->crawled);
-    double way = sp_max(c->initial_distance - c->distance, 1e-3), *term = info->term;
+    double way = sp_max(c->initial_distance - c->distance, 1e-3);
     sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
             c->crawl.ticked ? &c->crawl.allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
@@ -325,17 +324,8 @@ static void tell(const sp_crawl_rules *rules, const sp_world *world, sp_crawling
     info->tilt_rad = c->tilt;
     info->timeouts = c->timeouts;
     info->cost_of_transport = 3600.0 * plant->energy_wh / (world->weight * way);
-    info->shortfalls_code = shortfalls(rules, c);
-    if (rules->rules.is_judged) return; /* Python says */
-    term[PROGRESS] = sp_max(0.0, 1.0 - c->distance / c->initial_distance);
-    term[GOAL] = sp_tolerance(c->distance, rules->goal_margin);
-    term[LEVEL] = sp_tolerance(c->tilt, rules->level_margin);
-    term[SLIP] = sp_tolerance(slip, rules->slip_margin);
-    term[POWER] = sp_max(0.0, 1.0 - plant->power / rules->most_power);
-    term[ACTION] = sp_restraint(&rules->rules, episode);
-    if (c->plant.diverged) sp_zero(term, TERMS);
-    info->is_success = episode->failure < 0 && !info->shortfalls_code;
-    c->episode.reward = sp_row(rules->weight, term, TERMS);
+    info->shortfalls_code = 0; /* the task says */
+    info->is_success = 0;
 }
 
 static void observe(const sp_crawl_rules *rules, const sp_crawling *c, float *observation)
@@ -354,16 +344,15 @@ static void show(sp_engine *e, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
-    tell(rules, e->world, c, (sp_crawling_info *)e->infos + robot);
-    observe(rules, c, e->observations + (int64_t)robot * rules->rules.size);
+    tell(e->world, c, (sp_crawling_info *)e->infos + robot);
+    count(rules, c, (sp_crawling_quantities *)e->quantities + robot);
+    observe(rules, c, e->observations + (int64_t)robot * e->observation_size);
 }
 
 static void reset_crawling(sp_engine *e, sp_thread *thread, int robot)
 {
     begin(e, thread, robot);
     show(e, robot);
-    e->rewards[robot] = 0.0;
-    e->terminated[robot] = e->truncated[robot] = 0;
 }
 
 /* What follows upon a tick's physics, of a robot that is still loaded or has diverged. */
@@ -371,23 +360,12 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
-    sp_episode *episode = &c->episode;
-    if (c->plant.diverged) {
-        episode->failure = SP_CRAWL_DIVERGED;
-    } else {
-        sp_look(thread->room->robot, &c->plant, episode);
+    if (!c->plant.diverged) {
+        sp_look(thread->room->robot, &rules->rules, &c->plant, &c->episode);
         update_errors(e, rules, &thread->sim, c);
         advance(rules, thread->room->robot, c);
-        if (!rules->rules.is_judged) episode->failure = failure(rules, c);
     }
-    if (rules->rules.is_judged) return; /* Python goes on, and has it shown then */
     show(e, robot);
-    sp_end_tick(e, &rules->rules, episode, robot);
-    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
-        sp_keep_final(e, &rules->rules, robot, sizeof(sp_crawling_info));
-        begin(e, thread, robot);
-        show(e, robot);
-    }
 }
 
 static void step_crawling(sp_engine *e, sp_thread *thread, int robot)

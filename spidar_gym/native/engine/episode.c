@@ -1,4 +1,4 @@
-/* What flights and crawls share of an episode: the robot that is drawn, what the action means, what is seen. */
+/* What flights, crawls and courses share of an episode: the robot that is drawn, what the action means, what is seen. */
 #include "episode.h"
 
 /* Have a configuration be that of this episode's robot, drawn around it; as many numbers at every strength. */
@@ -23,7 +23,7 @@ void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant
     sp_measurement first;
     sp_robot_state indicated;
     episode->seen = plant->state;
-    if (!plant->senses) return;
+    if (!plant->senses || rules->is_commanded) return; /* a controller in Python has its own estimator */
     sp_measure(plant, &first);
     indicated = plant->state;
     sp_copy(indicated.joint_position, first.joint_position, SP_JOINTS);
@@ -34,10 +34,10 @@ void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant
 }
 
 /* What is seen after a control period. */
-void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode)
+void sp_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode)
 {
     sp_measurement measurement;
-    if (!plant->senses) {
+    if (!plant->senses || rules->is_commanded) {
         episode->seen = plant->state;
         return;
     }
@@ -71,18 +71,17 @@ void sp_direct_action(const sp_command *command, const sp_robot *robot, double *
         action[3 * SP_ROTORS + j] = sp_clip(command->joint_position[j] / robot->joint_limit, -1.0, 1.0);
 }
 
-/* 1 at no error, ½ at `margin`, falling towards 0. */
-double sp_tolerance(double error, double margin)
-{
-    double ratio = error / margin;
-    return 1.0 / (1.0 + ratio * ratio);
-}
-
-/* 1 − mean a². */
-double sp_restraint(const sp_rules *rules, const sp_episode *episode)
+/* What every task makes rewards, failures and success of; `ticks` are those of the episode. */
+void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, int64_t ticks,
+                      sp_quantities *q)
 {
     int n = rules->mode.size;
-    return 1.0 - sp_row(episode->action, episode->action, n) / n;
+    q->ticks = episode->ticks;
+    q->time = ticks / SP_CONTROL_RATE;
+    q->in_contact = plant->in_contact != 0;
+    q->diverged = plant->diverged != 0;
+    q->power = plant->power;
+    q->effort = sp_row(episode->action, episode->action, n) / n;
 }
 
 /* What violated constraints cost; `touching` are the contacts that do. */
@@ -126,22 +125,4 @@ void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vec
     info->endurance_min = 60.0 * SP_USABLE * SP_CAPACITY_WH / mean;
     info->failure_code = episode->failure;
     charge(plant->violated, touching, info);
-}
-
-/* Write down how a tick ended. */
-void sp_end_tick(sp_engine *e, const sp_rules *rules, sp_episode *episode, int robot)
-{
-    episode->truncated = rules->truncates && episode->ticks >= rules->horizon;
-    episode->over = episode->failure >= 0 || episode->truncated;
-    e->rewards[robot] = episode->reward;
-    e->terminated[robot] = episode->failure >= 0;
-    e->truncated[robot] = (uint8_t)episode->truncated;
-}
-
-/* Keep what is shown of an episode's end, before the next one begins in the same tick. */
-void sp_keep_final(sp_engine *e, const sp_rules *rules, int robot, size_t info_bytes)
-{
-    int64_t size = rules->size, at = robot * (int64_t)info_bytes;
-    memcpy(e->final_observations + robot * size, e->observations + robot * size, (size_t)size * sizeof(float));
-    memcpy(e->final_infos + at, e->infos + at, info_bytes);
 }

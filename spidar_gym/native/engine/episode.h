@@ -1,4 +1,4 @@
-/* Episodes: what flights and crawls share. */
+/* Episodes: what flights, crawls and courses share. */
 #ifndef SPIDAR_EPISODE_H
 #define SPIDAR_EPISODE_H
 
@@ -6,16 +6,14 @@
 
 void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn);
 void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);
-void sp_look(const sp_robot *robot, sp_plant *plant, sp_episode *episode);
+void sp_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);
 void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode);
 void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action);
 void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
              int32_t touching, sp_info *info);
 #define SP_IN_THE_AIR (SP_VIOLATED_FOOT | SP_VIOLATED_DUCT | SP_VIOLATED_PART) /* what had better touch nothing there */
 #define SP_ON_THE_FLOOR (SP_VIOLATED_DUCT | SP_VIOLATED_PART)
-void sp_end_tick(sp_engine *engine, const sp_rules *rules, sp_episode *episode, int robot);
-void sp_keep_final(sp_engine *engine, const sp_rules *rules, int robot, size_t info_bytes);
-double sp_tolerance(double error, double margin);
-double sp_restraint(const sp_rules *rules, const sp_episode *episode);
+void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, int64_t ticks,
+                      sp_quantities *quantities);
 
 #endif

@@ -1,11 +1,5 @@
-/* Flights: hold the CoG and a level attitude, or follow a path, while the joints go through forms. `envs/hover/task.py`
- * and `envs/path/task.py` are the same page in Python, for N robots at once; a test holds the two to each other. */
+/* Flights: draws and plays the schedule of an episode, flies a tick, counts what `tasks/hover.py` makes a reward of. */
 #include "episode.h"
-
-#define POSITION 0 /* terms of the reward */
-#define ATTITUDE 1
-#define JOINTS 2
-#define ACTION 3
 
 static double time_of(const sp_hover *h) { return h->flown / SP_CONTROL_RATE; }
 
@@ -16,11 +10,11 @@ static void sample_form(const sp_hover_rules *rules, int32_t forms, sp_generator
 {
     if (forms == SP_FORMS_MIXED) {
         double kind = sp_random(generator);
-        if (kind < 0.25) {
+        if (kind < rules->mixture[0]) {
             sp_copy(q, rules->form[sp_integer(generator, 1, 4) - 1], SP_JOINTS);
             return;
         }
-        forms = kind < 0.55 ? SP_FORMS_EQUAL : SP_FORMS_INDEPENDENT;
+        forms = kind < rules->mixture[1] ? SP_FORMS_EQUAL : SP_FORMS_INDEPENDENT;
     }
     int which = forms - SP_FORMS_EQUAL, legs = rules->drawn_legs[which];
     for (int j = 0; j < 4 * legs; j++)
@@ -47,8 +41,8 @@ static int draw_goals(const sp_hover_rules *rules, int32_t forms, sp_generator *
     append_goal(rules, goals, 0, 0.0);
     if (held) return 1;
     for (; n < room; n++) {
-        double start = paper ? (n == 1 ? 4.0 : goals[n - 1].deadline)
-                             : goals[n - 1].deadline + sp_uniform(generator, 1.0, 2.5);
+        double start = paper ? (n == 1 ? rules->paper_pause : goals[n - 1].deadline)
+                             : goals[n - 1].deadline + sp_uniform(generator, rules->pause[0], rules->pause[1]);
         if (paper ? n == SP_FORMS_EQUAL - 1 : !(start < rules->horizon_s)) break;
         if (paper) sp_copy(goals[n].joint_target, rules->form[n], SP_JOINTS);
         else sample_form(rules, forms, generator, goals[n].joint_target);
@@ -77,7 +71,8 @@ static int draw_path(const sp_hover_rules *rules, sp_generator *generator, sp_kn
     const double *origin = rules->position_w;
     if (kind == SP_PATHS_MIXED) {
         double which = sp_random(generator);
-        kind = which < 0.25 ? SP_PATHS_LEGS : which < 0.5 ? SP_PATHS_LEMNISCATE : SP_PATHS_SPLINE;
+        kind = which < rules->path_mixture[0] ? SP_PATHS_LEGS : which < rules->path_mixture[1] ? SP_PATHS_LEMNISCATE
+                                                                                              : SP_PATHS_SPLINE;
     }
     double speed = rules->speed[0] < rules->speed[1] ? sp_uniform(generator, rules->speed[0], rules->speed[1])
                                                      : rules->speed[0];
@@ -187,8 +182,51 @@ static void compute_trim(const sp_robot *robot, const sp_sim *sim, const sp_hove
 
 /* ---- an episode ---- */
 
+/* Draw forms, offset and path of an episode. */
+void sp_draw_flight(const sp_hover_rules *rules, int32_t forms, sp_generator *generator, sp_goal *goals,
+                    int64_t goal_room, sp_knot *knots, int64_t knot_room, sp_flight_start *start)
+{
+    memset(start, 0, sizeof *start);
+    start->goals = draw_goals(rules, forms, generator, goals, goal_room);
+    for (int i = 0; i < 6; i++) {
+        double unit = sp_uniform(generator, -1.0, 1.0) * rules->perturbation;
+        if (i < 3) start->position[i] = rules->offset[0] * unit;
+        else start->rotation[i - 3] = rules->offset[1] * unit;
+    }
+    if (rules->path != SP_PATHS_NONE) start->knots = draw_path(rules, generator, knots, knot_room);
+}
+
 static sp_goal *goals_of(const sp_engine *e, int robot) { return e->goals + robot * e->goal_room; }
 static sp_knot *knots_of(const sp_engine *e, int robot) { return e->knots + robot * e->knot_room; }
+
+/* Put the robot where its episode begins, at the first form, over the first knot if there is a path. */
+static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *thread, const double *q,
+                  const sp_knot *first, sp_hover *h)
+{
+    const sp_robot *numbers = thread->room->robot;
+    double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], turning[3], motion[6];
+    sp_snapshot snapshot;
+    sp_exp(h->rotation, R);
+    if (first && first->pose_w[3] != 0.0) { /* it looks where its path begins to */
+        double turn[3] = {0.0, 0.0, first->pose_w[3]}, heading[9], offset[9];
+        sp_copy(offset, R, 9);
+        sp_exp(turn, heading);
+        sp_product(heading, offset, R);
+    }
+    sp_to_quat(R, quat);
+    sp_rest_vectoring(numbers, &rules->controller, q, vectoring);
+    sp_snapshot_at(numbers, q, R, vectoring, &snapshot);
+    sp_apply(R, snapshot.com_b, position_w);
+    const double *place = first ? first->pose_w : rules->position_w;
+    for (int i = 0; i < 3; i++) position_w[i] = place[i] + h->offset[i] - position_w[i];
+    /* The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less. */
+    sp_cross(h->omega, snapshot.com_b, turning);
+    sp_apply(R, turning, motion);
+    for (int i = 0; i < 3; i++) motion[i] = h->velocity[i] - motion[i], motion[3 + i] = h->omega[i];
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, &h->plant);
+    sp_leave(&thread->sim, &h->plant);
+}
 
 static void begin(sp_engine *e, sp_thread *thread, int robot)
 {
@@ -198,21 +236,18 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_episode *episode = &h->episode;
     sp_goal *goals = goals_of(e, robot);
     sp_knot *knots = knots_of(e, robot);
-    double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], turning[3], motion[6];
+    const double *q = goals[0].joint_target;
     sp_plant_config config;
-    sp_snapshot snapshot;
     e->begun[robot] = 1;
     if (!h->is_given) {
-        h->goals = draw_goals(rules, h->forms, &episode->generator, goals, e->goal_room);
-        for (int i = 0; i < 6; i++) {
-            double unit = sp_uniform(&episode->generator, -1.0, 1.0) * rules->perturbation;
-            if (i < 3) h->offset[i] = 0.03 * unit;
-            else h->rotation[i - 3] = 0.05 * unit;
-        }
+        sp_flight_start start;
+        sp_draw_flight(rules, h->forms, &episode->generator, goals, e->goal_room, knots, e->knot_room, &start);
+        h->goals = start.goals;
+        h->knots = start.knots;
+        sp_copy(h->offset, start.position, 3);
+        sp_copy(h->rotation, start.rotation, 3);
         sp_zero(h->velocity, 3);
         sp_zero(h->omega, 3);
-        h->knots = 0;
-        if (rules->path != SP_PATHS_NONE) h->knots = draw_path(rules, &episode->generator, knots, e->knot_room);
     }
     for (int k = 0; k < h->goals; k++) goals[k].reached = 0;
     h->current = h->flown = 0;
@@ -224,40 +259,20 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     } else {
         sp_put_down(e, thread, robot, &rules->rules.plant);
     }
-    const double *q = goals[0].joint_target;
-    sp_exp(h->rotation, R);
-    if (h->knots && knots[0].pose_w[3] != 0.0) { /* it looks where its path begins to */
-        double turn[3] = {0.0, 0.0, knots[0].pose_w[3]}, heading[9], offset[9];
-        sp_copy(offset, R, 9);
-        sp_exp(turn, heading);
-        sp_product(heading, offset, R);
-    }
-    sp_to_quat(R, quat);
-    sp_rest_vectoring(numbers, &rules->controller, q, vectoring);
-    sp_snapshot_at(numbers, q, R, vectoring, &snapshot);
-    sp_apply(R, snapshot.com_b, position_w);
-    const double *place = h->knots ? knots[0].pose_w : rules->position_w;
-    for (int i = 0; i < 3; i++) position_w[i] = place[i] + h->offset[i] - position_w[i];
-    /* The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less. */
-    sp_cross(h->omega, snapshot.com_b, turning);
-    sp_apply(R, turning, motion);
-    for (int i = 0; i < 3; i++) motion[i] = h->velocity[i] - motion[i], motion[3 + i] = h->omega[i];
-    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
     /* A generator of its own, so that what the weather draws does not change what the next episode is. */
     sp_spawn(&episode->generator, &h->plant.generator);
     h->plant.disturbances = episode->disturbances;
-    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, &h->plant);
-    sp_leave(&thread->sim, &h->plant);
+    if (!rules->rules.is_commanded) place(e, rules, thread, q, h->knots ? knots : NULL, h);
     episode->ticks = 0;
     episode->failure = -1;
     episode->has_command = episode->truncated = episode->over = 0;
-    episode->reward = 0.0;
     sp_zero(episode->action, SP_MAX_ENTRIES);
     sp_first_look(numbers, &rules->rules, &h->plant, episode);
     refer(rules, goals, knots, h);
     /* A robot off its description has hovered before the episode begins: its integrals hold what that takes. */
     int trims = h->is_given && h->has_trim ? 1 : !rules->rules.is_described;
-    if (trims && !(h->is_given && h->has_trim)) compute_trim(numbers, &thread->sim, h, h->trim);
+    if (trims && !(h->is_given && h->has_trim) && !rules->rules.is_commanded)
+        compute_trim(numbers, &thread->sim, h, h->trim);
     sp_flight_init(&h->flight, &rules->controller);
     sp_flight_reset(numbers, &h->flight, &episode->seen, q, trims ? h->trim : NULL);
     sp_zero(h->leg_momentum, 3);
@@ -316,18 +331,6 @@ static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
     episode->has_command = 1;
 }
 
-/* Take note of the new state: errors, momentum of the legs. */
-static void take_note(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, const sp_robot *robot,
-                      sp_hover *h)
-{
-    double before[3];
-    if (!rules->rules.is_judged) refer(rules, goals, knots, h);
-    update_errors(robot, h);
-    sp_copy(before, h->leg_momentum, 3);
-    sp_leg_momentum(&h->percept.snapshot, h->joint_velocity, h->leg_momentum);
-    for (int i = 0; i < 3; i++) h->leg_momentum_rate[i] = (h->leg_momentum[i] - before[i]) * SP_CONTROL_RATE;
-}
-
 static double farthest(const double *a, const double *b, int n)
 {
     double far = 0.0;
@@ -335,11 +338,9 @@ static double farthest(const double *a, const double *b, int n)
     return far;
 }
 
-/* Judge a tick: sums of squares, forms that are reached in time, the form that is due. */
-static void advance(const sp_hover_rules *rules, sp_goal *goals, sp_hover *h)
+/* Go on in the schedule: forms that are reached in time, the form that is due. */
+static void follow_schedule(const sp_hover_rules *rules, sp_goal *goals, sp_hover *h)
 {
-    h->position_sum += sp_dot(h->position_error, h->position_error);
-    h->attitude_sum += sp_dot(h->attitude_error, h->attitude_error);
     double time = time_of(h);
     for (int i = h->current > 0 ? h->current - 1 : 0; i <= h->current; i++) {
         sp_goal *goal = &goals[i];
@@ -350,27 +351,56 @@ static void advance(const sp_hover_rules *rules, sp_goal *goals, sp_hover *h)
     if (h->current + 1 < h->goals && time >= goals[h->current + 1].start - 1e-9) h->current++;
 }
 
-static int failure(const sp_hover_rules *rules, const sp_hover *h)
+/* Errors of the state as it is; those that a controller in Python sees it has written. */
+static void look_at(const sp_hover_rules *rules, const sp_robot *robot, sp_hover *h)
 {
-    if (h->plant.in_contact) return SP_FLIGHT_CONTACT;
-    if (acos(sp_clip(h->truth.R_wb[8], -1.0, 1.0)) > rules->max_tilt) return SP_FLIGHT_TILT;
-    return sp_norm(h->position_error) > rules->max_distance ? SP_FLIGHT_POSITION : -1;
+    if (!rules->rules.is_commanded) {
+        update_errors(robot, h);
+        return;
+    }
+    sp_compute_state(robot, &h->plant.state, &h->reference, &h->truth);
+    h->percept = h->truth;
 }
 
-/* Whether the whole horizon was flown within the errors, with every due form reached in time. */
-static int succeeded(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h)
+/* Take note of a tick: errors, sums of their squares, momentum of the legs. */
+static void take_note(const sp_hover_rules *rules, const sp_robot *robot, sp_hover *h)
 {
-    if (h->flown < rules->rules.horizon || h->episode.failure >= 0) return 0;
+    double before[3];
+    look_at(rules, robot, h);
+    sp_copy(before, h->leg_momentum, 3);
+    sp_leg_momentum(&h->percept.snapshot, h->joint_velocity, h->leg_momentum);
+    for (int i = 0; i < 3; i++) h->leg_momentum_rate[i] = (h->leg_momentum[i] - before[i]) * SP_CONTROL_RATE;
+    h->position_sum += sp_dot(h->position_error, h->position_error);
+    h->attitude_sum += sp_dot(h->attitude_error, h->attitude_error);
+}
+
+/* How many forms were due by now and not reached in time. */
+static int overdue(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h)
+{
+    int count = 0;
     for (int i = 1; i < h->goals; i++)
-        if (goals[i].deadline + rules->arrival_grace <= time_of(h) && !goals[i].reached) return 0;
-    return sqrt(h->position_sum / h->flown) < rules->success_position &&
-           sqrt(h->attitude_sum / h->flown) < rules->success_attitude;
+        count += goals[i].deadline + rules->arrival_grace <= time_of(h) && !goals[i].reached;
+    return count;
 }
 
-static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h, sp_hover_info *info)
+/* What the task makes rewards, failures and success of. */
+static void count(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h, sp_hover_quantities *q)
+{
+    double joints[SP_JOINTS], ticks = sp_max(1.0, h->flown);
+    plan(h, goals, joints);
+    sp_count_episode(&rules->rules, &h->plant, &h->episode, h->flown, &q->common);
+    q->distance = sp_norm(h->position_error);
+    q->angle = sp_norm(h->attitude_error);
+    q->joint_error = farthest(joints, h->plant.state.joint_position, SP_JOINTS);
+    q->tilt = acos(sp_clip(h->truth.R_wb[8], -1.0, 1.0));
+    q->position_rms = sqrt(h->position_sum / ticks);
+    q->attitude_rms = sqrt(h->attitude_sum / ticks);
+    q->overdue = overdue(rules, goals, h);
+}
+
+static void tell(sp_hover *h, sp_hover_info *info)
 {
     const sp_flight *flight = &h->flight;
-    double q[SP_JOINTS], joints;
     sp_tell(&h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL,
             SP_IN_THE_AIR, &info->info);
     sp_copy(info->position_error, h->position_error, 3);
@@ -379,22 +409,12 @@ static void tell(const sp_hover_rules *rules, const sp_goal *goals, sp_hover *h,
     if (flight->ticked) sp_copy(info->wrench_desired, flight->wrench_desired, 6);
     for (int i = 0; i < SP_ROTORS; i++)
         info->restricted_rotors[i] = flight->ticked && flight->memory.interference.restricted[i];
-    if (rules->rules.is_judged) return;
-    plan(h, goals, q);
-    joints = farthest(q, h->plant.state.joint_position, SP_JOINTS);
-    info->term[POSITION] = sp_tolerance(sp_norm(h->position_error), rules->margin[POSITION]);
-    info->term[ATTITUDE] = sp_tolerance(sp_norm(h->attitude_error), rules->margin[ATTITUDE]);
-    info->term[JOINTS] = sp_tolerance(joints, rules->margin[JOINTS]);
-    info->term[ACTION] = sp_restraint(&rules->rules, &h->episode);
-    if (h->episode.failure == SP_FLIGHT_DIVERGED) sp_zero(info->term, 4);
-    info->is_success = (uint8_t)succeeded(rules, goals, h);
-    h->episode.reward = sp_row(rules->weight, info->term, 4);
+    info->is_success = 0; /* the task says */
 }
 
 /* What comes next. */
-static void preview(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, sp_hover *h)
+static void preview(const sp_goal *goals, const sp_knot *knots, sp_hover *h)
 {
-    if (rules->rules.is_judged) return;
     int last = h->current + 1 >= h->goals;
     const sp_goal *goal = &goals[h->current], *next = last ? goal : goal + 1;
     sp_copy(h->preview.joint_target, goal->joint_target, SP_JOINTS);
@@ -421,45 +441,43 @@ static void show(sp_engine *e, int robot)
     const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
     const sp_goal *goals = goals_of(e, robot);
-    tell(rules, goals, h, (sp_hover_info *)e->infos + robot);
-    preview(rules, goals, knots_of(e, robot), h);
-    observe(rules, h, e->observations + (int64_t)robot * rules->rules.size);
+    tell(h, (sp_hover_info *)e->infos + robot);
+    count(rules, goals, h, (sp_hover_quantities *)e->quantities + robot);
+    if (!rules->rules.is_referred) preview(goals, knots_of(e, robot), h);
+    observe(rules, h, e->observations + (int64_t)robot * e->observation_size);
 }
 
 static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
 {
     begin(e, thread, robot);
     show(e, robot);
-    e->rewards[robot] = 0.0;
-    e->terminated[robot] = e->truncated[robot] = 0;
 }
 
-/* What follows upon a tick's physics. */
+/* Note and show what is, with the reference of now. */
+static void regard(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_hover_rules *rules = sp_rules_of(e, robot);
+    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    if (!h->plant.diverged) {
+        if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
+        if (e->begun[robot]) look_at(rules, thread->room->robot, h);
+        else take_note(rules, thread->room->robot, h);
+    }
+    show(e, robot);
+}
+
+/* What follows upon a tick's physics. Where references or commands are Python's, it goes on before this does. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
-    sp_episode *episode = &h->episode;
-    sp_goal *goals = goals_of(e, robot);
-    if (h->plant.diverged) {
-        episode->failure = SP_FLIGHT_DIVERGED;
-    } else {
-        sp_look(thread->room->robot, &h->plant, episode);
+    if (!h->plant.diverged) {
+        sp_look(thread->room->robot, &rules->rules, &h->plant, &h->episode);
         h->flown++;
-        take_note(rules, goals, knots_of(e, robot), thread->room->robot, h);
-        if (!rules->rules.is_judged) {
-            advance(rules, goals, h);
-            episode->failure = failure(rules, h);
-        }
+        follow_schedule(rules, goals_of(e, robot), h);
     }
-    if (rules->rules.is_judged) return; /* Python goes on, and has it shown then */
-    show(e, robot);
-    sp_end_tick(e, &rules->rules, episode, robot);
-    if (episode->over && rules->rules.autoreset == SP_RESET_SAME_STEP) {
-        sp_keep_final(e, &rules->rules, robot, sizeof(sp_hover_info));
-        begin(e, thread, robot);
-        show(e, robot);
-    }
+    if (!rules->rules.is_commanded && !rules->rules.is_referred) regard(e, thread, robot);
+    else count(rules, goals_of(e, robot), h, (sp_hover_quantities *)e->quantities + robot);
 }
 
 static void step_hover(sp_engine *e, sp_thread *thread, int robot)
@@ -474,7 +492,7 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     e->begun[robot] = 0;
     episode->ticks++;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    if (!rules->rules.is_judged) refer(rules, goals_of(e, robot), knots_of(e, robot), h); /* else Python has written it */
+    if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
     if (rules->rules.is_commanded) episode->has_command = 1;
     else act(rules, thread->room, h);
     sp_carry(e, thread, robot);
@@ -483,6 +501,14 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
     sp_leave(&thread->sim, &h->plant);
     conclude(e, thread, robot);
+}
+
+static void refer_hover(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    (void)thread;
+    refer(sp_rules_of(e, robot), goals_of(e, robot), knots_of(e, robot), h);
+    preview(goals_of(e, robot), knots_of(e, robot), h);
 }
 
 static void lose_hover(sp_engine *e, sp_thread *thread, int robot)
@@ -494,13 +520,6 @@ static void lose_hover(sp_engine *e, sp_thread *thread, int robot)
 static void show_hover(sp_engine *e, sp_thread *thread, int robot)
 {
     (void)thread;
-    show(e, robot);
-}
-
-/* Look at what is with the reference that Python has written, where an episode begins. */
-static void regard_hover(sp_engine *e, sp_thread *thread, int robot)
-{
-    update_errors(thread->room->robot, (sp_hover *)sp_plant_of(e, robot));
     show(e, robot);
 }
 
@@ -529,7 +548,8 @@ int sp_watch_hovers(sp_engine *e, const int32_t *ids, int n, sp_watch *watches)
     return sp_run(e, ids, n, watch_hover, watches);
 }
 
-int sp_regard_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, regard_hover, NULL); }
+int sp_refer_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, refer_hover, NULL); }
+int sp_regard_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, regard, NULL); }
 int sp_show_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_hover, NULL); }
 int sp_reset_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_hover, NULL); }
 int sp_step_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_hover, NULL); }

@@ -20,6 +20,7 @@
 #define SP_STAIRS 2 /* engine_structs */
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
+#define SP_COURSING_QUANTITIES 17 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
@@ -95,28 +96,6 @@ typedef enum {
 typedef enum {
     SP_TERRAIN_TILES = 0, SP_TERRAIN_STAIRS = 1, SP_TERRAIN_MIXED = 2
 } sp_terrain;
-
-/* Why a flight is over. */
-typedef enum {
-    SP_FLIGHT_CONTACT = 0, SP_FLIGHT_TILT = 1, SP_FLIGHT_POSITION = 2, SP_FLIGHT_DIVERGED = 3
-} sp_flight_failure;
-
-/* Why a crawl is over. */
-typedef enum {
-    SP_CRAWL_DUCT = 0, SP_CRAWL_TILT = 1, SP_CRAWL_ASTRAY = 2, SP_CRAWL_DIVERGED = 3
-} sp_crawl_failure;
-
-/* Why a course is over. */
-typedef enum {
-    SP_OFF_COURSE_HIT = 0, SP_OFF_COURSE_OUT = 1, SP_OFF_COURSE_TILT = 2, SP_OFF_COURSE_EMPTY = 3,
-    SP_OFF_COURSE_DIVERGED = 4
-} sp_course_failure;
-
-/* What keeps a crawl from being a success. */
-typedef enum {
-    SP_SHORT_OF_UNFINISHED = 1, SP_SHORT_OF_POSITION = 2, SP_SHORT_OF_YAW = 4, SP_SHORT_OF_AIRBORNE = 8,
-    SP_SHORT_OF_TIMEOUT = 16, SP_SHORT_OF_SLIP = 32, SP_SHORT_OF_DUCT = 64, SP_SHORT_OF_TIME = 128
-} sp_shortfall;
 
 /* What a robot violates. */
 typedef enum {
@@ -372,7 +351,7 @@ typedef struct {
     double strength; /* of the randomisation, 0 … 1 */
     int64_t horizon; /* ticks of an episode; success is judged there */
     int32_t truncates, autoreset; /* whether it ends there; sp_autoreset */
-    int32_t is_commanded, is_judged; /* whether Python commands; whether it refers, previews and judges */
+    int32_t is_commanded, is_referred; /* whether a controller in Python commands; whether references are Python's */
     int32_t is_advised; /* whether the controller says what it would do where an action goes past it */
 } sp_rules;
 
@@ -387,11 +366,13 @@ typedef struct {
     double form[3][16]; /* the paper's [rad] */
     double range[3][2][4]; /* least and largest angles of a leg's joints in drawn forms [rad] */
     int32_t drawn_legs[3]; /* how many legs are drawn; the others are alike */
-    double weight[4], margin[4]; /* of the terms of the reward: position, attitude, joints, action */
-    double max_tilt, max_distance; /* beyond which a flight is over [rad], [m] */
-    double success_position, success_attitude; /* largest RMS errors of a success [m], [rad] */
+    double mixture[2]; /* of drawn forms: share of the paper's; of these and those with equal legs */
+    double paper_pause; /* from the paper's first form to its second [s] */
+    double pause[2]; /* between drawn forms, drawn in between [s] */
+    double offset[2]; /* of the start, position and attitude per axis at most [m], [rad] */
     double arrival_grace, arrival_tolerance; /* how late [s] and how far off [rad] a form may be reached */
     int32_t path, heading; /* sp_path_kind; sp_heading */
+    double path_mixture[2]; /* share of straight legs; of these and lemniscates */
     double speed[2]; /* of a path, drawn in between [m/s] */
     double path_begin, half_width; /* when it begins [s]; of a lemniscate [m] */
     double corner_radius[2], corner_turn[2]; /* of corners from where it begins [m]; from one to the next [rad] */
@@ -412,7 +393,6 @@ typedef struct {
     int64_t ticks; /* since the reset */
     int32_t failure; /* why the episode is over, or −1 */
     int32_t truncated, over; /* whether the horizon is reached; whether the next step is a reset */
-    double reward;
     double drawn[256]; /* what was drawn of the robot, in the order of the draws */
 } sp_episode;
 
@@ -456,10 +436,37 @@ typedef struct {
     sp_info info;
     double position_error[3], attitude_error[3]; /* true ones [m], [rad] */
     double wrench_desired[6]; /* [N, Nm] */
-    double term[4]; /* of the reward: position, attitude, joints, action */
     uint8_t restricted_rotors[8];
     uint8_t is_success;
 } sp_hover_info;
+
+/* Of every robot, an entry for each (N,). */
+typedef struct {
+    double ticks; /* Steps of the episode. */
+    double time; /* Time since its beginning [s]. */
+    double in_contact; /* 1 where a part of the robot touches the floor. */
+    double diverged; /* 1 where the simulation's state is no longer finite. */
+    double power; /* Electrical power [W]. */
+    double effort; /* Mean square of the action. */
+} sp_quantities;
+
+/* Of robots in flight. */
+typedef struct {
+    sp_quantities common;
+    double distance; /* Length of the position error [m]. */
+    double angle; /* Length of the attitude error [rad]. */
+    double joint_error; /* Largest difference of a joint from the schedule's plan [rad]. */
+    double tilt; /* Angle between the torso's z axis and the vertical [rad]. */
+    double position_rms; /* RMS of the position error since the beginning [m]. */
+    double attitude_rms; /* RMS of the attitude error since the beginning [rad]. */
+    double overdue; /* Forms that were due by now and not reached in time. */
+} sp_hover_quantities;
+
+/* What is drawn of a flight besides forms and knots. */
+typedef struct {
+    double position[3], rotation[3]; /* offset of the torso [m], [rad] */
+    int32_t goals, knots; /* how many */
+} sp_flight_start;
 
 /* What is looked at in a flight besides what is told. */
 typedef struct {
@@ -486,10 +493,8 @@ typedef struct {
     double obstacle[64][3]; /* x, y, radius [m] */
     double obstacle_height, goal_clearance; /* [m] */
     int32_t settle_ticks; /* in which the robot comes to lie on a floor that is no plane */
-    double weight[6]; /* of the terms of the reward: progress, goal, level, slip, power, action */
-    double goal_margin, level_margin, slip_margin, most_power; /* [m], [rad], [m/s], [W] */
-    double turn_length, max_tilt, max_astray; /* of a radian [m]; beyond which a crawl is over [rad], [m] */
-    double success_position, success_yaw, success_airborne, success_slip, success_time; /* bounds of a success */
+    double turn_length; /* of a radian [m] */
+    double success_position, success_yaw; /* how near the goal a robot rests at it [m], [rad] */
     double saturated, rest_time, rest_speed, rest_turn, rest_joint_speed, rest_thrust; /* a servo this close to its largest torque is [Nm]; a rest: [s], [m/s], [rad/s], [rad/s], of the weight */
 } sp_crawl_rules;
 
@@ -505,14 +510,35 @@ typedef struct {
     double nominal_time; /* where joints and torso go exactly as planned [s] */
     double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
     double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
-    int32_t crawled, swing_ticks, timeouts, rested; /* ticks; of the swing; phases timed out; of rest till now */
+    int32_t crawled, timeouts, rested; /* ticks; phases timed out; ticks of rest till now */
+    int32_t swinging[4]; /* whether the feet are on their way */
+    int32_t is_done; /* whether the gait is */
     double finished; /* when the gait was done, or without one had rested at the goal [s]; 0 before */
-    double airborne_ticks[4], foot_slip[4], peg_slip[4]; /* ticks of the swing in the air; ways on the floor [m] */
+    double swing_ticks[4], airborne_ticks[4]; /* ticks of the swing; of these in the air */
+    double foot_slip[4], peg_slip[4]; /* ways on the floor [m] */
     double duct_clearance; /* least so far [m] */
     int32_t duct_contact; /* whether a duct touched it */
     double saturation, thrust, thrust_peak; /* sums over ticks: saturated joints, thrust over weight; its peak */
     double tilt_legs, tilt_torso; /* largest tilt while legs are lifted, while the torso moves [rad] */
 } sp_crawling;
+
+/* Of robots on the ground. */
+typedef struct {
+    sp_quantities common;
+    double distance; /* Distance to the goal, a radian counting 0.5 m [m]. */
+    double initial_distance; /* The same at the start [m]. */
+    double position_error; /* Way to the goal [m]. */
+    double yaw_error; /* Turn to the goal, its size [rad]. */
+    double tilt; /* Angle of the torso against the floor [rad]. */
+    double slip; /* Speed of the fastest touching point [m/s]. */
+    double duct_touches; /* 1 where a duct touches the floor. */
+    double duct_touched; /* 1 where a duct has touched it in this episode. */
+    double finished; /* When the gait was done, or in `direct` the robot had rested at the goal [s]; 0 before. */
+    double nominal_time; /* How long the preset's gait takes, servos perfect [s]. */
+    double timeouts; /* Phases that ended by time-out. */
+    double airborne; /* Share of its swing in which the worst foot was in the air; 1 before the first swing. */
+    double foot_slip; /* Way of the worst foot's touching point along the floor [m]. */
+} sp_crawling_quantities;
 
 /* What is told of a crawl. */
 typedef struct {
@@ -521,11 +547,26 @@ typedef struct {
     double time_s, nominal_time_s, airborne_share, foot_slip_m, peg_slip_m, duct_clearance_m;
     double saturation_share, thrust_fraction, thrust_fraction_mean, thrust_fraction_peak;
     double tilt_rad, cost_of_transport;
-    double term[6]; /* of the reward: progress, goal, level, slip, power, action */
     int32_t phase_code, timeouts, shortfalls_code; /* sp_phase; phases; bits of sp_shortfall */
     uint8_t foot_contact[4];
     uint8_t finished, is_success;
 } sp_crawling_info;
+
+/* Of robots on a course. */
+typedef struct {
+    sp_quantities common;
+    double distance; /* Distance to the goal, a radian counting 0.5 m [m]. */
+    double initial_distance; /* The same at the start [m]. */
+    double position_error; /* Way to the goal [m]. */
+    double yaw_error; /* Turn to the goal, its size [rad]. */
+    double hit; /* Largest force of the step on anything but feet and pegs [N]. */
+    double tilt; /* Angle between the torso's z axis and the vertical [rad]. */
+    double charge; /* What is left of the battery's usable energy, 0 … 1. */
+    double lies; /* 1 where the robot lies on the floor at rest. */
+    double is_cut; /* 1 where the rotors are cut in the air. */
+    double is_outside; /* 1 where the robot has left the field. */
+    double is_empty; /* 1 where the battery's usable charge is used up. */
+} sp_coursing_quantities;
 
 /* The task of a course. */
 typedef struct {
@@ -540,8 +581,8 @@ typedef struct {
     double floor_gap, floor_length, middle, goal_side, goal_yaw; /* [m], the last [rad] */
     double charge[2]; /* of the battery at the start, drawn in between */
     int32_t is_waypoint, hold, decide; /* whether an action is a target; ticks of a step; between decisions */
-    double weight[4]; /* of the terms of the reward: progress, goal, power, safety */
-    double goal_margin, hit_margin, most_power, max_hit, max_tilt, lies, at_rest; /* [m], [N], [W], [rad], [m/s] */
+    double stop[17]; /* limit of each of the quantities, beyond which a step ends */
+    double lies, at_rest; /* [m], [m/s] */
     double carried, turn_length, success_position, success_yaw; /* of the weight; of a radian [m]; [m], [rad] */
 } sp_course_rules;
 
@@ -565,7 +606,6 @@ typedef struct {
     sp_info info;
     double goal_error[3]; /* [m], [m], [rad] */
     double distance_m, time_s, flown_s, crawled_s, charge, hit_n, most_hit_n, tilt_rad, thrust_fraction;
-    double term[4]; /* of the reward: progress, goal, power, safety */
     int32_t phase_code, gate; /* sp_manager_phase; how many gates and floors are behind it */
     uint8_t lies, finished, is_success;
 } sp_coursing_info;

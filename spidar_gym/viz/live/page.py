@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import CRAWL
 from spidar_gym.errors import SpidarError
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.tasks.hover import SEQUENCES
 from spidar_gym.viz.live.clock import FASTEST, SLOWEST, Clock
 from spidar_gym.viz.live.gate import notify
 from spidar_gym.viz.live.scenery import SHOWN, Scenery

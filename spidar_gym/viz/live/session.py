@@ -16,7 +16,6 @@ from spidar_gym.envs.course.env import CourseEnv
 from spidar_gym.envs.crawl.env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, environment
 from spidar_gym.errors import InvalidValueError, require_name, require_within
 from spidar_gym.policies.actor import Actor
@@ -27,6 +26,7 @@ from spidar_gym.policies.source import PolicyError
 from spidar_gym.robot import FORMS, N_LEGS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.tasks.hover import SEQUENCES
 from spidar_gym.viz.live.steered import SteeredHover, SteeredPath
 from spidar_gym.viz.live.traces import Traces, row
 

@@ -1,4 +1,4 @@
-"""Flights that people steer: reference and form change while they fly, by what every task in Python may change."""
+"""Flights that people steer: reference and form change while they fly, by what every task may change."""
 
 import math
 from typing import Any
@@ -8,29 +8,51 @@ import numpy as np
 from spidar_gym.arrays import JointVector
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.task import FormGoal
 from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.native.plant import read_reference
+from spidar_gym.native.structs import fill
 from spidar_gym.state import Reference
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.path import PathTask
+from spidar_gym.tasks.robots import HoverRobots
+from spidar_gym.tasks.start import FormGoal, draw_start
 from spidar_gym.viz.live.helm import Helm
 
 
+class SteeredHoverTask(HoverTask):
+    """A hover whose reference is moved by a helm."""
+
+    helm: Any = None
+    """The helm, one for every environment."""
+
+    def reference(self, robots: HoverRobots) -> np.ndarray:
+        """That of the schedule, moved by the helm."""
+        wanted = super().reference(robots)
+        self.helm.advance(int(robots.ticks[0]))
+        fill(wanted[0], self.helm.applied(read_reference(wanted[0])))
+        return wanted
+
+
+class SteeredPathTask(SteeredHoverTask, PathTask):
+    """A path whose reference is moved by a helm besides."""
+
+
 class SteeredHover(HoverEnv):
-    """A hover whose reference somebody moves, and whose form somebody chooses, in flight."""
+    """A hover whose reference and form a person chooses in flight."""
+
+    task_type = SteeredHoverTask
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 - those of the hover
         """Build the hover; arguments and errors are its own."""
         self.helm = Helm()
         """Where the reference is to go."""
         super().__init__(**options)
+        object.__setattr__(self.task, "helm", self.helm)
 
-    def _begin(self, rng: np.random.Generator) -> None:
+    def _prepare(self, fleet: Any) -> None:  # noqa: ANN401 - as there
         self.helm = Helm()
-        super()._begin(rng)
-
-    def reference(self) -> Reference:
-        """The task's reference, moved by the helm."""
-        self.helm.advance(self.progress.ticks)
-        return self.helm.applied(super().reference())
+        object.__setattr__(self.task, "helm", self.helm)
+        super()._prepare(fleet)
 
     def reference_ahead(self, seconds: float) -> Reference:
         """What is known of what comes: a path, moved as far as the helm has come."""
@@ -43,19 +65,22 @@ class SteeredHover(HoverEnv):
 
     def take_forms(self) -> None:
         """Let the legs go through the forms of the task, drawn anew, from now on."""
-        self._go_on(self.task.schedule(self.np_random))
+        self._go_on(list(draw_start(self.task, self.np_random).goals))
 
     def _go_on(self, goals: list[FormGoal]) -> None:
+        """Go through other forms from now on; the legs are on their way from where the plan has them."""
         progress = self.progress
         now, plan = progress.time, progress.plan()
         begin = now + 1.0 / CONTROL_RATE
         travel = float(np.abs(goals[0].joint_target - plan).max()) / self.task.joint_speed
-        # The legs are on their way from where the plan has them: the goals from there on are other ones.
         shift = begin + math.ceil(travel * CONTROL_RATE) / CONTROL_RATE
         first = FormGoal(begin, begin + travel, goals[0].joint_target)
         later = [FormGoal(goal.start + shift, goal.deadline + shift, goal.joint_target) for goal in goals[1:]]
-        progress.goals[progress.current :] = [FormGoal(now, now, plan), first, *later]
+        self.fleet.reschedule(0, [*progress.goals[: progress.current], FormGoal(now, now, plan), first, *later])
+        self._now = {}
 
 
 class SteeredPath(SteeredHover, PathEnv):
-    """A path whose reference somebody moves besides, and on which somebody chooses the form."""
+    """A path whose reference is moved besides, and on which a person chooses the form."""
+
+    task_type = SteeredPathTask

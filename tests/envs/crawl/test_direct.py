@@ -10,13 +10,13 @@ import pytest
 
 from spidar_gym.control.crawl.footsteps import GaitConfig, lying_pose
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.envs.crawl.task import REST_TIME, CrawlProgress
-from spidar_gym.envs.crawl.walks import WalkTask
+from spidar_gym.envs.progress import CrawlProgress
 from spidar_gym.envs.registry import CRAWL
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.ground import Touch
 from spidar_gym.state import RobotState
+from spidar_gym.tasks.crawl import REST_TIME, CrawlTask
 
 SHORT = {"distance": 0.15, "direction": 0.0, "turn": 0.0, "schedule": "overlapped", "joint_speed": 0.4}
 """One quick cycle."""

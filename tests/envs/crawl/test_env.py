@@ -19,7 +19,7 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import CRAWL_PRESETS
 from spidar_gym.envs.actions import CRAWL_MODES
-from spidar_gym.envs.crawl.task import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlProgress, CrawlTask, arc_astray
+from spidar_gym.envs.progress import CrawlProgress
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.crawl import CoreCrawler
@@ -28,6 +28,7 @@ from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.ground import Touch
 from spidar_gym.state import NO_RESIDUAL
+from spidar_gym.tasks.crawl import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlTask, arc_astray
 
 CRAWL = "spidar_gym/Crawl-v0"
 SHORT = {"distance": 0.15, "direction": 0.0, "turn": 0.0, "schedule": "overlapped", "joint_speed": 0.4}

@@ -10,10 +10,10 @@ import pytest
 
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.envs.hover.task import FlightStart, FormGoal
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import FORMS
 from spidar_gym.so3 import exp, matrix_to_quat
+from spidar_gym.tasks.start import FlightStart, FormGoal
 
 HOVER = "spidar_gym/Hover-v0"
 Q = [FORMS[name].tolist() for name in ("form1", "form2", "form3")]

@@ -9,9 +9,11 @@ from support.episodes import HOVER, ROUGH, actions_of, assert_same, direct, flig
 
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.actions import ACTION_MODES
-from spidar_gym.envs.hover.task import FormGoal, HoverTask, Progress
+from spidar_gym.envs.progress import FlightProgress
 from spidar_gym.robot import FORMS
 from spidar_gym.so3 import quat_to_matrix
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.start import FormGoal
 
 
 def test_the_paper_controller_alone_flies_the_papers_sequence_to_a_success_at_the_horizon_only():

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 from support.episodes import make
 
-from spidar_gym.envs.hover.task import FAILURES, SEQUENCES, HoverTask
 from spidar_gym.robot import FORMS, ROBOT
+from spidar_gym.tasks.hover import FAILURES, SEQUENCES, HoverTask
 
 
 def test_the_feet_of_form_3_hover_half_a_metre_above_the_floor():

@@ -11,14 +11,13 @@ from support.vectors import DRAWN
 
 from spidar_gym.control.flight.path import AHEAD, AHEAD_STEP, Path, legs
 from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.hover.flights import FlightTask
-from spidar_gym.envs.hover.task import hover_height
 from spidar_gym.envs.path.env import PathEnv
-from spidar_gym.envs.path.task import CLIMB, PATH_BEGIN, SPEEDS, PathTask
 from spidar_gym.envs.registry import HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.so3 import exp, log, quat_to_matrix
+from spidar_gym.tasks.hover import HoverTask, hover_height
+from spidar_gym.tasks.path import CLIMB, PATH_BEGIN, SPEEDS, PathTask
 
 KINDS, HEADINGS = ("legs", "lemniscate", "spline"), ("kept", "along")
 FAST: dict[str, Any] = {"forms": "independent", "joint_speed": 0.6}

@@ -10,10 +10,10 @@ import torch
 from support.networks import in_torso_axes
 
 from spidar_gym.benchmark.track import CRAWL, TRACKS
-from spidar_gym.envs.hover.task import MARGINS
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import LearnedPolicy, read_artifact, write_artifact
+from spidar_gym.tasks.hover import MARGINS
 from train.lib.agent import actor_layers, set_actor
 from train.lib.config import override
 from train.lib.envs import ERRORS, Scaling, training_seed

@@ -11,9 +11,9 @@ from support import pages
 from support.commands import ROOT
 from support.pages import CLIENT, find, hit, needs_viser, use
 
-from spidar_gym.envs.hover.task import SEQUENCES
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
 from spidar_gym.robot import FORMS
+from spidar_gym.tasks.hover import SEQUENCES
 from spidar_gym.viz.live.clock import Clock
 from spidar_gym.viz.live.page import CLICK_STEP, KEY_STEP, KEYS, MOVES, OFTEN, SELDOM, Page
 from spidar_gym.viz.live.scenery import FIELD_OF_VIEW, camera

@@ -1,0 +1,392 @@
+"""Controllers in Python in the place of the core: they command the only robot of a fleet, and see it their way."""
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.arrays import JointVector, Vector3
+from spidar_gym.control.allocation.allocator import Allocation
+from spidar_gym.control.course.gates import Course
+from spidar_gym.control.course.observation import CourseObservables, observe_course
+from spidar_gym.control.course.pilot import Pilot
+from spidar_gym.control.course.rule import course_rule
+from spidar_gym.control.course.target import Target, take_target
+from spidar_gym.control.crawl.footsteps import Move
+from spidar_gym.control.crawl.gait import nominal_time
+from spidar_gym.control.crawl.observation import CrawlObservables
+from spidar_gym.control.crawl.phases import PHASES
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.estimator import Estimator
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.memory import ControlState
+from spidar_gym.control.flight.observation import FlightObservables
+from spidar_gym.control.flight.path import AHEAD, PathPreview
+from spidar_gym.control.interface import CrawlControl, FlightControl
+from spidar_gym.control.locomotion import orders
+from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.envs.actions import ActionMode, act_directly
+from spidar_gym.envs.fleet import Fleet
+from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.native.course import read_course
+from spidar_gym.native.library import STATUS
+from spidar_gym.native.plant import Plant, read_reference
+from spidar_gym.native.structs import fill
+from spidar_gym.robot import N_JOINTS, N_ROTORS
+from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
+from spidar_gym.state import NO_RESIDUAL, Command, Reference, RobotState
+from spidar_gym.tasks.start import read_path
+
+_STILL = np.zeros(3)
+_NO_JOINTS = np.zeros(N_JOINTS)
+
+
+class Commander(ABC):
+    """A controller in Python: at every step it acts, looks at what came of it, and says what a policy sees.
+
+    What others are to know of it (commands, allocation, phase of the gait), it writes where the core has it.
+    """
+
+    controller: Any
+    """Who controls."""
+
+    def __init__(self, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray) -> None:
+        """Take over the only robot of a fleet whose rules say that it is commanded.
+
+        Args:
+            fleet: It.
+            plant: The same as simulated.
+            mode: What the action means.
+            bound: Bounds of the observation, without the task's own fields.
+        """
+        self._fleet, self._plant, self._mode, self._bound = fleet, plant, mode, bound
+        self.estimator = Estimator(robot=fleet.engine.robot)
+        self.seen: RobotState | None = None
+        """What the controller sees: the true state, or the estimate where there are sensors."""
+        self.command: Command | None = None
+        """The last one; None before the first step."""
+
+    @property
+    def _record(self) -> Any:  # noqa: ANN401 - a record of the engine
+        return self._fleet.robots[0]
+
+    @property
+    def _action(self) -> np.ndarray:
+        """The last action, within [−1, 1]."""
+        return self._record["episode"]["action"][: self._mode.size]
+
+    def begin(self) -> None:
+        """Go on where the engine has begun an episode."""
+        self.command = None
+        self._begin()
+
+    def _sense_first(self) -> RobotState:
+        """What is seen of the first state."""
+        state = self._plant.state()
+        if self._record["plant"]["senses"]:
+            first = self._plant.measure()
+            indicated = {"joint_position": first.joint_position, "vectoring": first.vectoring}
+            self.estimator.reset(replace(state, **indicated))
+            state = self.estimator.update(first, state.thrust)
+        return self._see(state)
+
+    def _see(self, state: RobotState) -> RobotState:
+        self.seen = state
+        fill(self._record["episode"]["seen"], state)
+        return state
+
+    def act(self) -> None:
+        """Command the next control period."""
+        action = np.minimum(np.maximum(self._fleet.actions[0], -1.0), 1.0)
+        self.command = command = self._act(action)
+        fill(self._record["episode"]["command"], command)
+
+    def look(self) -> None:
+        """Look at what came of it; where an episode has begun, at how it begins."""
+        begins = bool(self._fleet.begun[0])
+        if self._record["plant"]["diverged"]:
+            return
+        if not begins:
+            assert self.command is not None
+            state = self._plant.state()
+            if self._record["plant"]["senses"]:
+                state = self.estimator.update(self._plant.measure(), self.command.thrust)
+            self._see(state)
+        self._take_note(begins=begins)
+
+    def _take_note(self, *, begins: bool) -> None:  # noqa: B027 - a crawler has its own memory of what it sees
+        """Make more of what is seen, where a controller does; `begins` is whether an episode has just begun."""
+
+    def observe(self) -> None:
+        """Write what a policy sees."""
+        if not self._record["plant"]["diverged"]:
+            self._fleet.observations[0, : len(self._bound)] = self._observation()
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Put the controller at the start of an episode."""
+
+    @abstractmethod
+    def _act(self, action: np.ndarray) -> Command:
+        """The command of a control period."""
+
+    @abstractmethod
+    def _observation(self) -> np.ndarray:
+        """What a policy sees, in the order of the environment's layout."""
+
+
+def _write_allocation(record: Any, allocation: Allocation | None) -> None:  # noqa: ANN401 - a record of the core
+    """Write what was allocated last into a controller's record."""
+    record["ticked"] = allocation is not None
+    if allocation is not None:
+        own = record["allocation"]
+        own["joint_torques"], own["wrench"] = allocation.joint_torques, allocation.wrench
+        own["status"], own["iterations"] = STATUS.index(allocation.status), allocation.iterations
+        own["slack"] = allocation.slack
+
+
+class FlightCommander(Commander):
+    """A flight controller, the paper's or another one."""
+
+    def __init__(
+        self, controller: FlightControl, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *,
+        is_described: bool,
+    ) -> None:  # fmt: skip
+        """Take over; arguments as of `Commander`; `is_described` is whether a hover needs no trim."""
+        super().__init__(fleet, plant, mode, bound)
+        self.controller, self._is_described = controller, is_described
+        self.control_state: ControlState | None = None
+        """What the controller makes of what it sees."""
+        self.truth: ControlState | None = None
+        """What it would make of the true state."""
+        self._joint_velocity: JointVector = _NO_JOINTS
+        self._leg_momentum: Vector3 = _STILL
+        self._leg_momentum_rate: Vector3 = _STILL
+        self._reference: tuple[bytes, Reference] | None = None
+
+    def reference(self) -> Reference:
+        """What the controller is to do now."""
+        record = self._record["reference"]
+        if self._reference is None or self._reference[0] != record.tobytes():
+            self._reference = record.tobytes(), read_reference(record)
+        return self._reference[1]
+
+    def _begin(self) -> None:
+        record, controller = self._record, self.controller
+        q = self._fleet.goals[0, 0]["joint_target"].copy()
+        path = read_path(self._fleet.knots[0, : int(record["knots"])])
+        R_wb, place = exp(record["rotation"]), self._fleet.rules["position_w"]
+        if path is not None:
+            place, yaw = path.pose_w[0, :3], float(path.pose_w[0, 3])
+            R_wb = R_wb if yaw == 0.0 else exp(np.array([0.0, 0.0, yaw])) @ R_wb  # it looks where its path begins to
+        vectoring = controller.rest_vectoring(q)
+        com_b = controller.model.snapshot(q, R_wb, vectoring).com_b
+        position_w = place + record["offset"] - R_wb @ com_b
+        # The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less.
+        motion = np.concatenate((record["velocity"] - R_wb @ np.cross(record["omega"], com_b), record["omega"]))
+        thrust = np.full(N_ROTORS, self._fleet.engine.robot.hover_thrust)
+        self._plant.place(position_w, matrix_to_quat(R_wb), q, vectoring, thrust, motion)
+        seen = self._sense_first()
+        # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
+        given, trim = bool(record["is_given"] and record["has_trim"]), None
+        if not given and not self._is_described:
+            record["trim"] = self.compute_trim()
+        if given or not self._is_described:
+            trim = record["trim"].copy()
+        controller.reset(seen, q, trim)
+        self._leg_momentum = self._leg_momentum_rate = _STILL
+        self._joint_velocity = _NO_JOINTS
+        self._tell()
+
+    def compute_trim(self) -> np.ndarray:
+        """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
+        return compute_trim(self.controller, self._plant, self.reference())
+
+    def _act(self, action: np.ndarray) -> Command:
+        controller = self.controller
+        if self._mode.residual is not None:
+            residual = self._mode.residual(action)
+            command = controller.step(self.seen, self.reference(), residual, self.control_state)
+            self._joint_velocity = controller.last_step.joint_velocity
+        else:
+            command, self._joint_velocity = act_directly(controller, action)
+        self._tell()
+        return command
+
+    def _tell(self) -> None:
+        """Write what was commanded and allocated where the core has it."""
+        flight, last, memory = self._record["flight"], self.controller.last_step, self.controller.memory
+        _write_allocation(flight, None if last is None else last.allocation)
+        flight["memory"]["vectoring"] = np.reshape(memory.vectoring, -1)
+        if last is not None:
+            flight["wrench_desired"] = last.wrench_desired
+            flight["memory"]["interference"]["restricted"] = last.restricted
+
+    def _take_note(self, *, begins: bool) -> None:
+        reference, state = self.reference(), self._plant.state()
+        self.control_state = control_state = self.controller.compute_state(self.seen, reference)
+        senses = self._record["plant"]["senses"]
+        self.truth = truth = self.controller.compute_state(state, reference) if senses else control_state
+        quat = reference.quat_wb
+        R_error = truth.R_wb.T @ quat_to_matrix(quat) if quat[1:].any() else truth.R_wb.T
+        # The CoG is the one that the description gives at the true state.
+        self._record["position_error"], self._record["attitude_error"] = truth.error.position_w, log(R_error)
+        if not begins:
+            before = self._leg_momentum
+            self._leg_momentum = control_state.snapshot.momentum_map[3:] @ self._joint_velocity
+            self._leg_momentum_rate = (self._leg_momentum - before) * CONTROL_RATE
+
+    def _observation(self) -> np.ndarray:
+        seen, preview, rules = self.seen, self._record["preview"], self._fleet.rules
+        assert seen is not None
+        assert self.control_state is not None
+        path = None
+        if rules["path"]:
+            shapes = {"ahead_w": (AHEAD, 3), "turn": (AHEAD,), "velocity_w": (3,), "acceleration_w": (3,)}
+            path = PathPreview(**{name: preview[name].reshape(shape) for name, shape in shapes.items()})
+        observables = FlightObservables(
+            state=seen,
+            control_state=self.control_state,
+            thrust_command=seen.thrust if self.command is None else self.command.thrust,
+            joint_command_velocity=self._joint_velocity,
+            leg_momentum=self._leg_momentum,
+            leg_momentum_rate=self._leg_momentum_rate,
+            joint_target=preview["joint_target"],
+            next_form=preview["next_form"],
+            time_to_next_form=float(preview["time_to_next"]),
+            previous_action=self._action,
+            path=path,
+        )
+        return self.controller.observe(observables, bound=self._bound)
+
+
+def compute_trim(controller: FlightControl, plant: Plant, reference: Reference) -> np.ndarray:
+    """Wrench in {CoG} that a real robot needs at rest beyond what its description needs [N, Nm].
+
+    Args:
+        controller: What knows the description.
+        plant: The real robot.
+        reference: Where it is to be.
+    """
+    state = plant.state()
+    control_state = controller.compute_state(state, reference)
+    snapshot, R_wb, robot = control_state.snapshot, control_state.R_wb, plant.config.robot
+    described = thrust_map(snapshot.R_bl, snapshot.rotor_c) @ (
+        vectoring_to_force(np.full(N_ROTORS, robot.hover_thrust), state.vectoring).reshape(-1)
+    )
+    described[:3] -= robot.weight * R_wb[2]
+    force_w, torque_b = plant.net_wrench()
+    force_b = force_w @ R_wb
+    real = np.concatenate([force_b, torque_b - np.cross(snapshot.com_b, force_b)])
+    return described - real
+
+
+class CrawlCommander(Commander):
+    """A crawler, the paper's or another one."""
+
+    def __init__(
+        self, controller: CrawlControl, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, gait: type
+    ) -> None:
+        """Take over; arguments as of `Commander`; `gait` is the crawler's phase machine."""
+        super().__init__(fleet, plant, mode, bound)
+        self.controller, self._gait = controller, gait
+
+    def _begin(self) -> None:
+        record, config = self._record, self.controller.config
+        move = Move(Pose2(*record["way"].tolist()))
+        self.controller.reset(self._sense_first(), [move])
+        record["nominal_time"] = nominal_time(
+            config.gait, [move], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE, kind=self._gait
+        )
+        self._tell()
+
+    def _act(self, action: np.ndarray) -> Command:
+        if self._mode.residual is not None:
+            command = self.controller.step(self.seen, self._mode.residual(action))
+        else:
+            command = act_directly(self.controller, action)[0]
+        self._tell()
+        return command
+
+    def _tell(self) -> None:
+        """Write what was allocated, and how far the gait is, where the core has it."""
+        record, last, gait = self._record, self.controller.last_step, self.controller.gait
+        _write_allocation(record["crawl"], None if last is None else last.allocation)
+        record["crawl"]["gait"]["phase"], record["crawl"]["gait"]["timeouts"] = PHASES.index(gait.phase), gait.timeouts
+        record["swinging"], record["is_done"] = gait.swinging, self.controller.done
+
+    def _observation(self) -> np.ndarray:
+        seen, goal = self.seen, Pose2(*self._record["goal"].tolist())
+        assert seen is not None
+        thrust = seen.thrust if self.command is None else self.command.thrust
+        return self.controller.observe(CrawlObservables(seen, goal, thrust, self._action), bound=self._bound)
+
+
+class CourseCommander(Commander):
+    """A manager of both gaits, and the pilot that tells it where to go."""
+
+    def __init__(
+        self, controller: Manager, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *,
+        is_waypoint: bool, decide: int,
+    ) -> None:  # fmt: skip
+        """Take over; arguments as of `Commander`; whether an action is a target, and control periods between two."""
+        super().__init__(fleet, plant, mode, bound)
+        self.controller, self.pilot = controller, Pilot(controller)
+        self._is_waypoint, self._decide = is_waypoint, decide
+
+    @property
+    def course(self) -> Course:
+        """What the map shows."""
+        return read_course(self._record["course"])
+
+    def rule(self) -> Target:
+        """Where the rule would go from here."""
+        seen = self.seen
+        assert seen is not None
+        return course_rule(self.course, seen.position_w, seen.joint_position, self.controller.phase)
+
+    def _begin(self) -> None:
+        self.controller.reset(self._sense_first())
+        self.pilot.reset()
+        self._tell()
+
+    def _act(self, action: np.ndarray) -> Command:
+        residual, seen, manager = self._mode.residual, self.seen, self.controller
+        assert seen is not None
+        if residual is None and not self._is_waypoint:
+            return act_directly(manager.flight, action)[0]
+        if self._record["controls"] % self._decide == 0:
+            target = take_target(action, self.course, seen.position_w) if self._is_waypoint else self.rule()
+            self.pilot.follow(target, seen, self.course)
+        command = manager.step(seen, NO_RESIDUAL if residual is None else residual(action))
+        self._tell()
+        return command
+
+    def _tell(self) -> None:
+        """Write what was allocated, and the phase, where the core has it."""
+        record, manager = self._record["manager"], self.controller
+        record["memory"]["phase"] = orders.PHASES.index(manager.phase)
+        for name in ("flight", "crawl"):
+            _write_allocation(record[name], None)
+        last = manager.last_step
+        name = "crawl" if manager.phase in ("lie", "crawl") else "flight"
+        _write_allocation(record[name], None if last is None else last.allocation)
+
+    def _observation(self) -> np.ndarray:
+        seen, command, record = self.seen, self.command, self._record
+        assert seen is not None
+        observables = CourseObservables(
+            state=seen,
+            course=self.course,
+            phase=self.controller.phase,
+            target=self.pilot.last,
+            thrust_command=seen.thrust if command is None else command.thrust,
+            vectoring_command=seen.vectoring if command is None else command.vectoring,
+            joint_command=seen.joint_position if command is None else command.joint_position,
+            charge=float(record["charge"]),
+            time_left=1.0 - float(record["episode"]["ticks"]) / float(self._fleet.horizon),
+            previous_action=self._action,
+        )
+        return observe_course(observables, bound=self._bound, robot=self._fleet.engine.robot)
+

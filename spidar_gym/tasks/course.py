@@ -1,0 +1,200 @@
+"""The course: reach a pose behind walls, beams and slots, in the air and on the floor."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.control.course.gates import FLOORS, GATES, HALF_WIDTH, KINDS, MAX_GATES, Course, Gate
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_within
+from spidar_gym.native.course import read_course
+from spidar_gym.native.draws import from_numpy, take_back
+from spidar_gym.native.engine_structs import COURSE_QUANTITIES, engine_layouts
+from spidar_gym.native.library import load_core, pointer
+from spidar_gym.tasks.robots import CourseRobots
+from spidar_gym.tasks.task import Task, tolerance
+
+PLAIN = "plain"
+"""The floor on which there is nothing."""
+SIZES = {
+    "wall": (0.4, 1.0),
+    "beam": (0.55, 0.7),
+    "slot": (1.3, 2.2),
+    "platform": (0.1, 0.4),
+    "tiles": (0.005, 0.02),
+    "slope": (math.radians(3.0), math.radians(10.0)),
+}
+"""Between these the size of each kind is drawn: height, clearance, width, highest tile [m], angle [rad]."""
+DEPTHS = {"wall": 0.2, "beam": 0.4, "slot": 0.3}
+"""How long each gate is along the course [m]."""
+FIRST_GAP, GAP, FLOOR_GAP, FLOOR_LENGTH = (2.2, 2.6), (3.0, 3.4), 2.6, 3.5
+"""From the start to the first gate, from each to the next, from the last to the floor of the goal; its length [m]."""
+MIDDLE = 0.8
+"""The middle of a slot lies up to so far to a side [m]."""
+GOAL_WAY, GOAL_SIDE, GOAL_YAW = (1.5, 1.9), 0.4, 0.4
+"""The goal lies so far behind its floor's begin, up to so far to a side [m], and turned by up to so much [rad]."""
+CHARGE = (0.6, 1.0)
+"""Between these the battery's charge at the start is drawn."""
+DECIDE = 20
+"""Ticks from one decision about the target to the next: 0.5 s."""
+MAX_HIT, MAX_TILT = 20.0, 1.2
+"""A larger force on anything but feet and pegs [N], or more tilt than this [rad], ends the episode."""
+LIES, AT_REST, CARRIED = 0.06, 0.05, 0.1
+"""The robot lies where its torso is so little higher than on its pegs [m], moves no faster than this [m/s], and its
+rotors carry no more than this share of its weight."""
+TURN_LENGTH = 0.5
+"""A radian of heading counts as this many metres where both are one number."""
+MOST_POWER = 3000.0
+"""Electrical power at which its term of the reward is 0 [W]."""
+SUCCESS_POSITION, SUCCESS_YAW = 0.03, 0.05
+"""A success lies this close to the goal [m], [rad]."""
+RANGES = {
+    "charge": (1e-3, 1.0, "1"),
+    "joint_speed": (0.1, 2.0, "rad/s"),
+    "crawl_speed": (0.05, 2.0, "rad/s"),
+    "horizon_s": (1.0 / CONTROL_RATE, 1e9, "s"),
+}
+"""Least and largest number of each argument, and its unit."""
+
+
+@dataclass(frozen=True)
+class CourseTask(Task[CourseRobots]):
+    """Reach a pose on the floor behind walls, beams and slots: fly over, crawl under, fly through in a narrow form."""
+
+    gates: tuple[str, ...] = GATES
+    """Kinds of gates that are drawn: of `wall`, `beam`, `slot`."""
+    floors: tuple[str, ...] = (PLAIN, *FLOORS)
+    """What the goal may lie on: of `plain`, `platform`, `tiles`, `slope`."""
+    count: tuple[int, int] = (2, 3)
+    """Least and largest number of gates."""
+    course: Course | None = None
+    """One's own, the same in every episode: a `Course`, or `{"gates": [[kind, begin, end, size, middle], …], "goal":
+    [x, y, yaw], "tiles": […]}`; drawn if not given."""
+    charge: float | None = None
+    """The charge of the battery at the start, 0 … 1; drawn from 0.6 … 1 if not given."""
+    joint_speed: float = 0.6
+    """Speed of the joints in flight [rad/s]."""
+    crawl_speed: float = 0.4
+    """Speed of the joints on the floor [rad/s]."""
+    horizon_s: float = 300.0
+    """Length of an episode [s]."""
+
+    robots = CourseRobots
+    reward_terms = {  # noqa: RUF012 - what a derived task writes, too
+        "progress": (0.6, "1 − rest / whole way; a radian counts as 0.5 m"),
+        "goal": (0.2, "1 / (1 + (rest / 0.03 m)²) while the robot lies, 0 else"),
+        "power": (0.1, "1 − electrical power / 3000 W"),
+        "safety": (0.1, "1 / (1 + (largest force on ducts and links / 5 N)²)"),
+    }
+    failures = {  # noqa: RUF012 - likewise
+        "hit": f"something but feet and pegs is hit with more than {MAX_HIT:g} N",
+        "out": f"it leaves the field, ± {HALF_WIDTH:g} m wide, up to the ceiling, from behind the start to past the "
+        "goal",
+        "tilt": f"the torso tilts by more than {MAX_TILT:g} rad, or the rotors are cut in the air",
+        "empty": "the battery's usable charge is used up",
+        "diverged": "the simulation's state is no longer finite",
+    }
+    stops = {  # noqa: RUF012 - likewise
+        "hit": MAX_HIT, "is_outside": 0.0, "tilt": MAX_TILT, "is_cut": 0.0, "is_empty": 0.0,
+    }  # fmt: skip
+    """Limits of quantities beyond which the engine ends a step that takes several control periods."""
+
+    def terms(self, robots: CourseRobots) -> Mapping[str, np.ndarray]:
+        """Terms of the reward, in [0, 1]."""
+        return {
+            "progress": np.maximum(0.0, 1.0 - robots.distance / robots.initial_distance),
+            "goal": np.where(robots.lies > 0.0, tolerance(robots.distance, 0.03), 0.0),
+            "power": np.maximum(0.0, 1.0 - robots.power / MOST_POWER),
+            "safety": tolerance(robots.hit, 5.0),
+        }
+
+    def failed(self, robots: CourseRobots) -> Mapping[str, np.ndarray]:
+        """Why courses are over."""
+        beyond = {name: getattr(robots, name) > limit for name, limit in self.stops.items()}
+        return {
+            "hit": beyond["hit"], "out": beyond["is_outside"], "tilt": beyond["tilt"] | beyond["is_cut"],
+            "empty": beyond["is_empty"],
+        }  # fmt: skip
+
+    def succeeded(self, robots: CourseRobots) -> np.ndarray:
+        """Who lies at the goal."""
+        near = (robots.position_error <= SUCCESS_POSITION) & (robots.yaw_error <= SUCCESS_YAW)
+        return near & (robots.lies > 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no course."""
+        for name, bounds in RANGES.items():
+            value: float | None = getattr(self, name)
+            if value is not None or name != "charge":
+                require_within(*bounds, **{name: value})
+                object.__setattr__(self, name, float(value or 0.0))
+        for name, kind, valid in (("gates", "gate", GATES), ("floors", "floor", (PLAIN, *FLOORS))):
+            given = getattr(self, name)
+            if not isinstance(given, str | tuple | list):
+                raise InvalidValueError(name, given, f"any of {', '.join(valid)}")
+            chosen = (given,) if isinstance(given, str) else tuple(given)
+            for each in chosen:
+                require_name(kind, each, valid)
+            object.__setattr__(self, name, chosen)
+        count = self.count
+        whole = isinstance(count, tuple | list) and len(count) == 2 and all(isinstance(n, int) for n in count)
+        if not (whole and 0 <= count[0] <= count[1] < MAX_GATES):
+            raise InvalidValueError("count", count, f"two whole numbers within 0 … {MAX_GATES - 1}, the least first")
+        if not self.floors or (count[1] and not self.gates):
+            raise InvalidValueError("gates", self.gates, "at least one kind of gate, and one of floors")
+        object.__setattr__(self, "count", tuple(count))
+
+    def draw_course(self, rng: np.random.Generator) -> Course:
+        """The course of an episode, as the engine draws it; `rng` moves on as there."""
+        if self.course is not None:
+            return self.course
+        generator, layouts = from_numpy(rng), engine_layouts()
+        rules, course = np.zeros((), layouts["course_rules"]), np.zeros((), layouts["course"])
+        self.write(rules)
+        load_core().sp_draw_course(pointer(rules), pointer(generator), pointer(course))
+        take_back(rng, generator)
+        return read_course(course)
+
+    def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_course_rules`
+        """Write what the engine draws and counts."""
+        floors = [len(KINDS) if floor == PLAIN else KINDS.index(floor) for floor in self.floors]
+        rules["kinds"][: len(self.gates)] = [KINDS.index(gate) for gate in self.gates]
+        rules["floors"][: len(floors)] = floors
+        rules["kind_count"], rules["floor_count"], rules["count"] = len(self.gates), len(floors), self.count
+        rules["size"], rules["depth"] = [SIZES[kind] for kind in KINDS], [DEPTHS.get(kind, 0.0) for kind in KINDS]
+        rules["charge"] = CHARGE if self.charge is None else self.charge
+        rules["first_gap"], rules["gap"], rules["goal_way"] = FIRST_GAP, GAP, GOAL_WAY
+        rules["floor_gap"], rules["floor_length"], rules["middle"] = FLOOR_GAP, FLOOR_LENGTH, MIDDLE
+        rules["goal_side"], rules["goal_yaw"], rules["decide"] = GOAL_SIDE, GOAL_YAW, DECIDE
+        rules["stop"] = [self.stops.get(name, math.inf) for name in COURSE_QUANTITIES]
+        rules["lies"], rules["at_rest"], rules["carried"] = LIES, AT_REST, CARRIED
+        rules["turn_length"] = TURN_LENGTH
+        rules["success_position"], rules["success_yaw"] = SUCCESS_POSITION, SUCCESS_YAW
+
+
+def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - whatever a user gives
+    """A course, or one of a dictionary of lists, as scenario files have it."""
+    if value is None or isinstance(value, Course):
+        return value
+    valid = "a Course, or {'gates': [[kind, begin, end, size, middle], …], 'goal': [x, y, yaw], 'tiles': […]}"
+    if not (isinstance(value, Mapping) and {"gates", "goal"} <= value.keys() <= {"gates", "goal", "tiles", "dares"}):
+        raise InvalidValueError("course", value, valid)
+    try:
+        gates = tuple(Gate(kind, *map(float, rest)) for kind, *rest in value["gates"])
+        goal, tiles = Pose2(*map(float, value["goal"])), tuple(map(float, value.get("tiles", ())))
+    except SpidarError:
+        raise
+    except (TypeError, ValueError):
+        raise InvalidValueError("course", value, valid) from None
+    return Course(gates, goal, tiles, value.get("dares", False))
+
+
+def plain_course(course: Course) -> dict[str, Any]:
+    """A course as a dictionary of lists: what `parse_course` reads."""
+    gates = [[g.kind, g.begin, g.end, g.size, g.middle] for g in course.gates]
+    goal = [course.goal.x, course.goal.y, course.goal.yaw]
+    return {"gates": gates, "goal": goal, "tiles": list(course.tiles), "dares": course.dares}

@@ -1,0 +1,257 @@
+"""The crawl: reach a pose on the floor by lifting the legs, setting them forward, and carrying the torso after them."""
+
+import ctypes
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.arrays import constant
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.presets import SCHEDULES
+from spidar_gym.errors import InvalidValueError, require_array, require_name, require_within
+from spidar_gym.native.draws import from_numpy, take_back
+from spidar_gym.native.engine_structs import MAX_OBSTACLES, engine_layouts
+from spidar_gym.native.library import load_core, pointer
+from spidar_gym.native.structs import fill
+from spidar_gym.sim.ground import HIGHEST, MAX_SLOPE, STAIRS, TERRAINS, TILES, GroundConfig, with_blocks
+from spidar_gym.tasks.robots import CrawlRobots
+from spidar_gym.tasks.task import Task, tolerance
+
+PAPER_WAY = Pose2(0.6, 0.0, 0.0)
+"""The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
+PAPER_SHARE = 0.25
+"""How often the default draw is exactly the paper's way."""
+DISTANCES, TURN = (0.2, 0.6), 0.5
+"""The other default draws go so far [m] in any direction and turn by at most so much [rad]."""
+TURN_LENGTH = 0.5
+"""A radian of heading counts as this many metres where both are one number."""
+OBSTACLE_HEIGHT, GOAL_CLEARANCE = 0.15, 0.3
+"""Height of an obstacle, and how far a goal is from one at least [m]."""
+SETTLE_TICKS = 40
+"""Ticks in which the robot comes to lie on a floor that is no plane."""
+MAX_TILT, MAX_ASTRAY = 0.5, 0.5
+"""More tilt against the floor [rad], or being so much farther from the goal than at the start [m], ends the crawl."""
+MOST_POWER = 3000.0
+"""Electrical power at which its term of the reward is 0 [W]."""
+SUCCESS_POSITION, SUCCESS_YAW = 0.010, 0.02
+"""A success ends this close to the goal [m], [rad]."""
+SUCCESS_AIRBORNE, SUCCESS_SLIP, SUCCESS_TIME = 0.95, 0.05, 1.25
+"""In a success every foot is off the ground for this share of its swing, none slides this far [m], and it takes at most
+this many times the preset's nominal time."""
+REST_TIME = 0.25
+"""Without a gait, in `direct`, a crawl is finished that has rested at the goal, within the miss of a success, for so
+long [s]: a torso that nothing carries falls by 0.3 m in it."""
+REST_SPEED, REST_TURN, REST_JOINT_SPEED = 0.01, 0.05, 0.05
+"""A robot at rest moves slower than this [m/s], [rad/s], and so does every joint [rad/s]; what slides on at that speed
+goes a quarter of the miss of a success in that time, and the joints of a swing are ten times as fast."""
+REST_THRUST = 0.1
+"""Its thrust is off: all commands together are below this share of the weight; idle motors are at 6 %."""
+SATURATED = 0.01
+"""A joint servo this close to its largest torque is saturated [Nm]."""
+SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "duct", "time")
+"""What may keep a crawl from being a success, in the order of their bits in `info`."""
+_BITS = 1 << np.arange(len(SHORTFALLS))
+RANGES = {
+    "distance": (0.0, 10.0, "m"),
+    "direction": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
+    # A turn on the spot by more than π leaves the goal's heading behind before it comes near it.
+    "turn": (-math.pi - MAX_ASTRAY / TURN_LENGTH, math.pi + MAX_ASTRAY / TURN_LENGTH, "rad"),
+    "joint_speed": (1e-3, 2.0, "rad/s"),
+    "friction": (1e-3, 5.0, "1"),
+    "slope": (-MAX_SLOPE, MAX_SLOPE, "rad"),
+    "slope_direction": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
+    "steps": (0.0, 0.2, "m"),
+    "horizon_s": (1.0 / CONTROL_RATE, 1e9, "s"),
+}
+"""Least and largest number of each argument, and its unit."""
+SEARCHED = 1000
+"""Goals drawn in search of one that no obstacle covers."""
+
+
+@dataclass(frozen=True)
+class CrawlTask(Task[CrawlRobots]):
+    """Crawl to a pose on the floor: lift the legs, set them forward, carry the torso after them."""
+
+    distance: float | None = None
+    """How far the goal is [m]; drawn if None."""
+    direction: float | None = None
+    """In which direction, 0 straight ahead, π/2 to the left [rad]; drawn if None."""
+    turn: float | None = None
+    """How far the heading turns [rad], where the arc leads less than 0.5 m away from its goal; drawn if None."""
+    joint_speed: float | None = None
+    """Speed of the joint motion [rad/s]; the preset's own if None."""
+    schedule: str | None = None
+    """`sequential` or `overlapped` phases; the preset's own if None."""
+    friction: float | None = None
+    """Sliding friction of the feet; the robot's own if None."""
+    slope: float = 0.0
+    """Angle of the floor to the horizontal [rad]."""
+    slope_direction: float = 0.0
+    """Direction in which it rises [rad]."""
+    steps: float = 0.0
+    """The floor is of 25 cm tiles with steps of this height [m]; 0 is a plane."""
+    terrain: str = "tiles"
+    """What has them: `tiles` whose heights are drawn up to `steps`, `stairs` of that height across the way ahead, 0.5
+    and 1.25 m from the start, at most 0.1 m, or `mixed`, one as often as the other."""
+    obstacles: tuple[tuple[float, float, float], ...] = ()
+    """Blocks on the floor: (x, y, radius) [m] from the start; the tiles within are 15 cm high."""
+    horizon_s: float = 75.0
+    """Length of an episode [s]."""
+
+    robots = CrawlRobots
+    reward_terms = {  # noqa: RUF012 - what a derived task writes, too
+        "progress": (0.5, "1 − rest / whole way; a radian counts as 0.5 m; 1 at the goal, where the robot rests on"),
+        "goal": (0.1, "1 / (1 + (rest / 0.01 m)²)"),
+        "level": (0.1, "1 / (1 + (tilt against the floor / 0.03 rad)²)"),
+        "slip": (0.1, "1 / (1 + (fastest touching point / 0.02 m/s)²)"),
+        "power": (0.1, "1 − electrical power / 3000 W"),
+        "action": (0.1, "1 − mean a²"),
+    }
+    failures = {  # noqa: RUF012 - likewise
+        "duct": "a duct touches the floor",
+        "tilt": f"the torso tilts by more than {MAX_TILT:g} rad against the floor",
+        "astray": f"the robot is {MAX_ASTRAY:g} m farther from the goal than at the start",
+        "diverged": "the simulation's state is no longer finite",
+    }
+
+    def terms(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
+        """Terms of the reward, in [0, 1]."""
+        return {
+            "progress": np.maximum(0.0, 1.0 - robots.distance / robots.initial_distance),
+            "goal": tolerance(robots.distance, 0.01),
+            "level": tolerance(robots.tilt, 0.03),
+            "slip": tolerance(robots.slip, 0.02),
+            "power": np.maximum(0.0, 1.0 - robots.power / MOST_POWER),
+            "action": 1.0 - robots.effort,
+        }
+
+    def failed(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
+        """Why crawls are over."""
+        return {
+            "duct": robots.duct_touches > 0.0,
+            "tilt": robots.tilt > MAX_TILT,
+            "astray": robots.distance > robots.initial_distance + MAX_ASTRAY,
+        }
+
+    def shortfalls(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
+        """What keeps crawls from being a success (N,), by the words of `SHORTFALLS`."""
+        return {
+            "unfinished": robots.finished == 0.0,
+            "position": robots.position_error > SUCCESS_POSITION,
+            "yaw": robots.yaw_error > SUCCESS_YAW,
+            "airborne": robots.airborne < SUCCESS_AIRBORNE,
+            "timeout": robots.timeouts > 0.0,
+            "slip": robots.foot_slip >= SUCCESS_SLIP,
+            "duct": robots.duct_touched > 0.0,
+            "time": robots.finished > SUCCESS_TIME * robots.nominal_time,
+        }
+
+    def succeeded(self, robots: CrawlRobots) -> np.ndarray:
+        """Who has arrived, in time, without a time-out, with feet that leave the floor and do not slide on it."""
+        if not robots.finished.any():
+            return robots.finished > 0.0
+        return ~np.any(list(self.shortfalls(robots).values()), axis=0)
+
+    def tell(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
+        """What is short of a success, as bits."""
+        missed = self.shortfalls(robots)
+        return {"shortfalls_code": _BITS @ np.array([missed[word] for word in SHORTFALLS])}
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be crawled."""
+        for name, bounds in RANGES.items():
+            value: float | None = getattr(self, name)
+            if value is None and getattr(CrawlTask, name) is None:
+                continue
+            require_within(*bounds, **{name: value})
+            object.__setattr__(self, name, float(value or 0.0))
+        if self.schedule is not None:
+            require_name("schedule", self.schedule, SCHEDULES)
+        require_name("terrain", self.terrain, TERRAINS)
+        if self.terrain != "tiles" and self.steps > HIGHEST / STAIRS:
+            raise InvalidValueError("steps", self.steps, f"stairs of at most {HIGHEST / STAIRS:g} m")
+        object.__setattr__(self, "obstacles", _blocks(self.obstacles))
+        if self.obstacles:
+            self.draw_way(np.random.Generator(np.random.PCG64(0)))
+        if self.distance == 0.0 and self.turn == 0.0:
+            raise InvalidValueError("distance", 0.0, "a way or a turn above 0")
+        if self.turn is not None:
+            astray = arc_astray(DISTANCES[1] if self.distance is None else self.distance, self.turn)
+            if astray >= MAX_ASTRAY:
+                raise InvalidValueError(
+                    "turn", self.turn,
+                    f"a smaller turn [rad] or a shorter way: the arc leads {astray:.2f} m away from the goal, below "
+                    f"{MAX_ASTRAY:g} m is valid",
+                )  # fmt: skip
+
+    def draw_way(self, rng: np.random.Generator) -> Pose2:
+        """Where the goal of an episode is, seen from the start, as the engine draws it; `rng` moves on as there.
+
+        Raises:
+            InvalidValueError: Where obstacles cover every goal of many that are drawn.
+        """
+        rules, way = (np.zeros((), engine_layouts()[name]) for name in ("crawl_rules", "pose2"))
+        self.write(rules)
+        generator = from_numpy(rng)
+        if not load_core().sp_draw_way(pointer(rules), pointer(generator), ctypes.c_int64(SEARCHED), pointer(way)):
+            where = f"some that leave a goal {GOAL_CLEARANCE:g} m from each of them; the last one tried is at"
+            raise InvalidValueError("obstacles", self.obstacles, f"{where} ({way['x']:.3g}, {way['y']:.3g})")
+        take_back(rng, generator)
+        return Pose2(*way.tolist())
+
+    def floor(self, base: GroundConfig) -> GroundConfig:
+        """A floor of the kind that episodes have: the robot's, but for the slope, and steps at their highest."""
+        ground = GroundConfig(self.slope, self.slope_direction, base.tiles) if self.slope else base
+        if self.steps:
+            ground = replace(ground, tiles=constant(self.steps, TILES, TILES))
+        return with_blocks(ground, self.obstacles, OBSTACLE_HEIGHT) if self.obstacles else ground
+
+    def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_crawl_rules`
+        """Write what the engine draws and counts (`InvalidValueError` for more obstacles than there is room for)."""
+        if len(self.obstacles) > MAX_OBSTACLES:
+            raise InvalidValueError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES} blocks")
+        fill(rules["way"], PAPER_WAY)
+        rules["share"], rules["turn"], rules["distance"] = PAPER_SHARE, TURN, DISTANCES
+        given = (self.distance, self.direction, self.turn)
+        rules["is_given"], rules["given"] = [x is not None for x in given], [x or 0.0 for x in given]
+        rules["steps"], rules["terrain"] = self.steps, TERRAINS.index(self.terrain)
+        rules["obstacles"] = len(self.obstacles)
+        rules["obstacle"][: len(self.obstacles)] = np.reshape(self.obstacles, (-1, 3))
+        rules["obstacle_height"], rules["goal_clearance"] = OBSTACLE_HEIGHT, GOAL_CLEARANCE
+        rules["settle_ticks"], rules["turn_length"], rules["saturated"] = SETTLE_TICKS, TURN_LENGTH, SATURATED
+        rules["success_position"], rules["success_yaw"] = SUCCESS_POSITION, SUCCESS_YAW
+        rules["rest_time"], rules["rest_speed"], rules["rest_turn"] = REST_TIME, REST_SPEED, REST_TURN
+        rules["rest_joint_speed"], rules["rest_thrust"] = REST_JOINT_SPEED, REST_THRUST
+
+
+def arc_astray(distance: float, turn: float) -> float:
+    """How much farther from its goal than at its start an arc leads [m], a radian counting `TURN_LENGTH`.
+
+    Args:
+        distance: Length of its chord [m].
+        turn: How far the heading turns on it [rad].
+    """
+    turn = abs(turn)
+    if turn <= math.pi:
+        return 0.0
+    # Farthest where it is still to turn by π: there the rest of the way is the circle's diameter.
+    diameter = distance / math.sin(0.5 * turn) if turn < 2.0 * math.pi else math.inf
+    return diameter - distance + TURN_LENGTH * (turn - math.pi)
+
+
+def _blocks(obstacles: object) -> tuple[tuple[float, ...], ...]:
+    """Blocks as tuples of numbers (`InvalidValueError` for what is no block)."""
+    expected = "some (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
+    blocks = require_array("obstacles", obstacles, expected)
+    if blocks.shape == (0,):
+        return ()
+    if blocks.ndim != 2 or blocks.shape[1] != 3:
+        raise InvalidValueError("obstacles", obstacles, expected)
+    for x, y, radius in blocks.tolist():
+        if not (abs(x) <= 100.0 and abs(y) <= 100.0 and 0.0 < radius <= 2.0):
+            raise InvalidValueError("obstacles", (x, y, radius), expected)
+    return tuple(map(tuple, blocks.tolist()))

@@ -1,0 +1,192 @@
+"""The hover: hold the CoG and a level attitude while the joints go through a sequence of forms."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from spidar_gym.arrays import Vector3
+from spidar_gym.errors import InvalidValueError, require_array, require_flag, require_name, require_within
+from spidar_gym.model.dynamics import Model
+from spidar_gym.native.engine_structs import DRAWN, MAX_WINDOWS, SEQUENCES
+from spidar_gym.robot import FORMS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
+from spidar_gym.tasks.robots import HoverRobots
+from spidar_gym.tasks.start import FlightStart
+from spidar_gym.tasks.task import Task, tolerance
+
+CLEARANCE = 0.5
+"""Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
+OFFSET = 0.03, 0.05
+"""Largest initial offset of position [m] and attitude [rad] per axis at a perturbation of 1."""
+MIXTURE = 0.25, 0.55
+"""Of `mixed` forms this share is the paper's; these and those with equal legs are the second share."""
+PAPER_PAUSE, PAUSE = 4.0, (1.0, 2.5)
+"""From the paper's first form to its second; between two drawn forms, drawn in between [s]."""
+DRAWN_FORMS = {
+    "equal": (((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4)), 1),
+    "independent": (((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4)), N_LEGS),
+    # Near form ③, outer rotor under the inner one: every inner rotor blows on another.
+    "narrow": (((-0.25, 0.65, -0.15, 1.35), (0.25, 0.9, 0.15, 1.57)), N_LEGS),
+}
+"""Least and largest angles of a leg's joints (yaw, pitch, yaw, pitch from the torso on) [rad], and how many legs are
+drawn: of one, all legs are alike, with a common twist of the yaw joints."""
+MAX_TILT, MAX_DISTANCE = 1.0, 1.0
+"""More tilt [rad] [JSK], or a CoG farther from its reference [m], ends the flight."""
+SUCCESS_POSITION, SUCCESS_ATTITUDE = 0.05, 0.05
+"""RMS errors of a success stay below these [m], [rad]."""
+ARRIVAL_GRACE, ARRIVAL_TOLERANCE = 0.5, 0.05
+"""A form is reached when every joint is this close [rad], at most so long after its deadline [s]."""
+RANGES = {
+    "joint_speed": (1e-6, 1e3, "rad/s"),
+    # All forms are drawn before the episode begins, a day's in a second.
+    "horizon_s": (1e-3, 86400.0, "s"),
+    "perturbation": (0.0, 1e3, "1"),
+    "altitude": (0.0, 1e3, "m"),
+}
+"""Least and largest number of each argument, and its unit."""
+
+
+@dataclass(frozen=True)
+class HoverTask(Task[HoverRobots]):
+    """Hold the CoG and a level attitude while the joints go through a sequence of forms."""
+
+    forms: str = "mixed"
+    """`paper` (① at once, ② from 4 s on, ③ without a stop), one of the forms held, `equal` legs with a common twist,
+    `independent` legs with yaw, `narrow` ones near ③, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
+    joint_speed: float = ROBOT.joint_speed
+    """Speed of the joint motion [rad/s]."""
+    horizon_s: float = 20.0
+    """Length of an episode [s]; forms are drawn until then."""
+    perturbation: float = 1.0
+    """Scale of the initial offset: 1 is ± 3 cm and ± 0.05 rad per axis, at rest; 0 starts on the reference."""
+    avoid_interference: bool = True
+    """Whether rotors are restricted; False is the paper's baseline method."""
+    unrestricted: Sequence[Sequence[float]] = ()
+    """Windows of time `(start, end)` in which no rotor is restricted [s], as in the paper's flight."""
+    altitude: float | None = None
+    """Height of the CoG [m]; if not given, that which leaves the feet of form ③ half a metre above the floor."""
+
+    robots = HoverRobots
+    reward_terms = {  # noqa: RUF012 - what a derived task writes, too
+        "position": (0.4, "1 / (1 + (‖position error‖ / 0.02 m)²)"),
+        "attitude": (0.4, "1 / (1 + (‖attitude error‖ / 0.03 rad)²)"),
+        "joints": (0.1, "1 / (1 + (max |planned − measured joint angle| / 0.1 rad)²)"),
+        "action": (0.1, "1 − mean a²"),
+    }
+    failures = {  # noqa: RUF012 - likewise
+        "contact": "a part of the robot touches the floor",
+        "tilt": f"the torso tilts by more than {MAX_TILT:g} rad",
+        "position": f"the CoG is more than {MAX_DISTANCE:g} m from its reference",
+        "diverged": "the simulation's state is no longer finite",
+    }
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be flown."""
+        require_name("form sequence", self.forms, SEQUENCES)
+        for name, bounds in RANGES.items():
+            if name == "altitude" and self.altitude is None:
+                continue
+            require_within(*bounds, **{name: getattr(self, name)})
+            object.__setattr__(self, name, float(getattr(self, name)))
+        require_flag(avoid_interference=self.avoid_interference)
+        object.__setattr__(self, "unrestricted", _windows(self.unrestricted))
+
+    def terms(self, robots: HoverRobots) -> Mapping[str, np.ndarray]:
+        """Terms of the reward, in [0, 1]."""
+        return {
+            "position": tolerance(robots.distance, 0.02),
+            "attitude": tolerance(robots.angle, 0.03),
+            "joints": tolerance(robots.joint_error, 0.1),
+            "action": 1.0 - robots.effort,
+        }
+
+    def failed(self, robots: HoverRobots) -> Mapping[str, np.ndarray]:
+        """Why flights are over."""
+        return {
+            "contact": robots.in_contact > 0.0,
+            "tilt": robots.tilt > MAX_TILT,
+            "position": robots.distance > MAX_DISTANCE,
+        }
+
+    def succeeded(self, robots: HoverRobots) -> np.ndarray:
+        """Who has flown the horizon within the errors, with every due form reached in time."""
+        done = robots.ticks >= robots.horizon
+        if done.any():
+            done &= (robots.position_rms < SUCCESS_POSITION) & (robots.attitude_rms < SUCCESS_ATTITUDE)
+            done &= robots.overdue == 0
+        return done
+
+    def start(self, rng: np.random.Generator) -> FlightStart | None:
+        """What an episode of one robot begins with and goes through; None has the engine draw it.
+
+        `draw_start(task, rng)` gives what would be drawn.
+        """
+        del rng
+        return None
+
+    def reference(self, robots: HoverRobots) -> np.ndarray:
+        """What the controllers are to do now: records of `Reference`'s fields, the modes by number.
+
+        It is that of the schedule: the level hover, or the path, with the form that is due, and the fault that the
+        controller knows of. A derived task changes what differs.
+        """
+        return robots.scheduled["reference"]
+
+    def preview(self, robots: HoverRobots) -> np.ndarray:
+        """What a policy sees of the schedule: records of the forms now and next, and of the path ahead."""
+        return robots.scheduled["preview"]
+
+    @property
+    def position_w(self) -> Vector3:
+        """Desired position of the CoG [m]."""
+        return np.array([0.0, 0.0, hover_height() if self.altitude is None else self.altitude])
+
+    @property
+    def most_goals(self) -> int:
+        """How many forms an episode can have: between two of them is at least a second."""
+        return math.ceil(self.horizon_s) + 3
+
+    @property
+    def most_knots(self) -> int:
+        """How many knots a path of an episode can have."""
+        return 0
+
+    def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_hover_rules`
+        """Write what the engine draws, plays and counts (`InvalidValueError` for too many windows of time)."""
+        if len(self.unrestricted) > MAX_WINDOWS:
+            raise InvalidValueError("unrestricted", len(self.unrestricted), f"at most {MAX_WINDOWS} windows of time")
+        for name in ("position_w", "joint_speed", "perturbation", "horizon_s"):
+            rules[name] = getattr(self, name)
+        rules["avoids"], rules["windows"] = self.avoid_interference, len(self.unrestricted)
+        rules["window"][: len(self.unrestricted)] = np.reshape(self.unrestricted, (-1, 2))
+        rules["form"], rules["offset"], rules["mixture"] = list(FORMS.values()), OFFSET, MIXTURE
+        rules["paper_pause"], rules["pause"] = PAPER_PAUSE, PAUSE
+        for k, name in enumerate(DRAWN):
+            rules["range"][k], rules["drawn_legs"][k] = DRAWN_FORMS[name]
+        rules["arrival_grace"], rules["arrival_tolerance"] = ARRIVAL_GRACE, ARRIVAL_TOLERANCE
+
+
+_WINDOWS = "pairs (start, end) of times [s], 0 ≤ start < end"
+
+
+def _windows(value: object) -> tuple[tuple[float, float], ...]:
+    """Windows of time as a tuple of pairs, whether they come as tuples or, from JSON, as lists."""
+    windows = require_array("unrestricted", value, _WINDOWS)
+    if windows.size == 0:
+        return ()
+    paired = windows.ndim == 2 and windows.shape[1] == 2
+    if not (paired and np.isfinite(windows).all() and ((windows[:, 0] >= 0.0) & (windows[:, 0] < windows[:, 1])).all()):
+        raise InvalidValueError("unrestricted", value, _WINDOWS)
+    return tuple((start, end) for start, end in windows.tolist())
+
+
+@lru_cache(maxsize=64)
+def hover_height(robot: RobotSpec = ROBOT) -> float:
+    """Height of the CoG that leaves the feet of form ③ `CLEARANCE` above the floor [m]."""
+    model, q, level = Model(robot), FORMS["form3"], np.zeros((N_ROTORS, 2))
+    com_z = model.snapshot(q, np.eye(3), level).com_b[2]
+    feet_z = model.contacts(q)[0][:N_LEGS, 2].min()
+    return float(CLEARANCE + robot.foot_radius + com_z - feet_z)

@@ -1,0 +1,163 @@
+"""What a task is given of N robots: their quantities, states and memory, an entry for every robot each."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.native.quantities import CourseQuantities, CrawlQuantities, HoverQuantities, Quantities
+from spidar_gym.robot import N_LEGS
+
+
+class Simulated(Protocol):
+    """Robots in the engine, as far as a task may know them."""
+
+    robots: np.ndarray
+    quantities: np.ndarray
+    goals: np.ndarray
+    knots: np.ndarray
+    has_own_copies: bool
+
+    @property
+    def scheduled(self) -> Mapping[str, np.ndarray]:
+        """`reference` and `preview` of the schedule now, records (N,) each."""
+        ...
+
+    @property
+    def horizon(self) -> np.ndarray:
+        """Steps after which an episode ends (N,)."""
+        ...
+
+    @property
+    def action_size(self) -> int:
+        """Entries of an action."""
+        ...
+
+    def load(self, ids: np.ndarray, mass: np.ndarray, position_b: np.ndarray) -> None:
+        """Have torsos carry point masses."""
+        ...
+
+
+class Robots(Quantities):
+    """N robots; the arrays have an entry for every robot, and are not to be written.
+
+    Every quantity that the engine counts for the task is an attribute: views of one block, written anew at every tick.
+    """
+
+    kind: ClassVar[str]
+    """Struct of a robot in the engine."""
+
+    def __init__(self, simulated: Simulated, memory: np.ndarray) -> None:
+        """Look at robots in the engine, and at what the task remembers of them."""
+        self._simulated, self.memory, self.records = simulated, memory, simulated.robots
+        common, block = simulated.quantities["common"], simulated.quantities
+        for name in block.dtype.names or ():
+            if name != "common":
+                setattr(self, name, block[name])
+        for name in common.dtype.names or ():
+            setattr(self, name, common[name])
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self.records)
+
+    @property
+    def horizon(self) -> np.ndarray:
+        """Steps after which an episode ends (N,)."""
+        return self._simulated.horizon
+
+    @cached_property
+    def state(self) -> np.ndarray:
+        """True states, records of `RobotState`'s fields, arrays in it flat: `state["position_w"]` is (N, 3) [m]."""
+        return self.records["plant"]["state"]
+
+    @cached_property
+    def action(self) -> np.ndarray:
+        """Last actions, in [−1, 1], (N, size of an action)."""
+        return self.records["episode"]["action"][:, : self._simulated.action_size]
+
+    @property
+    def payload(self) -> np.ndarray:
+        """Mass of what the torso carries (N,) [kg]."""
+        return self.records["plant"]["config"]["body"]["payload_mass"]
+
+    def load(self, ids: np.ndarray, mass: Any, position_b: Any = (0.0, 0.0, 0.0)) -> None:  # noqa: ANN401 - numbers or arrays
+        """Have torsos carry point masses from the next tick on, until their episodes end; 0 kg puts them down.
+
+        Args:
+            ids: Whose, numbers or flags (N,).
+            mass: [kg], one for all of them or one for each.
+            position_b: Where, torso axes (3,) or (…, 3) [m].
+
+        Raises:
+            SpidarError: For a task that does not say that it `loads`.
+            InvalidValueError: For a mass below 0, or numbers that are none.
+        """
+        if not self._simulated.has_own_copies:
+            raise SpidarError("these robots share one model; valid: a task with loads = True")
+        ids = np.flatnonzero(ids) if np.asarray(ids).dtype == bool else np.asarray(ids, int)
+        mass, position = np.broadcast_to(mass, ids.shape), np.broadcast_to(position_b, (*ids.shape, 3))
+        if not (np.isfinite(mass).all() and (mass >= 0.0).all() and np.isfinite(position).all()):
+            raise InvalidValueError("load", (mass.tolist(), position.tolist()), "masses from 0 kg on, at numbers in m")
+        if ids.size:
+            self._simulated.load(ids, mass, position)
+
+
+class HoverRobots(HoverQuantities, Robots):
+    """Robots in flight."""
+
+    kind = "hover"
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """True errors against the reference: `position_w`, `velocity_w`, `attitude`, `omega_b`, each (N, 3)."""
+        return self.records["truth"]["error"]
+
+    @cached_property
+    def position_error(self) -> np.ndarray:
+        """Position error of the CoG, world (N, 3) [m]."""
+        return self.records["position_error"]
+
+    @cached_property
+    def attitude_error(self) -> np.ndarray:
+        """Attitude error log(RᵀR_d), torso axes (N, 3) [rad]."""
+        return self.records["attitude_error"]
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Forms to take now: records of `start`, `deadline` [s], `joint_target` (N, 16) [rad]."""
+        return self._simulated.goals[np.arange(len(self)), self.records["current"]]
+
+    @property
+    def scheduled(self) -> Mapping[str, np.ndarray]:
+        """`reference` and `preview` of the environment's schedule and path now, copies: records (N,) each."""
+        return {name: records.copy() for name, records in self._simulated.scheduled.items()}
+
+
+class CrawlRobots(CrawlQuantities, Robots):
+    """Robots on the ground."""
+
+    kind = "crawling"
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """Goal − torso (N, 3): x, y [m], world, and yaw [rad]."""
+        return self.records["error"]
+
+    @property
+    def phase(self) -> np.ndarray:
+        """Phase of the gait, a number of `PHASES` (N,)."""
+        return self.records["crawl"]["gait"]["phase"]
+
+    @property
+    def feet_touch(self) -> np.ndarray:
+        """Whether each foot touches the floor (N, 4)."""
+        return self.records["touch"]["balls"][:, :N_LEGS] != 0
+
+
+class CourseRobots(CourseQuantities, Robots):
+    """Robots on a course."""
+
+    kind = "coursing"
