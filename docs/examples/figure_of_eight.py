@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from spidar_gym.envs.registry import HOVER, register_task
-from spidar_gym.tasks.task import length, tolerance
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.task import tolerance
 
 
 @dataclass(frozen=True)
-class FigureOfEight(FlightTask):
+class FigureOfEight(HoverTask):
     """Two loops, one after the other, as wide as drawn; what is given here, `reset` takes as an option too."""
 
     seconds: float = 16.0
@@ -28,11 +29,11 @@ class FigureOfEight(FlightTask):
         """What an episode begins with, beside all that the environment draws."""
         return {"width": rng.uniform(0.2, 0.4)}
 
-    def reference(self, flights):
+    def reference(self, robots):
         """The hover's, on x = a sin s, y = a sin s cos s, rolled to the side to which the path bends."""
-        wanted, a = super().reference(flights), flights.memory["width"]
+        wanted, a = super().reference(robots), robots.memory["width"]
         rate = 2.0 * np.pi / self.seconds
-        s, roll = rate * flights.time, -self.lean * np.sin(2.0 * rate * flights.time)
+        s, roll = rate * robots.time, -self.lean * np.sin(2.0 * rate * robots.time)
         wanted["position_w"][:, :2] += (a * np.array([np.sin(s), np.sin(s) * np.cos(s)])).T
         wanted["velocity_w"][:, :2] = (a * rate * np.array([np.cos(s), np.cos(2.0 * s)])).T
         wanted["acceleration_w"][:, :2] = (-a * rate**2 * np.array([np.sin(s), 2.0 * np.sin(2.0 * s)])).T
@@ -40,12 +41,12 @@ class FigureOfEight(FlightTask):
         wanted["omega_b"][:, 0] = -2.0 * self.lean * rate * np.cos(2.0 * s)
         return wanted
 
-    def terms(self, flights):
+    def terms(self, robots):
         """Terms of the reward."""
-        joints = np.abs(flights.plan() - flights.state["joint_position"]).max(axis=1)
-        errors = {"position": flights.position_error, "attitude": flights.attitude_error}
-        return {name: tolerance(length(error), 0.03) for name, error in errors.items()} | {
-            "joints": tolerance(joints, 0.1)
+        return {
+            "position": tolerance(robots.distance, 0.03),
+            "attitude": tolerance(robots.angle, 0.03),
+            "joints": tolerance(robots.joint_error, 0.1),
         }
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.envs.registry import HOVER, register_task
+from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.task import length, tolerance
 
 PLACES = np.array([[0.4, 0.0, 0.0], [0.4, 0.5, 0.1], [0.0, 0.0, 0.0]])
@@ -12,7 +13,7 @@ BELOW, SPEED, CLOSE = np.array([0.05, 0.0, -0.1]), 0.2, 0.04
 """Where the torso holds it [m]; how fast the reference moves [m/s]; how close to a place is there [m]."""
 
 
-class Fetch(FlightTask):
+class Fetch(HoverTask):
     """Three places, one after the other; the controller is not told what the robot carries."""
 
     reward_terms = {"position": (0.6, "1 / (1 + (‖position error‖ / 0.05 m)²)"), "way": (0.4, "places reached / 3")}
@@ -24,35 +25,34 @@ class Fetch(FlightTask):
         """How heavy the load is."""
         return {"mass": rng.uniform(0.5, 1.5)}
 
-    def reference(self, flights):
+    def reference(self, robots):
         """The hover's, moved."""
-        wanted = super().reference(flights)
-        wanted["position_w"] += flights.memory["at"]
+        wanted = super().reference(robots)
+        wanted["position_w"] += robots.memory["at"]
         return wanted
 
-    def advance(self, flights):
+    def advance(self, robots):
         """Move the reference on; where a place is reached, take the load, or put it down."""
-        super().advance(flights)
-        memory = flights.memory
+        memory = robots.memory
         way = PLACES[np.minimum(memory["reached"], 2)] - memory["at"]
         memory["at"] += way * np.minimum(1.0, SPEED / 40.0 / np.maximum(length(way), 1e-9))[:, None]
-        there = (length(way) < CLOSE) & (length(flights.position_error) < CLOSE) & (memory["reached"] < 3)
+        there = (length(way) < CLOSE) & (robots.distance < CLOSE) & (memory["reached"] < 3)
         memory["reached"] += there
         takes = there & (memory["reached"] == 1)
-        flights.load(takes, memory["mass"][takes], BELOW)
-        flights.load(there & (memory["reached"] == 2), 0.0)
+        robots.load(takes, memory["mass"][takes], BELOW)
+        robots.load(there & (memory["reached"] == 2), 0.0)
 
-    def observe(self, flights):
+    def observe(self, robots):
         """What a policy sees besides."""
-        return {"carried": flights.payload}
+        return {"carried": robots.payload}
 
-    def terms(self, flights):
+    def terms(self, robots):
         """Terms of the reward."""
-        return {"position": tolerance(length(flights.position_error), 0.05), "way": flights.memory["reached"] / 3.0}
+        return {"position": tolerance(robots.distance, 0.05), "way": robots.memory["reached"] / 3.0}
 
-    def succeeded(self, flights):
+    def succeeded(self, robots):
         """Who is home again."""
-        return flights.memory["reached"] == 3
+        return robots.memory["reached"] == 3
 
 
 register_task("examples/Fetch-v0", HOVER, Fetch(), forms="form2", preset="tuned")

@@ -1,5 +1,6 @@
 """Controllers in Python in the place of the core: they command the only robot of a fleet, and see it their way."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any
@@ -29,6 +30,7 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.envs.actions import ActionMode, act_directly
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.native.constants import PROGRAMS
 from spidar_gym.native.course import read_course
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.plant import Plant, read_reference
@@ -36,6 +38,7 @@ from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, RobotState
+from spidar_gym.tasks.crawl import TURN_LENGTH
 from spidar_gym.tasks.start import read_path
 
 _STILL = np.zeros(3)
@@ -315,6 +318,18 @@ class CrawlCommander(Commander):
         _write_allocation(record["crawl"], None if last is None else last.allocation)
         record["crawl"]["gait"]["phase"], record["crawl"]["gait"]["timeouts"] = PHASES.index(gait.phase), gait.timeouts
         record["swinging"], record["is_done"] = gait.swinging, self.controller.done
+        memory = self.controller.memory
+        record["crawl"]["memory"]["joint_position"] = memory.joint_position
+        mode = "rest" if last is None else last.mode
+        record["crawl"]["memory"]["mode"] = PROGRAMS.index(mode) if mode in PROGRAMS else 0
+
+    def _take_note(self, *, begins: bool) -> None:
+        """Measure the distance as rows of crawlers in Python were made: Python's `hypot` and C's differ in a bit."""
+        record = self._record
+        x, y, yaw = record["error"].tolist()
+        record["distance"] = math.hypot(x, y) + TURN_LENGTH * abs(yaw)
+        if begins:
+            record["initial_distance"] = max(float(record["distance"]), 1e-6)
 
     def _observation(self) -> np.ndarray:
         seen, goal = self.seen, Pose2(*self._record["goal"].tolist())

@@ -101,6 +101,7 @@ class Fleet:
     def _prepare_task(self) -> None:
         """Look at the task once: what of it is to be called, and in which order its answers come."""
         task, common, robots = self.task, self.rules["rules"], len(self.robots)
+        self._horizon, self._truncates, self._autoreset = common["horizon"], common["truncates"], common["autoreset"]
         self.view = task.robots(self, self.memory)
         """What the task is given."""
         self.told, self.final_told = told(self.infos), told(self.final_infos)
@@ -112,7 +113,6 @@ class Fleet:
         self._codes = np.array([codes.index(word) for word in ("diverged", *self._words)])
         self._weights = np.array([weight for weight, _ in task.reward_terms.values()])
         self._failed = np.zeros((len(self._codes), robots), bool)
-        self._horizon, self._truncates, self._autoreset = common["horizon"], common["truncates"], common["autoreset"]
         self._advances, self._draws = task.overrides("advance"), task.overrides("draw")
         self._tells = type(task).tell is not Task.tell
         self._starts = hasattr(task, "start") and task.overrides("start")
@@ -303,8 +303,7 @@ class Fleet:
         self._begin(chosen)
         if self.commander is not None:
             self.commander.look()
-        if self.commander is not None and self.kind == "hover":
-            self._run("regard", chosen)
+            self._run(self._after, chosen)
         self.terms[chosen] = self._terms()[chosen]
         self.rewards[chosen] = 0.0
         self.terminated[chosen] = self.truncated[chosen] = False
@@ -326,8 +325,6 @@ class Fleet:
             if self._starts and self._autoreset.flat[0] == AUTORESETS.index("next_step"):
                 self._say_starts(np.flatnonzero(self._episode["over"]))
             self._move(ids)
-            if self._regards:
-                self._run("regard", ids)
             self._rate(slice(None) if ids is None else ids)
             if self.commander is not None:
                 self.commander.observe()
@@ -343,8 +340,10 @@ class Fleet:
             self._refer()
             if commander is not None:
                 commander.look()
-                if self._stops():
-                    break
+            if self._refers or commander is not None:
+                self._run(self._after, ids)
+            if hold > 1 and self._stops():
+                break
 
     def _stops(self) -> bool:
         """Whether the only robot's step ends before its time."""
@@ -352,9 +351,9 @@ class Fleet:
         return bool(self.view.diverged[0]) or any(getattr(self.view, name)[0] > most for name, most in limits.items())
 
     @property
-    def _regards(self) -> bool:
-        """Whether the engine's step ends before errors are known: Python has a part in references or commands."""
-        return self._refers or (self.commander is not None and self.kind == "hover")
+    def _after(self) -> str:
+        """What the engine does once Python has had its part in references or commands: flights count errors then."""
+        return "regard" if self.kind == "hover" else "show"
 
     def _rate(self, rows: Any) -> None:  # noqa: ANN401 - all robots, or some by number
         """Rewards, failures and ends of robots that have moved; the next episodes of those at an end."""
@@ -460,17 +459,16 @@ class Fleet:
 
     def refer(self) -> None:
         """Let a controller in Python know what has changed about what it is to do."""
-        if self._regards and not self._refers:
+        if self.commander is not None and self.kind == "hover" and not self._refers:
             self._run("refer", None)
 
     def _refer(self) -> None:
         """Say what the robots are to do now where Python has a part in it: the schedule first, then the task."""
-        if not self._regards:
+        self.refer()
+        if not self._refers:
             return
         task: Any = self.task
         self._run("refer", None)
-        if not self._refers:
-            return
         self._schedule()
         self.robots["reference"] = self._checked_reference(task.reference(self.view))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from spidar_gym.native.quantities import CourseQuantities, CrawlQuantities, Hove
 from spidar_gym.robot import N_LEGS
 
 
+@runtime_checkable
 class Simulated(Protocol):
     """Robots in the engine, as far as a task may know them."""
 

@@ -47,10 +47,10 @@ def hostile(base, method, value):
 
 
 @pytest.mark.parametrize("method", ["terms", "failed", "succeeded", "observe", "draw", "reference", "preview"])
-@pytest.mark.parametrize(("name", "base"), [(HOVER, FlightTask), (CRAWL, WalkTask)], ids=["hover", "crawl"])
+@pytest.mark.parametrize(("name", "base"), [(HOVER, HoverTask), (CRAWL, CrawlTask)], ids=["hover", "crawl"])
 def test_an_answer_of_any_kind_is_finite_or_refused_with_task_and_method(monkeypatch, rng, tries, name, base, method):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    if base is WalkTask and method in ("reference", "preview"):
+    if base is CrawlTask and method in ("reference", "preview"):
         method = "terms"
     for _ in range(tries(100)):
         mode = str(rng.choice(["NextStep", "SameStep", "Disabled"]))
@@ -76,7 +76,7 @@ def test_an_answer_of_any_kind_is_finite_or_refused_with_task_and_method(monkeyp
 
 @pytest.mark.parametrize("quaternion", [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (1e-200, 0.0, 0.0, 0.0)])
 def test_a_quaternion_that_is_no_rotation_names_its_robot(quaternion):
-    class Turning(FlightTask):
+    class Turning(HoverTask):
         def reference(self, flights):
             wanted = super().reference(flights)
             wanted["quat_wb"][1] = quaternion
@@ -90,7 +90,7 @@ def test_a_quaternion_that_is_no_rotation_names_its_robot(quaternion):
 
 @pytest.mark.parametrize("given", [5, "x", {"position": 1.0}, np.zeros(3)])
 def test_a_start_that_is_none_is_refused(given):
-    class Starting(FlightTask):
+    class Starting(HoverTask):
         def start(self, rng, hover):
             return given
 
@@ -102,14 +102,14 @@ def test_a_start_that_is_none_is_refused(given):
 
 
 def test_whole_numbers_are_no_failures_and_a_lone_nan_names_its_robot():
-    numbers = hostile(FlightTask, "failed", lambda flights: np.zeros(len(flights), int))
+    numbers = hostile(HoverTask, "failed", lambda flights: np.zeros(len(flights), int))
     for make in (lambda t: gymnasium.make(HOVER, task=t), lambda t: gymnasium.make_vec(HOVER, num_envs=3, task=t)):
         env = make(numbers)
         env.reset(seed=0)
         with pytest.raises(InvalidValueError, match=r"Hostile.failed: contact = .*booleans"):
             env.step(np.zeros(env.action_space.shape or ()))
         env.close()
-    lone = hostile(FlightTask, "terms", lambda flights: np.where(np.arange(len(flights)) == 2, np.nan, 0.5))
+    lone = hostile(HoverTask, "terms", lambda flights: np.where(np.arange(len(flights)) == 2, np.nan, 0.5))
     vector = gymnasium.make_vec(HOVER, num_envs=3, task=lone)
     with pytest.raises(InvalidValueError, match=r"Hostile.terms: position .* robot 2"):
         vector.reset(seed=0)
@@ -121,4 +121,4 @@ def test_an_exception_of_a_tasks_own_goes_through():
         raise KeyError("mine")
 
     with pytest.raises(KeyError, match="mine"):
-        gymnasium.make(HOVER, task=hostile(FlightTask, "terms", own)).reset(seed=0)
+        gymnasium.make(HOVER, task=hostile(HoverTask, "terms", own)).reset(seed=0)

@@ -337,7 +337,7 @@ def test_a_masked_reset_leaves_the_other_robots_as_they_are_shown():
 # ---- a vector's own ----
 
 
-class Still(FlightTask):
+class Still(HoverTask):
     """The hover's, with another reward."""
 
     reward_terms = {"ticks": (1.0, "time")}

@@ -163,7 +163,7 @@ def test_the_options_of_a_task_are_options_of_reset(examples):
 
 
 def test_where_a_task_says_nothing_of_the_start_the_environment_draws_it_as_ever():
-    env, own = gymnasium.make(HOVER), gymnasium.make(HOVER, task=FlightTask())
+    env, own = gymnasium.make(HOVER), gymnasium.make(HOVER, task=HoverTask())
     for seed in (0, 1, None):
         assert np.array_equal(env.reset(seed=seed)[0], own.reset(seed=seed)[0])
         for action in actions_for(env, 30):
@@ -174,7 +174,7 @@ def test_where_a_task_says_nothing_of_the_start_the_environment_draws_it_as_ever
             assert info.keys() == told.keys()
 
 
-class Given(FlightTask):
+class Given(HoverTask):
     """An episode begins 30 cm too high and in motion."""
 
     def start(self, rng, hover):
@@ -198,10 +198,10 @@ def test_a_start_that_a_user_gives_goes_before_the_tasks():
     vector.close()
 
 
-def turned(rotation: np.ndarray) -> type[FlightTask]:
+def turned(rotation: np.ndarray) -> type[HoverTask]:
     """A task whose reference is turned."""
 
-    class Turned(FlightTask):
+    class Turned(HoverTask):
         def reference(self, flights):
             wanted = super().reference(flights)
             wanted["quat_wb"][:] = matrix_to_quat(exp(rotation))
@@ -252,7 +252,7 @@ def test_an_example_runs_at_four_fifths_of_the_hovers_speed(name):
 
 
 @dataclass(frozen=True)
-class Loaded(FlightTask):
+class Loaded(HoverTask):
     """Something is taken up after half a second, and put down after a second and a half."""
 
     mass: float = 1.0
@@ -355,16 +355,16 @@ def test_a_task_by_its_name_is_that_task_and_its_specification_survives_json():
     del gymnasium.registry["mine/Eight-v0"]
 
 
-class Heavy(FlightTask):
+class Heavy(HoverTask):
     reward_terms = {"position": (0.7, "")}
 
 
-class Endless(FlightTask):
+class Endless(HoverTask):
     failures = {"contact": ""}
 
 
 @dataclass(frozen=True)
-class Named(FlightTask):
+class Named(HoverTask):
     joint_speed: float = 0.2
 
 
@@ -375,18 +375,18 @@ class Braced(FlightController):
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        (HOVER, {"task": WalkTask()}, "an object of a class derived from FlightTask"),
-        (PATH, {"task": 3}, "an object of a class derived from FlightTask"),
-        (CRAWL, {"task": FlightTask()}, "an object of a class derived from WalkTask"),
-        (COURSE, {"task": FlightTask()}, "None: a course is judged by its own task"),
+        (HOVER, {"task": CrawlTask()}, "an object of a class derived from HoverTask"),
+        (PATH, {"task": 3}, "an object of a class derived from HoverTask"),
+        (CRAWL, {"task": HoverTask()}, "an object of a class derived from CrawlTask"),
+        (COURSE, {"task": HoverTask()}, "None: a course is judged by its own task"),
         (HOVER, {"task": Heavy()}, "weights that add up to 1"),
         (HOVER, {"task": Endless}, "diverged among them"),
         (HOVER, {"task": Named(), "joint_speed": 0.3}, "options are not called joint_speed"),
         (HOVER, {"task": "nowhere:Task"}, r"module:Class of a task that Python finds \(No module named 'nowhere'\)"),
         (HOVER, {"task": "payload:Nobody"}, "module:Class of a task that Python finds"),
         (HOVER, {"task": "payload"}, "module:Class of a task that Python finds"),
-        (HOVER, {"task": FlightTask(), "law": Braced}, "None beside a law, an allocator"),
-        (HOVER, {"task": FlightTask(), "control": "python"}, "None beside a law, an allocator"),
+        (HOVER, {"task": HoverTask(), "law": Braced}, "None beside a law, an allocator"),
+        (HOVER, {"task": HoverTask(), "control": "python"}, "None beside a law, an allocator"),
     ],
     ids=lambda value: "" if isinstance(value, dict) else str(value)[:20],
 )  # fmt: skip
@@ -400,7 +400,7 @@ def test_what_is_no_task_for_an_environment_is_refused_in_one_line(monkeypatch, 
         assert "\n" not in str(error.value)
 
 
-class Watched(FlightTask):
+class Watched(HoverTask):
     fields = (Field("height", 1, 2.0, "m", ""), Field("way", 2, 1.0, "m", ""))
 
     def observe(self, flights):
@@ -422,7 +422,7 @@ def test_fields_are_seen_behind_all_else_within_their_bounds():
         assert np.array_equal(seen[:size], plain.step(action)[0])
     assert [f.name for f in env.unwrapped.layout[-2:]] == ["height", "way"]
     with pytest.raises(InvalidValueError, match="one with the fields of now"):
-        env.reset(options={"task": FlightTask()})
+        env.reset(options={"task": HoverTask()})
     assert np.array_equal(env.step(np.zeros(6))[0][:size], plain.step(np.zeros(6))[0])
 
 
@@ -444,7 +444,7 @@ def test_fields_of_another_shape_are_refused_in_one_line(monkeypatch, shown, wor
 
 
 def test_a_crawl_has_tasks_of_ones_own_too():
-    class Far(WalkTask):
+    class Far(CrawlTask):
         fields = (Field("height", 1, 2.0, "m", "of the torso"),)
 
         def observe(self, walks):

@@ -135,7 +135,7 @@ def test_what_was_drawn_of_an_episode_is_told_at_its_end_and_of_those_alone_that
     own.close()
 
 
-class Standing(FlightTask):
+class Standing(HoverTask):
     """A task of two terms."""
 
     reward_terms = {"calm": (0.5, "1"), "still": (0.5, "0")}

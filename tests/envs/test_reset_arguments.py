@@ -167,7 +167,7 @@ def test_what_a_vector_was_told_before_stays():
         assert all(np.array_equal(single.step(np.zeros(6))[0], step[k]) for step in steps)
 
 
-class Still(FlightTask):
+class Still(HoverTask):
     """The hover, by its own page."""
 
 

@@ -22,7 +22,7 @@ from spidar_gym.tasks.task import length, tolerance
 MODES = ("NextStep", "SameStep", "Disabled")
 
 
-class Circles(FlightTask):
+class Circles(HoverTask):
     """A task with a memory, draws and a setting of its own."""
 
     memory = (("radius", "f8"), ("gone", "f8", (2,)))
@@ -48,7 +48,7 @@ class Circles(FlightTask):
         return {"position": tolerance(off, 0.05), "radius": flights.memory["radius"]}
 
 
-class Wanders(WalkTask):
+class Wanders(CrawlTask):
     """A crawl's task with a memory."""
 
     memory = (("asked", "f8"),)

@@ -39,7 +39,7 @@ def assert_alike(one, other):
 @pytest.mark.parametrize(("case", "mode"), [*zip(FLIGHTS, cycle(MODES), strict=False)])
 def test_the_hovers_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
     options: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 40, **FLIGHTS[case]}
-    vectors: list[Any] = [NativeVectorEnv(HOVER, 3, task=task, **options) for task in (None, FlightTask())]
+    vectors: list[Any] = [NativeVectorEnv(HOVER, 3, task=task, **options) for task in (None, HoverTask())]
     built_in, page = vectors
     (seen, info), (expected, known) = page.reset(seed=7), built_in.reset(seed=7)
     rng, size = np.random.default_rng(8), 0.05 if case == "alone" else 0.5
@@ -61,7 +61,7 @@ def test_the_hovers_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
 
 def test_the_hovers_page_judges_forms_and_success_as_the_one_in_c_does():
     options: dict[str, Any] = {"forms": "equal", "joint_speed": 0.6, "horizon_s": 6.0, "autoreset_mode": "SameStep"}
-    built_in, page = (NativeVectorEnv(HOVER, 4, task=task, **options) for task in (None, FlightTask()))
+    built_in, page = (NativeVectorEnv(HOVER, 4, task=task, **options) for task in (None, HoverTask()))
     page.reset(seed=3)
     built_in.reset(seed=3)
     for tick in range(241):
@@ -88,7 +88,7 @@ WALKS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize(("case", "mode"), [*zip(WALKS, cycle(MODES), strict=False)])
 def test_the_crawls_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
     options: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 60, **WALKS[case]}
-    vectors: list[Any] = [NativeVectorEnv(CRAWL, 3, task=task, **options) for task in (None, WalkTask())]
+    vectors: list[Any] = [NativeVectorEnv(CRAWL, 3, task=task, **options) for task in (None, CrawlTask())]
     built_in, page = vectors
     (seen, info), (expected, known) = page.reset(seed=7), built_in.reset(seed=7)
     rng = np.random.default_rng(8)
@@ -111,7 +111,7 @@ def test_the_crawls_page_in_numpy_is_the_one_in_c_tick_by_tick(case, mode):
 @pytest.mark.slow
 def test_the_crawls_page_judges_success_as_the_one_in_c_does():
     options: dict[str, Any] = {"distance": 0.3, "autoreset_mode": "SameStep", "horizon_s": 45.0}
-    built_in, page = (NativeVectorEnv(CRAWL, 4, num_threads=2, task=task, **options) for task in (None, WalkTask()))
+    built_in, page = (NativeVectorEnv(CRAWL, 4, num_threads=2, task=task, **options) for task in (None, CrawlTask()))
     page.reset(seed=3)
     built_in.reset(seed=3)
     size, won = len(built_in.single_action_space.sample()), False
@@ -133,7 +133,7 @@ def test_the_crawls_page_judges_success_as_the_one_in_c_does():
 def test_the_crawls_page_ends_an_episode_as_the_one_in_c_does(monkeypatch, word, bound, value):
     """Legs thrown about without thrust, within bounds so narrow that each is the first that is left."""
     options: dict[str, Any] = {"autoreset_mode": "SameStep", "max_episode_steps": 80, "action_mode": "direct"}
-    built_in, page = (NativeVectorEnv(CRAWL, 6, task=task, **options) for task in (None, WalkTask()))
+    built_in, page = (NativeVectorEnv(CRAWL, 6, task=task, **options) for task in (None, CrawlTask()))
     if bound:
         monkeypatch.setattr(walks, bound, value)
         for vector in (built_in, page):
@@ -150,7 +150,7 @@ def test_the_crawls_page_ends_an_episode_as_the_one_in_c_does(monkeypatch, word,
         assert np.array_equal(cut, due)
         assert_alike(info, known)
         if found.any():
-            over |= {list(WalkTask.failures)[code] for code in info["final_info"]["failure_code"][found]}
+            over |= {list(CrawlTask.failures)[code] for code in info["final_info"]["failure_code"][found]}
     assert word in over
     page.close()
     built_in.close()
@@ -163,7 +163,7 @@ STROLL_TERMS = {
 STROLL_FAILURES = {"idle": "the torso has been slower than 2 cm/s for a second", "diverged": "no longer finite"}
 
 
-class Stroll(WalkTask):
+class Stroll(CrawlTask):
     """Keep the torso moving."""
 
     reward_terms, failures = STROLL_TERMS, STROLL_FAILURES
@@ -218,7 +218,7 @@ FAILURES = {
 }
 
 
-class Circles(FlightTask):
+class Circles(HoverTask):
     """Fly circles of a drawn radius, one in 12 s; too low is over."""
 
     reward_terms, failures = TERMS, FAILURES
@@ -422,7 +422,7 @@ def test_a_task_that_does_not_fit_is_refused_in_one_line():
             env.reset(seed=0)
         assert "\n" not in str(error.value)
         env.close()
-    with pytest.raises(InvalidValueError, match="WalkTask"):
+    with pytest.raises(InvalidValueError, match="CrawlTask"):
         NativeVectorEnv(CRAWL, 1, task=Circles())
 
 

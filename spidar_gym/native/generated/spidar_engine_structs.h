@@ -351,7 +351,7 @@ typedef struct {
     double strength; /* of the randomisation, 0 … 1 */
     int64_t horizon; /* ticks of an episode; success is judged there */
     int32_t truncates, autoreset; /* whether it ends there; sp_autoreset */
-    int32_t is_commanded, is_referred; /* whether a controller in Python commands; whether references are Python's */
+    int32_t is_commanded, is_referred; /* whether commands are Python's; whether references are */
     int32_t is_advised; /* whether the controller says what it would do where an action goes past it */
 } sp_rules;
 

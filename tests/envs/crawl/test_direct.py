@@ -68,7 +68,7 @@ def test_the_classical_commands_replayed_without_a_gait_are_a_success(control):
 
 def test_the_page_in_numpy_finishes_a_crawl_without_a_gait_in_the_same_tick():
     ways = []
-    for task in (None, WalkTask()):
+    for task in (None, CrawlTask()):
         vector = NativeVectorEnv(CRAWL, 1, task=task, **SHORT, action_mode="direct", autoreset_mode="Disabled")
         vector.reset(seed=0)
         told = [vector.step(action[None]) for action in classical()[0]]

@@ -65,7 +65,7 @@ def test_a_success_needs_every_error_below_5_cm_and_50_mrad_rms(axis):
     unit = np.eye(6)[axis]
     cases = (([0.049] * 10, True), ([0.051] * 10, False), ([0.0, 0.06] * 5, True), ([0.0] * 9 + [1.0], False))
     for errors, success in cases:
-        progress = Progress([FormGoal(0.0, 0.0, FORMS["form1"])])
+        progress = FlightProgress([FormGoal(0.0, 0.0, FORMS["form1"])])
         for error in errors:
             assert not progress.succeeded(10)
             progress.ticks += 1
@@ -79,7 +79,7 @@ def test_a_success_needs_every_error_below_5_cm_and_50_mrad_rms(axis):
 )
 def test_a_form_is_reached_when_every_joint_is_within_50_mrad_half_a_second_after_its_deadline(late, off, success):
     target = np.zeros(16)
-    progress = Progress([FormGoal(0.0, 0.0, np.ones(16)), FormGoal(0.5, 1.0, target)])
+    progress = FlightProgress([FormGoal(0.0, 0.0, np.ones(16)), FormGoal(0.5, 1.0, target)])
     for tick in range(1, 101):
         joints = target + (off if tick == 40 + late else 0.3) * np.eye(16)[7]
         progress.ticks += 1

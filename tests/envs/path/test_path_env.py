@@ -116,7 +116,7 @@ def test_the_engine_flies_as_the_readable_environment_does(options):
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 def test_the_page_in_numpy_is_the_one_in_c(mode):
     options: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 60, "horizon_s": 20.0, **FAST}
-    page, built_in = (NativeVectorEnv(PATH, 4, task=task, **options) for task in (FlightTask(), None))
+    page, built_in = (NativeVectorEnv(PATH, 4, task=task, **options) for task in (HoverTask(), None))
     (seen, _), (expected, _) = page.reset(seed=7), built_in.reset(seed=7)
     for _ in range(130):
         np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-6)
