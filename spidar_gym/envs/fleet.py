@@ -112,7 +112,8 @@ class Fleet:
         codes = list(task.failures)
         self._codes = np.array([codes.index(word) for word in ("diverged", *self._words)])
         self._weights = np.array([weight for weight, _ in task.reward_terms.values()])
-        self._failed = np.zeros((len(self._codes), robots), bool)
+        self._failed, self._never = np.zeros((len(self._codes), robots), bool), np.zeros(robots, bool)
+        self._rewards, self._shape = np.zeros(robots), (robots,)
         self._advances, self._draws = task.overrides("advance"), task.overrides("draw")
         self._tells = type(task).tell is not Task.tell
         self._starts = hasattr(task, "start") and task.overrides("start")
@@ -304,8 +305,10 @@ class Fleet:
         if self.commander is not None:
             self.commander.look()
             self._run(self._after, chosen)
-        self.terms[chosen] = self._terms()[chosen]
-        self.rewards[chosen] = 0.0
+        terms = self._terms()
+        if self.task.is_own:
+            self._require_finite(terms, self.rewards)
+        self.terms[chosen], self.rewards[chosen] = terms[chosen], 0.0
         self.terminated[chosen] = self.truncated[chosen] = False
         self._tell()
         self._observe(chosen)
@@ -321,13 +324,28 @@ class Fleet:
         Raises:
             SpidarError: For a robot that MuJoCo cannot put where its next episode begins.
         """
+        rows = slice(None) if ids is None else ids
+        if self._is_plain and len(self.robots) == 1:
+            try:
+                self._run("step", ids)
+                self._rate(rows)
+            except KeyboardInterrupt:
+                self._rate(rows)  # it may have come between the two, and a second time changes nothing
+                raise
+            return
         with whole():  # the engine ends its part for all robots before Ctrl-C is answered, and so does the task
-            if self._starts and self._autoreset.flat[0] == AUTORESETS.index("next_step"):
+            if self._starts and self._autoreset.flat[0] == _NEXT_STEP:
                 self._say_starts(np.flatnonzero(self._episode["over"]))
             self._move(ids)
-            self._rate(slice(None) if ids is None else ids)
+            with np.errstate(over="ignore", invalid="ignore"):  # a sum of terms that is no number is refused in words
+                self._rate(rows)
             if self.commander is not None:
                 self.commander.observe()
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether no code of a user's has a part in a step."""
+        return self.commander is None and not self.task.is_own
 
     def _move(self, ids: np.ndarray | None) -> None:
         """Let robots move for a step; a controller in Python commands every control period of it."""
@@ -361,36 +379,45 @@ class Fleet:
         if self._advances:
             task.advance(view)
         np.not_equal(view.diverged, 0.0, out=failed[0])
-        found = self._rows(task.failed(view), self._words, "failed", "?")
-        for k, mask in enumerate(found):
-            failed[k + 1] = mask
-        fails = failed.any()
-        terms = self._terms()
-        if fails and failed[0].any():
+        for k, mask in enumerate(self._rows(task.failed(view), self._words, "failed", "?"), 1):
+            failed[k] = mask
+        terms, rewards = self._terms(), self._rewards
+        terminated, truncated, begun = self._never, self._never, _NONE
+        if np.count_nonzero(failed):
+            terminated = np.logical_or.reduce(failed)
             terms[failed[0]] = 0.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            rewards = np.add.reduce(terms * self._weights, axis=1)
-        if not math.isfinite(rewards.sum()):
-            require_finite(f"{self._name}: sum of terms", rewards, view.diverged)
-        succeeded = checked_array(f"{self._name}.succeeded", task.succeeded(view), rewards.shape, "?")
-        terminated = np.logical_or.reduce(failed) if fails else np.zeros(rewards.shape, bool)
-        truncated: Any = (view.ticks >= self._horizon) & (self._truncates != 0)
+        np.add.reduce(terms * self._weights, axis=1, out=rewards)
+        if not math.isfinite(np.add.reduce(rewards)):
+            self._require_finite(terms, rewards)
+        succeeded = task.succeeded(view)
+        if not (type(succeeded) is np.ndarray and succeeded.dtype.char == "?" and succeeded.shape == self._shape):
+            succeeded = checked_array(f"{self._name}.succeeded", succeeded, self._shape, "?")
+        if np.count_nonzero(self._truncates):
+            truncated = (view.ticks >= self._horizon) & (self._truncates != 0)
         way = self._autoreset.flat[0]
-        begun = np.flatnonzero(self.begun) if way == _NEXT_STEP else _NONE
-        if begun.size:
-            terminated[begun], truncated[begun], rewards[begun], succeeded[begun] = False, False, 0.0, False
+        if way == _NEXT_STEP and np.count_nonzero(self.begun):
+            begun = np.flatnonzero(self.begun)
+            terminated, truncated, succeeded = terminated & ~self.begun, truncated & ~self.begun, succeeded & ~self.begun
+            rewards[begun] = 0.0
         self.terms[rows], self.rewards[rows] = terms[rows], rewards[rows]
         self.terminated[rows], self.truncated[rows] = terminated[rows], truncated[rows]
         over = terminated | truncated
-        if over.any() or self._was_over:
+        ends = np.count_nonzero(over) > 0
+        if ends or self._was_over:
             self._note_ends(rows, terminated, truncated, over, begun)
         self._go_on(begun)
-        if succeeded.any():
+        if np.count_nonzero(succeeded):
             self._success[rows] = (succeeded & ~terminated)[rows]
         self._tell()
         self._observe()
-        if way == _SAME_STEP and over.any():
+        if ends and way == _SAME_STEP:
             self._begin_anew(np.flatnonzero(over) if isinstance(rows, slice) else rows[over[rows]])
+
+    def _require_finite(self, terms: np.ndarray, rewards: np.ndarray) -> None:
+        """Refuse terms, and their sum, that are no numbers for robots that have not diverged."""
+        for k, name in enumerate(self._names):
+            require_finite(f"{self._name}.terms: {name}", terms[:, k], self.view.diverged)
+        require_finite(f"{self._name}: sum of terms", rewards, self.view.diverged)
 
     def _go_on(self, begun: np.ndarray) -> None:
         """Say what robots are to do in the next step, and how those begin whose next episode has."""
@@ -511,9 +538,6 @@ class Fleet:
         terms = np.empty((len(self.robots), len(found)))
         for k, values in enumerate(found):
             terms[:, k] = values
-        if not math.isfinite(terms.sum()) and not np.isfinite(terms).all():
-            for name, values in zip(self._names, found, strict=True):
-                require_finite(f"{self._name}.terms: {name}", values.astype(float), self.view.diverged)
         return terms
 
     def _tell(self) -> None:
@@ -559,18 +583,17 @@ class Fleet:
     def _rows(self, given: Any, names: list[str], method: str, kinds: str) -> list[np.ndarray]:  # noqa: ANN401 - a user's
         """What a task gives by name, an entry for every robot each, in the order of its table."""
         self._require_names(given, names, method)
-        shape, rows = self.rewards.shape, []
-        for name in names:
-            values = given[name]
-            if not (type(values) is np.ndarray and values.shape == shape and values.dtype.char in kinds):
-                values = checked_array(f"{self._name}.{method}: {name}", values, shape, kinds)
-            rows.append(values)
+        rows = [given[name] for name in names]
+        for k, values in enumerate(rows):
+            if not (type(values) is np.ndarray and values.shape == self._shape and values.dtype.char in kinds):
+                rows[k] = checked_array(f"{self._name}.{method}: {names[k]}", values, self._shape, kinds)
         return rows
 
     def _require_names(self, given: Any, names: list[str], method: str) -> None:  # noqa: ANN401 - a user's
-        if not isinstance(given, dict) or len(given) != len(names) or any(name not in given for name in names):
-            expected = f"a dictionary with an array for each of {', '.join(names)}"
-            raise InvalidValueError(f"{self._name}.{method}", given, expected)
+        if type(given) is dict and given.keys() == {*names}:
+            return
+        expected = f"a dictionary with an array for each of {', '.join(names)}"
+        raise InvalidValueError(f"{self._name}.{method}", given, expected)
 
     def _run(self, job: str, ids: np.ndarray | None, at_once: int | None = None) -> None:
         failed = self.engine.run(f"sp_{job}_{self.kind}s", ids, at_once=at_once)
