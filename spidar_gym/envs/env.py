@@ -152,6 +152,7 @@ class SpidarEnv(
         self._now: dict[str, Any] = {}
         self.ticks = 0
         self._began = False
+        self._made = self.task, self._nominal
         if not self._is_bare:
             self._furnish()
 
@@ -198,6 +199,7 @@ class SpidarEnv(
         return self.plant.state() if name == "state" else single.look(self.fleet, name)
 
     @property
+    @in_turn
     def command(self) -> Command:
         """The last command (`SpidarError` before the first step)."""
         if not self.ticks:

@@ -133,8 +133,8 @@ class Fleet:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Become a copy with a memory of its own."""
         share, numbers = state.pop("share"), state.pop("numbers")
-        self._share(*share)
         vars(self).update(state)
+        self._share(*share)
         for name, content in numbers.items():
             write(getattr(self, name), content)
 
@@ -381,14 +381,10 @@ class Fleet:
         np.not_equal(view.diverged, 0.0, out=failed[0])
         for k, mask in enumerate(self._rows(task.failed(view), self._words, "failed", "?"), 1):
             failed[k] = mask
-        terms, rewards = self._terms(), self._rewards
         terminated, truncated, begun = self._never, self._never, _NONE
         if np.count_nonzero(failed):
             terminated = np.logical_or.reduce(failed)
-            terms[failed[0]] = 0.0
-        np.add.reduce(terms * self._weights, axis=1, out=rewards)
-        if not math.isfinite(np.add.reduce(rewards)):
-            self._require_finite(terms, rewards)
+        terms, rewards = self._reward(failed[0])
         succeeded = task.succeeded(view)
         if not (type(succeeded) is np.ndarray and succeeded.dtype.char == "?" and succeeded.shape == self._shape):
             succeeded = checked_array(f"{self._name}.succeeded", succeeded, self._shape, "?")
@@ -396,8 +392,8 @@ class Fleet:
             truncated = (view.ticks >= self._horizon) & (self._truncates != 0)
         way = self._autoreset.flat[0]
         if way == _NEXT_STEP and np.count_nonzero(self.begun):
-            begun = np.flatnonzero(self.begun)
-            terminated, truncated, succeeded = terminated & ~self.begun, truncated & ~self.begun, succeeded & ~self.begun
+            begun, go_on = np.flatnonzero(self.begun), ~self.begun
+            terminated, truncated, succeeded = terminated & go_on, truncated & go_on, succeeded & go_on
             rewards[begun] = 0.0
         self.terms[rows], self.rewards[rows] = terms[rows], rewards[rows]
         self.terminated[rows], self.truncated[rows] = terminated[rows], truncated[rows]
@@ -412,6 +408,16 @@ class Fleet:
         self._observe()
         if ends and way == _SAME_STEP:
             self._begin_anew(np.flatnonzero(over) if isinstance(rows, slice) else rows[over[rows]])
+
+    def _reward(self, diverged: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Terms (N, k) and rewards (N,); both are 0 for a robot that has diverged."""
+        terms, rewards = self._terms(), self._rewards
+        if np.count_nonzero(diverged):
+            terms[diverged] = 0.0
+        np.add.reduce(terms * self._weights, axis=1, out=rewards)
+        if not math.isfinite(np.add.reduce(rewards)):
+            self._require_finite(terms, rewards)
+        return terms, rewards
 
     def _require_finite(self, terms: np.ndarray, rewards: np.ndarray) -> None:
         """Refuse terms, and their sum, that are no numbers for robots that have not diverged."""

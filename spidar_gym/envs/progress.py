@@ -61,7 +61,7 @@ class FlightProgress:
     def plan(self) -> JointVector:
         """Joint angles of the schedule now: straight lines from form to form [rad]."""
         goal = self.goal
-        if self.current == 0 or self.time >= goal.deadline:
+        if self.current == 0 or self.time >= goal.deadline or goal.deadline <= goal.start:
             return goal.joint_target
         start = self.goals[self.current - 1].joint_target
         return start + (self.time - goal.start) / (goal.deadline - goal.start) * (goal.joint_target - start)

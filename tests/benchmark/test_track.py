@@ -11,11 +11,11 @@ from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS
 from spidar_gym.benchmark.track import CAP, REFERENCES, course_error, find_track, flight_error, ground_error
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.course import task as course
 from spidar_gym.envs.progress import CrawlProgress
 from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.tasks import course
 from spidar_gym.tasks.hover import SUCCESS_ATTITUDE, SUCCESS_POSITION
 
 IDS = [

@@ -23,7 +23,7 @@ from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import TABLE
 from spidar_gym.so3 import quat_to_matrix
-from spidar_gym.tasks.hover import REWARD_TERMS, SEQUENCES, hover_height
+from spidar_gym.tasks.hover import SEQUENCES, HoverTask, hover_height
 
 HOVERS = [(HOVER, mode) for mode in ACTION_MODES]
 
@@ -145,12 +145,13 @@ def test_reward_and_terms_lie_within_0_and_1_and_the_weighted_terms_are_the_rewa
     for steps in rollouts(name, mode):
         for _, reward, _, info in steps[1:]:
             terms = {key: value for key, value in info.items() if key.startswith("reward_")}
-            assert set(terms) == {f"reward_{term}" for term in REWARD_TERMS}
+            assert set(terms) == {f"reward_{term}" for term in HoverTask.reward_terms}
             assert all(0.0 <= value <= 1.0 for value in (reward, *terms.values()))
-            assert abs(reward - sum(weight * info[f"reward_{t}"] for t, (weight, _) in REWARD_TERMS.items())) < 1e-12
+            weights = {t: weight for t, (weight, _) in HoverTask.reward_terms.items()}
+            assert abs(reward - sum(weight * info[f"reward_{t}"] for t, weight in weights.items())) < 1e-12
             seen.add(reward)
     assert len(seen) > 60
-    assert abs(sum(weight for weight, _ in REWARD_TERMS.values()) - 1.0) < 1e-12
+    assert abs(sum(weight for weight, _ in HoverTask.reward_terms.values()) - 1.0) < 1e-12
 
 
 @pytest.mark.parametrize(("name", "mode"), HOVERS)
@@ -208,7 +209,7 @@ def test_infos_have_the_same_keys_and_shapes_at_reset_at_every_step_and_when_div
         **dict.fromkeys(("total_thrust", "qp_status", "qp_iterations", "qp_slack", "is_success", "failure"), ()),
         **dict.fromkeys(("power_w", "energy_wh", "endurance_min"), ()),
         **dict.fromkeys(("cost", "cost_contact", "cost_torque", "cost_duct", "cost_blown"), ()),
-        **dict.fromkeys([f"reward_{term}" for term in REWARD_TERMS], ()),
+        **dict.fromkeys([f"reward_{term}" for term in HoverTask.reward_terms], ()),
     }
 
 

@@ -20,15 +20,15 @@ from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.native.mujoco import STATE
 from spidar_gym.native.plant import Plant
 from spidar_gym.sim import violations
-from spidar_gym.tasks.crawl import CRAWL_FAILURES, CRAWL_REWARD_TERMS
-from spidar_gym.tasks.hover import FAILURES, REWARD_TERMS
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
 
 pytestmark = pytest.mark.slow
 STATES = int(os.environ.get("SPIDAR_STATES", "200"))
 EPISODE = 400
 """Ticks after which the next episode begins."""
-FLIGHT = (HoverEnv, HOVER, REWARD_TERMS, FAILURES, 0.3)
-GROUND = (CrawlEnv, CRAWL, CRAWL_REWARD_TERMS, CRAWL_FAILURES, 0.2)
+FLIGHT = (HoverEnv, HOVER, HoverTask.reward_terms, HoverTask.failures, 0.3)
+GROUND = (CrawlEnv, CRAWL, CrawlTask.reward_terms, CrawlTask.failures, 0.2)
 REAL: dict[str, Any] = {"randomization": 1.0, "sensors": True}
 TOLERANCE = 1e-9
 """Of 1 or the number itself, whichever is more; what contacts amplify in a tick included."""

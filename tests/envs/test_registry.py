@@ -1,7 +1,6 @@
 """Pins the registered environments: specs that survive being written down, and vectors that fly like single ones."""
 
 import copy
-import importlib
 import json
 import pickle
 import subprocess
@@ -15,7 +14,7 @@ from support.episodes import HOVER, ROUGH, actions_of, assert_same, flight, make
 
 import spidar_gym
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.envs.vector import KINDS
 
 
 def row_of(info, i):
@@ -119,16 +118,29 @@ def test_without_gymnasium_its_import_fails_as_always_and_the_package_works():
     assert done.stdout.split() == ["ModuleNotFoundError"]
 
 
-@pytest.mark.parametrize(
-    ("name", "page", "table"),
-    [("Hover-v0", "hover", "REWARD_TERMS"), ("Path-v0", "hover", "REWARD_TERMS"),
-     ("Crawl-v0", "crawl", "CRAWL_REWARD_TERMS"), ("Course-v0", "course", "COURSE_REWARD_TERMS")],
-)  # fmt: skip
-def test_a_term_that_the_engine_does_not_compute_is_refused_in_one_line(monkeypatch, name, page, table):
-    """The guide's recipe for a reward term, followed to the letter."""
-    module = importlib.import_module(f"spidar_gym.envs.{page}.task")
-    monkeypatch.setattr(module, table, {**getattr(module, table), "own": (0.0, "1")})
-    for making in (gymnasium.make, lambda known: gymnasium.make_vec(known, num_envs=2)):
-        with pytest.raises(InvalidValueError, match=r'reward_terms = .*own.* control="python"') as error:
-            making(f"spidar_gym/{name}")
-        assert "\n" not in str(error.value)
+@pytest.mark.parametrize("control", ["core", "python", "vector"])
+@pytest.mark.parametrize("name", ["Hover-v0", "Path-v0", "Crawl-v0", "Course-v0"])
+def test_a_reward_term_that_is_added_to_a_page_works_everywhere_at_once(monkeypatch, name, control):
+    """The guide's recipe for a reward term, followed to the letter: one file is edited."""
+    kind = KINDS[f"spidar_gym/{name}"].task_type
+    page = next(each for each in kind.__mro__ if "terms" in vars(each))
+    own = page.terms
+    weights = {term: (0.9 * weight, text) for term, (weight, text) in page.reward_terms.items()}
+    monkeypatch.setattr(page, "reward_terms", {**weights, "calm": (0.1, "1 / (1 + P / 1000 W)")})
+    calmness = lambda robots: {"calm": 1.0 / (1.0 + robots.power / 1e3)}  # noqa: E731 - as a page has it
+    monkeypatch.setattr(page, "terms", lambda task, robots: own(task, robots) | calmness(robots))
+    if control == "vector":
+        vector = gymnasium.make_vec(f"spidar_gym/{name}", num_envs=2)
+        vector.reset(seed=0)
+        *_, info = vector.step(np.zeros(vector.action_space.shape))
+        calm, power = info["reward_calm"][1], info["power_w"][1]
+        assert info["term"].shape == (2, len(weights) + 1)
+        vector.close()
+    else:
+        env = gymnasium.make(f"spidar_gym/{name}", control=control)
+        env.reset(seed=0)
+        _, reward, *_, info = env.step(np.zeros(env.action_space.shape))
+        calm, power = info["reward_calm"], info["power_w"]
+        terms = {**weights, "calm": (0.1, "")}
+        assert reward == pytest.approx(sum(w * info[f"reward_{term}"] for term, (w, _) in terms.items()), abs=1e-12)
+    assert calm == pytest.approx(1.0 / (1.0 + power / 1e3), abs=1e-12)

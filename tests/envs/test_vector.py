@@ -13,8 +13,8 @@ from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownArgumentError, UnknownNameError
 from spidar_gym.native.draws import to_numpy
-from spidar_gym.tasks.crawl import CRAWL_FAILURES, CRAWL_REWARD_TERMS
-from spidar_gym.tasks.hover import FAILURES, REWARD_TERMS
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
 
 CRAWLS = {
     "published": {},
@@ -68,13 +68,13 @@ def compare(kind, name, terms, failures, options, ticks, size, tolerance, seed=7
 @pytest.mark.parametrize("case", FLIGHTS)
 def test_a_flight_is_that_of_the_readable_environment(case):
     size = 0.05 if case == "alone" else 0.4
-    compare(HoverEnv, HOVER, REWARD_TERMS, FAILURES, FLIGHTS[case], 60, size, 1e-9)
+    compare(HoverEnv, HOVER, HoverTask.reward_terms, HoverTask.failures, FLIGHTS[case], 60, size, 1e-9)
 
 
 @pytest.mark.parametrize("case", CRAWLS)
 def test_a_crawl_is_that_of_the_readable_environment(case):
     # Contacts amplify what the last bits of sums are: the air's and the sensors' run in another order.
-    compare(CrawlEnv, CRAWL, CRAWL_REWARD_TERMS, CRAWL_FAILURES, CRAWLS[case], 50, 0.2, 1e-8, SEEDS.get(case, 7))
+    compare(CrawlEnv, CRAWL, CrawlTask.reward_terms, CrawlTask.failures, CRAWLS[case], 50, 0.2, 1e-8, SEEDS.get(case, 7))
 
 
 def content(record):
@@ -167,7 +167,7 @@ def test_a_robot_that_fails_or_diverges_moves_nobody_else():
         seen, rewards, terminated, _, info = vector.step(np.array([a[tick] for a in actions]))
         if tick == 5:
             assert terminated[1]
-            assert info["failure_code"][1] == list(FAILURES).index("diverged")
+            assert info["failure_code"][1] == list(HoverTask.failures).index("diverged")
             assert rewards[1] == 0.0
             assert not seen[1].any()
             assert np.isfinite(info["position_error"]).all()

@@ -15,10 +15,10 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.native import engine
 from spidar_gym.native.engine_structs import N_DOFS
 from spidar_gym.native.mujoco import member_offsets
-from spidar_gym.tasks.crawl import CRAWL_FAILURES
-from spidar_gym.tasks.hover import FAILURES
+from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.hover import HoverTask
 
-DIVERGED = {HOVER: list(FAILURES).index("diverged"), CRAWL: list(CRAWL_FAILURES).index("diverged")}
+DIVERGED = {HOVER: list(HoverTask.failures).index("diverged"), CRAWL: list(CrawlTask.failures).index("diverged")}
 
 
 @pytest.fixture

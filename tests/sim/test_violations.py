@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER
-from spidar_gym.native.engine_structs import COURSE_FAILURES
 from spidar_gym.sim.violations import AT_LIMIT, BLOWN_FACTOR, COSTS, VIOLATIONS, costs
+from spidar_gym.tasks.course import CourseTask
 
 KEYS = ("cost", *(f"cost_{name}" for name in COSTS))
 DIRECT = {"action_mode": "direct"}
@@ -106,7 +106,7 @@ def test_of_a_step_of_several_periods_the_worst_counts():
         action = rng.uniform(-1.0, 1.0, env.action_space.shape)
         periods = [env.step(action)[4] for _ in range(20)]
         worst.append([max(info[key] for info in periods) for key in KEYS[1:]])
-        if periods[-1]["failure"] in COURSE_FAILURES:
+        if periods[-1]["failure"] in CourseTask.failures:
             break
     assert [[info[key] for key in KEYS[1:]] for info in held[1 : 1 + len(worst)]] == worst
     assert np.max(worst) == 1.0

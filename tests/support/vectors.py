@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.crawl.phases import PHASES
-from spidar_gym.native import engine_structs
 from spidar_gym.native.library import STATUS
+from spidar_gym.tasks.crawl import SHORTFALLS
 
 DRAWN: dict[str, Any] = {
     "randomization": 1.0,
@@ -45,7 +45,7 @@ def expected(info, terms, failures):
     if "phase" in info:
         told["phase_code"] = PHASES.index(info["phase"])
         shortfalls = [word for word in info["shortfalls"].split(", ") if word]
-        told["shortfalls_code"] = sum(1 << engine_structs.SHORTFALLS.index(word) for word in shortfalls)
+        told["shortfalls_code"] = sum(1 << SHORTFALLS.index(word) for word in shortfalls)
     return told
 
 

@@ -113,7 +113,7 @@ static void plan(const sp_hover *h, const sp_goal *goals, double *q)
 {
     const sp_goal *goal = &goals[h->current];
     sp_copy(q, goal->joint_target, SP_JOINTS);
-    if (h->current == 0 || time_of(h) >= goal->deadline) return;
+    if (h->current == 0 || time_of(h) >= goal->deadline || goal->deadline <= goal->start) return;
     const double *from = goals[h->current - 1].joint_target;
     double share = (time_of(h) - goal->start) / (goal->deadline - goal->start);
     for (int j = 0; j < SP_JOINTS; j++) q[j] = from[j] + share * (goal->joint_target[j] - from[j]);

@@ -28,7 +28,7 @@ from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.ground import Touch
 from spidar_gym.state import NO_RESIDUAL
-from spidar_gym.tasks.crawl import CRAWL_FAILURES, CRAWL_REWARD_TERMS, CrawlTask, arc_astray
+from spidar_gym.tasks.crawl import CrawlTask, arc_astray
 
 CRAWL = "spidar_gym/Crawl-v0"
 SHORT = {"distance": 0.15, "direction": 0.0, "turn": 0.0, "schedule": "overlapped", "joint_speed": 0.4}
@@ -107,9 +107,9 @@ def test_random_actions_stay_within_observations_rewards_and_info(mode):
     for observation, reward, _, info in steps[1:]:
         assert observation in env.observation_space
         terms = {key: value for key, value in info.items() if key.startswith("reward_")}
-        assert set(terms) == {f"reward_{term}" for term in CRAWL_REWARD_TERMS}
+        assert set(terms) == {f"reward_{term}" for term in CrawlTask.reward_terms}
         assert all(0.0 <= value <= 1.0 for value in (reward, *terms.values()))
-        assert abs(reward - sum(w * terms[f"reward_{t}"] for t, (w, _) in CRAWL_REWARD_TERMS.items())) < 1e-12
+        assert abs(reward - sum(w * terms[f"reward_{t}"] for t, (w, _) in CrawlTask.reward_terms.items())) < 1e-12
 
 
 def test_observation_elements_that_never_change_are_those_with_a_reason():
@@ -231,7 +231,7 @@ def test_a_duct_on_the_floor_ends_the_episode():
     env.plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]), joint_position=np.zeros(16), vectoring=angles)
     assert env.plant.touch().ducts
     assert env.task.failed(env.progress, 0.0, env.plant.touch()) == "duct"
-    assert set(CRAWL_FAILURES) == {"duct", "tilt", "astray", "diverged"}
+    assert set(CrawlTask.failures) == {"duct", "tilt", "astray", "diverged"}
 
 
 def test_a_tilted_robot_has_failed():

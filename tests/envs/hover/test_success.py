@@ -6,14 +6,14 @@ import gymnasium
 import numpy as np
 import pytest
 from support.episodes import HOVER, ROUGH, actions_of, assert_same, direct, flight, make, named
+from support.pages import robots_with
 
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.actions import ACTION_MODES
-from spidar_gym.envs.progress import FlightProgress
 from spidar_gym.robot import FORMS
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.tasks.hover import HoverTask
-from spidar_gym.tasks.start import FormGoal
+from spidar_gym.tasks.robots import HoverRobots
 
 
 def test_the_paper_controller_alone_flies_the_papers_sequence_to_a_success_at_the_horizon_only():
@@ -60,37 +60,55 @@ def test_forms_reached_too_late_are_no_success_although_the_hover_is_good():
     assert results == {"slow": False, "in time": True}
 
 
-@pytest.mark.parametrize("axis", range(6))
-def test_a_success_needs_every_error_below_5_cm_and_50_mrad_rms(axis):
-    unit = np.eye(6)[axis]
-    cases = (([0.049] * 10, True), ([0.051] * 10, False), ([0.0, 0.06] * 5, True), ([0.0] * 9 + [1.0], False))
-    for errors, success in cases:
-        progress = FlightProgress([FormGoal(0.0, 0.0, FORMS["form1"])])
-        for error in errors:
-            assert not progress.succeeded(10)
-            progress.ticks += 1
-            progress.advance(error * unit[:3], -error * unit[3:], FORMS["form1"])
-        assert progress.succeeded(10) == success
-        assert not progress.succeeded(11)
+@pytest.mark.parametrize(("position", "attitude", "success"), [
+    (0.049, 0.049, True), (0.051, 0.0, False), (0.0, 0.051, False),
+])  # fmt: skip
+def test_a_success_needs_every_rms_error_below_5_cm_and_50_mrad_and_no_form_overdue(position, attitude, success):
+    known = {"ticks": 10, "position_rms": position, "attitude_rms": attitude, "overdue": 0, "horizon": 10}
+    assert HoverTask().succeeded(robots_with(HoverRobots, **known)).tolist() == [success]
+    for other in ({"horizon": 11}, {"overdue": 1}):
+        assert not HoverTask().succeeded(robots_with(HoverRobots, **known | other)).any()
 
 
-@pytest.mark.parametrize(
-    ("late", "off", "success"), [(0, 0.04, True), (19, 0.04, True), (21, 0.04, False), (0, 0.06, False)]
-)
-def test_a_form_is_reached_when_every_joint_is_within_50_mrad_half_a_second_after_its_deadline(late, off, success):
-    target = np.zeros(16)
-    progress = FlightProgress([FormGoal(0.0, 0.0, np.ones(16)), FormGoal(0.5, 1.0, target)])
-    for tick in range(1, 101):
-        joints = target + (off if tick == 40 + late else 0.3) * np.eye(16)[7]
-        progress.ticks += 1
-        progress.advance(np.zeros(3), np.zeros(3), joints)
-    assert progress.succeeded(100) == success
+@pytest.mark.parametrize("control", ["core", "python"])
+def test_rms_errors_are_those_of_all_ticks_flown(control):
+    env = make(forms="equal", control=control)
+    steps = flight(env, actions_of(env, 60), seed=3)
+    for name in ("position", "attitude"):
+        squares = [float(np.square(info[f"{name}_error"]).sum()) for *_, info in steps[1:]]
+        expected = math.sqrt(sum(squares) / len(squares))
+        assert getattr(env.fleet.view, f"{name}_rms")[0] == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_flight_that_fails_at_its_last_tick_is_no_success(monkeypatch):
-    words = iter([""] * 29 + ["tilt"])
-    monkeypatch.setattr(HoverTask, "failed", lambda *_: next(words))
-    env = make(forms="form1", horizon_s=30 / 40, control="python")
+def test_a_form_is_reached_when_every_joint_is_within_50_mrad_at_most_half_a_second_after_its_deadline():
+    env = make(horizon_s=4.0, preset="tuned")
+    first, target = FORMS["form1"], FORMS["form1"] + 0.3 * np.eye(16)[5]
+
+    def overdue(deadline):
+        goals = [[0.0, 0.0, first.tolist()], [0.5, deadline, target.tolist()]]
+        start = {"goals": goals, "position": [0.0] * 3, "rotation": [0.0] * 3}
+        env.reset(seed=0, options={"start": start})
+        arrived = math.inf
+        for _ in range(160):
+            env.step(np.zeros(6))
+            if np.abs(env.state.joint_position - target).max() <= 0.05:
+                arrived = min(arrived, env.progress.time)
+        return arrived, env.fleet.view.overdue[0]
+
+    arrival, late = overdue(2.0)
+    assert (1.5 < arrival < 2.5, late) == (True, 0.0)
+    assert overdue(arrival - 0.5 + 0.01)[1] == 0.0
+    assert overdue(arrival - 0.5 - 0.035)[1] == 1.0
+
+
+@pytest.mark.parametrize("control", ["core", "python"])
+def test_a_flight_that_fails_at_its_last_tick_is_no_success(monkeypatch, control):
+    def failed(_, robots):
+        no = np.zeros(1, bool)
+        return {"contact": no, "tilt": robots.ticks >= 30, "position": no}
+
+    monkeypatch.setattr(HoverTask, "failed", failed)
+    env = make(forms="form1", horizon_s=30 / 40, control=control)
     *_, (_, _, terminated, info) = flight(env, np.zeros((30, 6)), seed=0)
     assert terminated
     assert (info["failure"], info["is_success"]) == ("tilt", False)

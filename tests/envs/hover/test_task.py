@@ -5,9 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 from support.episodes import make
+from support.pages import robots_with
 
 from spidar_gym.robot import FORMS, ROBOT
-from spidar_gym.tasks.hover import FAILURES, SEQUENCES, HoverTask
+from spidar_gym.tasks.hover import SEQUENCES, HoverTask
+from spidar_gym.tasks.robots import HoverRobots
+from spidar_gym.tasks.start import draw_start
 
 
 def test_the_feet_of_form_3_hover_half_a_metre_above_the_floor():
@@ -20,7 +23,7 @@ def test_the_feet_of_form_3_hover_half_a_metre_above_the_floor():
 def test_the_schedule_moves_at_the_joint_speed_and_its_first_goal_is_the_start():
     for forms in SEQUENCES:
         for speed in (0.2, 0.7):
-            goals = HoverTask(forms=forms, joint_speed=speed).schedule(np.random.default_rng(3))
+            goals = draw_start(HoverTask(forms=forms, joint_speed=speed), np.random.default_rng(3)).goals
             assert (goals[0].start, goals[0].deadline) == (0.0, 0.0)
             for before, after in pairwise(goals):
                 assert after.start >= before.deadline - 1e-9
@@ -30,7 +33,7 @@ def test_the_schedule_moves_at_the_joint_speed_and_its_first_goal_is_the_start()
 
 
 def test_the_papers_sequence_leaves_form_1_at_4_seconds_and_passes_form_2_without_a_stop():
-    goals = HoverTask(forms="paper", horizon_s=40.0).schedule(np.random.default_rng(0))
+    goals = draw_start(HoverTask(forms="paper", horizon_s=40.0), np.random.default_rng(0)).goals
     for goal, form in zip(goals, ("form1", "form2", "form3"), strict=True):
         assert np.array_equal(goal.joint_target, FORMS[form])
     assert goals[1].start == 4.0
@@ -41,7 +44,7 @@ def test_the_papers_sequence_leaves_form_1_at_4_seconds_and_passes_form_2_withou
 def test_legs_are_alike_in_equal_forms_and_move_for_themselves_with_yaw_in_independent_ones():
     rng = np.random.default_rng(0)
     for forms, spread in (("equal", False), ("independent", True)):
-        goals = HoverTask(forms=forms, horizon_s=60.0).schedule(rng)
+        goals = draw_start(HoverTask(forms=forms, horizon_s=60.0), rng).goals
         legs = np.array([goal.joint_target.reshape(4, 4) for goal in goals])
         assert (np.ptp(legs, axis=1).max() > 0.1) == spread
         assert np.ptp(legs[:, :, (0, 2)]) > 0.5
@@ -60,12 +63,16 @@ def test_the_initial_offset_grows_with_the_perturbation_and_is_none_at_zero():
         assert np.all(most >= 0.5 * scale * np.array([0.03] * 3 + [0.05] * 3))
 
 
-def test_the_words_of_failure_are_the_documented_ones():
+def test_the_words_of_failure_are_the_documented_ones_and_each_has_its_limit():
     task = HoverTask()
-    near, far = np.zeros(3), np.array([0.0, 0.0, 1.1])
-    assert task.failed(near, 0.0, False) == ""
-    words = {task.failed(near, 0.0, True), task.failed(near, 1.1, False), task.failed(far, 0.0, False), "diverged"}
-    assert words == set(FAILURES)
+
+    def words(**quantities):
+        robots = robots_with(HoverRobots, **{"in_contact": 0, "tilt": 0, "distance": 0} | quantities)
+        return [word for word, is_so in task.failed(robots).items() if is_so[0]]
+
+    assert words() == words(tilt=0.99, distance=0.99) == []
+    found = {*words(in_contact=1), *words(tilt=1.01), *words(distance=1.01)}
+    assert found | {"diverged"} == set(HoverTask.failures)
 
 
 def test_every_option_of_the_task_is_an_argument_of_the_environment():

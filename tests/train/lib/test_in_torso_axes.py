@@ -13,7 +13,6 @@ from spidar_gym.benchmark.track import CRAWL, TRACKS
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import LearnedPolicy, read_artifact, write_artifact
-from spidar_gym.tasks.hover import MARGINS
 from train.lib.agent import actor_layers, set_actor
 from train.lib.config import override
 from train.lib.envs import ERRORS, Scaling, training_seed
@@ -179,9 +178,9 @@ def test_the_reward_of_a_flight_counts_far_errors_joints_and_changes(brief):
     first, second = ([robots.step(each)[1].item() for each in said] for robots in (plain, counted))
     assert second[0] == first[0], "the first of an episode is no change"
     assert second[1] == pytest.approx(first[1] - 0.01, abs=1e-7)
-    terms = plain._groups[0]._before["term"][0]
+    terms = plain._groups[0].vector.fleet.terms[0]
     info = plain._groups[0]._now()
-    assert 1.0 / (1.0 + (info["joint_error"][0, 0] / MARGINS[2]) ** 2) == pytest.approx(terms[2])
+    assert 1.0 / (1.0 + (info["joint_error"][0, 0] / 0.1) ** 2) == pytest.approx(terms[2])
     assert terms[2] < 1.0
     for robots in (plain, counted):
         robots.close()
