@@ -54,8 +54,13 @@ class SpidarEnv(
     """What commands the robot where no action does."""
     words: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
+    reward_terms: Mapping[str, tuple[float, str]]
+    """Weight and formula of each term of the reward; the weights add up to 1."""
+    failures: tuple[str, ...]
+    """Why an episode may be over, in the order of the codes."""
     hold: int = 1
     """Control periods of a step."""
+    _commander: Commander | None = None
     def __init__(
         self,
         mode: ActionMode,
@@ -115,6 +120,7 @@ class SpidarEnv(
         """
         nominal = own_robot(plant, robot)
         self.task = task
+        self.reward_terms, self.failures = task.reward_terms, tuple(task.failures)
         self.robot = nominal.robot
         """The robot as described."""
         if "robot" in self._arguments:  # what a file said holds for as long as the environment lives
@@ -163,22 +169,11 @@ class SpidarEnv(
         self.plant = Plant(self._nominal, engine=self.fleet.engine)
         """Its robot as simulated."""
         self._ruled = self.task
-        self._commander: Commander | None = None
         if is_compiled(self._control):
             self.controller = self._look_at_controller()
         else:
-            self.fleet.commander = self._commander = self._make_commander()
-            self.controller = self._commander.controller
-
-    @property
-    def reward_terms(self) -> Mapping[str, tuple[float, str]]:
-        """Weight and formula of each term of the reward; the weights add up to 1."""
-        return self.task.reward_terms
-
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """Why an episode may be over, in the order of the codes."""
-        return tuple(self.task.failures)
+            self.fleet.commander = commander = self._make_commander()
+            self.controller, self._commander = commander.controller, commander
 
     @in_turn
     def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up

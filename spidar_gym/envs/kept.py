@@ -36,7 +36,7 @@ from spidar_gym.control.locomotion import orders
 from spidar_gym.control.locomotion.commands import LocomotionCommand
 from spidar_gym.control.locomotion.manager import Manager, ManagerMemory
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.envs.commander import Commander, FlightCommander
+from spidar_gym.envs.commander import CourseCommander, CrawlCommander, FlightCommander
 from spidar_gym.robot import N_LEGS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.state import Command, Reference, RobotState
@@ -65,7 +65,8 @@ KEPT: dict[type, dict[str, Any]] = {
         "control_state": ControlState | None, "truth": ControlState | None, "_joint_velocity": JointVector,
         "_leg_momentum": Vector3, "_leg_momentum_rate": Vector3, "_reference": tuple[bytes, Reference] | None,
     },
-    Commander: _COMMANDER,
+    CrawlCommander: _COMMANDER,
+    CourseCommander: _COMMANDER,
 }  # fmt: skip
 """Kinds of what parts of an environment keep, by class."""
 KEPT_BY_ENVIRONMENTS: dict[str, Any] = {

@@ -42,7 +42,7 @@ SETTLED = (
     "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "plant",
     "hold", "most_steps", "_arguments", "_is_bare", "_nominal", "_randomization", "_described", "_control", "_mode",
     "_bound", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_made", "turn", "is_closed", "truncates",
-    "metadata", "_now",
+    "metadata", "reward_terms", "failures", "_now",
 )  # fmt: skip
 """Attributes of an environment that its construction settles."""
 SETTLED_OF_PARTS = {
@@ -209,7 +209,8 @@ class Restorable(ABC):
 
     def _modules(self) -> set[str]:
         """Modules that what is remembered may have its classes from: those of the environment and its controller."""
-        return {kind.__module__ for _, part in self._parts() for kind in type(part).__mro__ if kind is not object}
+        parts = [self.task, *(part for _, part in self._parts())]
+        return {kind.__module__ for part in parts for kind in type(part).__mro__ if kind is not object}
 
     def _description(self) -> dict[str, Any]:
         """What has to be the same where an episode is to go on."""
@@ -221,8 +222,8 @@ class Restorable(ABC):
         mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
         options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
         options |= {name: getattr(self, name, None) for name in ("_config", "_randomization", "hold", "_is_waypoint")}
-        parts = task, robot, getattr(self, "_config", None)
-        modules = {type(value).__module__ for value in parts}
+        parts = robot, getattr(self, "_config", None)
+        modules = {type(value).__module__ for value in parts} | {kind.__module__ for kind in type(task).__mro__}
         content = pack_values({**options, "floor": floor, "mode": mode}, modules, shared=False)
         return {
             "environment": _name(type(self)),

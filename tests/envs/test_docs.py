@@ -106,7 +106,7 @@ def test_every_info_key_is_documented_with_its_shape_and_every_documented_one_ex
     for keys, shape, _, meaning in table(name, "Info"):
         assert meaning
         for key in re.findall(r"`([^`]+)`", keys):
-            names = [f"reward_{term}" for term in CHAPTERS[name].env.reward_terms] if key == "reward_<term>" else [key]
+            names = [f"reward_{term}" for term in CHAPTERS[name].task.reward_terms] if key == "reward_<term>" else [key]
             documented |= dict.fromkeys(names, shape)
     assert set(documented) == set(info)
     for key, shape in documented.items():
@@ -120,7 +120,7 @@ def test_every_info_key_is_documented_with_its_shape_and_every_documented_one_ex
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reward_table_has_every_term_and_its_weights_add_up_to_one(name):
     rows = table(name, "Rewards")
-    assert [row[0].strip("`") for row in rows] == list(CHAPTERS[name].env.reward_terms)
+    assert [row[0].strip("`") for row in rows] == list(CHAPTERS[name].task.reward_terms)
     assert abs(sum(float(row[1]) for row in rows) - 1.0) < 1e-12
 
 
@@ -176,7 +176,7 @@ def test_every_option_of_reset_is_documented(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_word_of_failure_and_the_horizon_are_documented(name):
     text = section(name, "Episode End")
-    assert re.findall(r"^- `(\w+)`", text, re.MULTILINE) == list(CHAPTERS[name].failures)
+    assert re.findall(r"^- `(\w+)`", text, re.MULTILINE) == list(CHAPTERS[name].task.failures)
     assert f"after {gymnasium.spec(name).max_episode_steps} steps" in text
 
 

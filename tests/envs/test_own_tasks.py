@@ -15,16 +15,14 @@ from support.episodes import same
 from support.moments import actions_for, assert_side_by_side, copied, pickled
 from support.vectors import speed_share
 
-from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, register_task
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.sim.scene import scene
 from spidar_gym.so3 import exp, log, matrix_to_quat
 from spidar_gym.tasks.crawl import CrawlTask
 from spidar_gym.tasks.hover import HoverTask
-from spidar_gym.tasks.start import FlightStart
+from spidar_gym.tasks.start import draw_start
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 IDS = {"figure_of_eight": "FigureOfEight", "least_energy": "LeastEnergy", "payload": "Fetch"}
@@ -119,7 +117,7 @@ def test_a_copy_goes_on_bit_for_bit_and_so_does_a_saved_state(name, clone):
     shown = other.unwrapped.restore_state(env.unwrapped.save_state())
     assert same(shown, env.unwrapped._shown())
     copy = clone(env)
-    assert copy.unwrapped.own_task is not env.unwrapped.own_task
+    assert copy.unwrapped.fleet is not env.unwrapped.fleet
     # Whoever wraps it counts by himself how long an episode has been.
     assert_side_by_side([env, copy], actions[100:])
 
@@ -147,7 +145,7 @@ def test_the_options_of_a_task_are_options_of_reset(examples):
     assert np.array_equal(seen, asked.reset(seed=3)[0])
     for _ in range(40):
         assert np.array_equal(env.step(np.zeros(6))[0], asked.step(np.zeros(6))[0])
-    assert env.unwrapped.own_task == kind(lean=0.2, seconds=12.0)
+    assert env.unwrapped.task == kind(lean=0.2, seconds=12.0, forms="form1")
     seen, _ = env.reset(seed=3, options={"task": kind()})
     assert np.array_equal(seen, gymnasium.make(HOVER, task=kind(), forms="form1").reset(seed=3)[0])
     with pytest.raises(UnknownNameError, match=r"lean.*seconds|seconds.*lean"):
@@ -177,9 +175,9 @@ def test_where_a_task_says_nothing_of_the_start_the_environment_draws_it_as_ever
 class Given(HoverTask):
     """An episode begins 30 cm too high and in motion."""
 
-    def start(self, rng, hover):
-        position, rotation = hover.offset(rng)
-        return FlightStart(tuple(hover.schedule(rng)), position + [0.0, 0.0, 0.3], rotation, velocity=np.full(3, 0.1))
+    def start(self, rng):
+        drawn = draw_start(self, rng)
+        return replace(drawn, position=drawn.position + [0.0, 0.0, 0.3], velocity=np.full(3, 0.1))
 
 
 def test_a_start_that_a_user_gives_goes_before_the_tasks():
@@ -210,22 +208,12 @@ def turned(rotation: np.ndarray) -> type[HoverTask]:
     return Turned
 
 
-class TurnedEnv(HoverEnv):
-    """The same in Python."""
-
-    rotation = np.zeros(3)
-
-    def reference(self):
-        return replace(super().reference(), quat_wb=matrix_to_quat(exp(self.rotation)))
-
-
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_the_attitude_error_is_that_of_the_reference_about_whichever_axis_it_turns(axis):
     """A reference that rolls or pitches was once taken for level where it had no heading."""
     rotation = 0.1 * np.eye(3)[axis]
-    envs = [gymnasium.make(HOVER, task=turned(rotation)(), forms="form1"), TurnedEnv(forms="form1")]
-    envs[1].rotation = rotation
-    for env in envs:
+    for control in ("core", "python"):
+        env = gymnasium.make(HOVER, task=turned(rotation)(), forms="form1", control=control)
         _, info = env.reset(seed=0)
         for _ in range(100):
             *_, info = env.step(np.zeros(6))
@@ -351,7 +339,7 @@ def test_a_task_by_its_name_is_that_task_and_its_specification_survives_json():
     many = gymnasium.make_vec("mine/Eight-v0", num_envs=2)
     assert np.array_equal(many.reset(seed=2)[0][0], seen)
     seen, _ = env.reset(seed=2, options={"lean": 0.2})
-    assert env.unwrapped.own_task.lean == 0.2
+    assert env.unwrapped.task.lean == 0.2
     del gymnasium.registry["mine/Eight-v0"]
 
 
@@ -365,28 +353,23 @@ class Endless(HoverTask):
 
 @dataclass(frozen=True)
 class Named(HoverTask):
-    joint_speed: float = 0.2
-
-
-class Braced(FlightController):
-    pass
+    preset: str = "paper"
 
 
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
         (HOVER, {"task": CrawlTask()}, "an object of a class derived from HoverTask"),
-        (PATH, {"task": 3}, "an object of a class derived from HoverTask"),
+        (PATH, {"task": 3}, "an object of a class derived from PathTask"),
+        (PATH, {"task": HoverTask()}, "an object of a class derived from PathTask"),
         (CRAWL, {"task": HoverTask()}, "an object of a class derived from CrawlTask"),
-        (COURSE, {"task": HoverTask()}, "None: a course is judged by its own task"),
+        (COURSE, {"task": HoverTask()}, "an object of a class derived from CourseTask"),
         (HOVER, {"task": Heavy()}, "weights that add up to 1"),
         (HOVER, {"task": Endless}, "diverged among them"),
-        (HOVER, {"task": Named(), "joint_speed": 0.3}, "options are not called joint_speed"),
+        (HOVER, {"task": Named()}, "options are not called preset"),
         (HOVER, {"task": "nowhere:Task"}, r"module:Class of a task that Python finds \(No module named 'nowhere'\)"),
         (HOVER, {"task": "payload:Nobody"}, "module:Class of a task that Python finds"),
         (HOVER, {"task": "payload"}, "module:Class of a task that Python finds"),
-        (HOVER, {"task": HoverTask(), "law": Braced}, "None beside a law, an allocator"),
-        (HOVER, {"task": HoverTask(), "control": "python"}, "None beside a law, an allocator"),
     ],
     ids=lambda value: "" if isinstance(value, dict) else str(value)[:20],
 )  # fmt: skip

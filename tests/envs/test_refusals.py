@@ -13,7 +13,6 @@ import pytest
 from support.episodes import EVERY, HOVER, assert_same, flight, make, same
 
 from spidar_gym.envs.docs import page
-from spidar_gym.envs.hover.env import HoverEnv
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownArgumentError, UnknownNameError
 from spidar_gym.native import engine
@@ -21,6 +20,7 @@ from spidar_gym.native.plant import Plant
 from spidar_gym.robot import description
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.sensors import SensorConfig
+from spidar_gym.tasks.hover import HoverTask
 
 
 @pytest.mark.parametrize(
@@ -210,16 +210,12 @@ def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, m
         engine.scene.cache_clear()
 
 
-@pytest.mark.parametrize("terms", [{}, {"height": (0.1, "1 where it is high")}])
-def test_weights_of_a_reward_that_are_not_those_of_its_terms_are_refused_at_the_reset(terms):
-    class Other(HoverEnv):
+def test_a_table_of_terms_that_are_not_those_of_the_task_is_refused_at_the_reset():
+    class Other(HoverTask):
         """A task with another table of its reward."""
 
-        reward_terms = terms
+        reward_terms = {**HoverTask.reward_terms, "height": (0.0, "1 where it is high")}
 
-    env = Other()
-    with pytest.raises(
-        InvalidValueError,
-        match="expected the terms of the task: " + re.escape("['action', 'attitude', 'joints', 'position']"),
-    ):
-        env.reset(seed=0)
+    for control in ("core", "python"):
+        with pytest.raises(InvalidValueError, match=r"Other\.terms.*an array for each of .*action, height"):
+            gymnasium.make(HOVER, task=Other, control=control).reset(seed=0)

@@ -13,7 +13,6 @@ from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownArgumentError, UnknownNameError
 from spidar_gym.native.draws import to_numpy
-from spidar_gym.tasks.crawl import CrawlTask
 from spidar_gym.tasks.hover import HoverTask
 
 CRAWLS = {
@@ -31,7 +30,7 @@ SEEDS = {"a slope of tiles": 1}
 """Others than 7: there a foot comes to stand on an edge, and 1e-15 become 1e-6 in one tick."""
 
 
-def compare(kind, name, terms, failures, options, ticks, size, tolerance, seed=7):
+def compare(kind, name, options, ticks, size, tolerance, seed=7):
     """Fly or crawl side by side with the readable environment; the largest difference of each thing."""
     env, vector = kind(control="python", **options), NativeVectorEnv(name, 1, **options)
     (first, info), (seen, told) = env.reset(seed=seed), vector.reset(seed=seed)
@@ -47,7 +46,7 @@ def compare(kind, name, terms, failures, options, ticks, size, tolerance, seed=7
     for tick in range(ticks):
         look("observation", first, seen[0])
         look("reward", reward, rewards[0])
-        known = expected(info, terms, failures)
+        known = expected(info, env.reward_terms, env.failures)
         assert {*known, *(f"_{title}" for title in known)} == told.keys() - {"randomization", "_randomization"}
         for title, value in known.items():
             look(title, value, told[title][0])
@@ -68,13 +67,13 @@ def compare(kind, name, terms, failures, options, ticks, size, tolerance, seed=7
 @pytest.mark.parametrize("case", FLIGHTS)
 def test_a_flight_is_that_of_the_readable_environment(case):
     size = 0.05 if case == "alone" else 0.4
-    compare(HoverEnv, HOVER, HoverTask.reward_terms, HoverTask.failures, FLIGHTS[case], 60, size, 1e-9)
+    compare(HoverEnv, HOVER, FLIGHTS[case], 60, size, 1e-9)
 
 
 @pytest.mark.parametrize("case", CRAWLS)
 def test_a_crawl_is_that_of_the_readable_environment(case):
     # Contacts amplify what the last bits of sums are: the air's and the sensors' run in another order.
-    compare(CrawlEnv, CRAWL, CrawlTask.reward_terms, CrawlTask.failures, CRAWLS[case], 50, 0.2, 1e-8, SEEDS.get(case, 7))
+    compare(CrawlEnv, CRAWL, CRAWLS[case], 50, 0.2, 1e-8, SEEDS.get(case, 7))
 
 
 def content(record):

@@ -3,6 +3,7 @@
 import copy
 import pickle
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -22,14 +23,15 @@ from spidar_gym.tasks.task import length, tolerance
 MODES = ("NextStep", "SameStep", "Disabled")
 
 
+@dataclass(frozen=True)
 class Circles(HoverTask):
     """A task with a memory, draws and a setting of its own."""
 
+    rate: float = 1.5
+    """Of the circles [rad/s]."""
+
     memory = (("radius", "f8"), ("gone", "f8", (2,)))
     reward_terms = {"position": (0.7, "1 / (1 + (‖position error‖ / 0.05 m)²)"), "radius": (0.3, "r")}
-
-    def __init__(self, rate: float) -> None:
-        self.rate = rate
 
     def draw(self, rng):
         return {"radius": rng.uniform(0.1, 0.3)}
@@ -57,7 +59,7 @@ class Wanders(CrawlTask):
         return {"asked": rng.uniform()}
 
 
-TASKS = {HOVER: Circles(1.5), CRAWL: Wanders()}
+TASKS = {HOVER: Circles(), CRAWL: Wanders()}
 OWN = [
     (name, task)
     for name, task in ((HOVER, False), (PATH, False), (CRAWL, False), (COURSE, False), (HOVER, True), (CRAWL, True))

@@ -168,6 +168,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         return self._known("path")
 
     @property
+    @in_turn
     def trim(self) -> np.ndarray | None:
         """Wrench with which the integrals began [N, Nm]; None for the described robot."""
         robot = self.fleet.robots[0]

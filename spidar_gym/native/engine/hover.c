@@ -270,14 +270,14 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_first_look(numbers, &rules->rules, &h->plant, episode);
     refer(rules, goals, knots, h);
     /* A robot off its description has hovered before the episode begins: its integrals hold what that takes. */
-    int trims = h->is_given && h->has_trim ? 1 : !rules->rules.is_described;
-    if (trims && !(h->is_given && h->has_trim) && !rules->rules.is_commanded)
-        compute_trim(numbers, &thread->sim, h, h->trim);
+    int is_given = h->is_given && h->has_trim, trims = is_given || !rules->rules.is_described;
     sp_flight_init(&h->flight, &rules->controller);
-    sp_flight_reset(numbers, &h->flight, &episode->seen, q, trims ? h->trim : NULL);
     sp_zero(h->leg_momentum, 3);
     sp_zero(h->leg_momentum_rate, 3);
     sp_zero(h->joint_velocity, SP_JOINTS);
+    if (rules->rules.is_commanded) return; /* Python goes on: its controller begins, and places the robot */
+    if (trims && !is_given) compute_trim(numbers, &thread->sim, h, h->trim);
+    sp_flight_reset(numbers, &h->flight, &episode->seen, q, trims ? h->trim : NULL);
     update_errors(numbers, h);
 }
 

@@ -44,7 +44,7 @@ def go(env, steps=600, until=True, target=None):
 def test_drawn_courses_are_ones_that_can_be_gone_and_have_every_kind():
     task, kinds = CourseTask(), set()
     for seed in range(300):
-        course = task.draw(np.random.default_rng(seed))
+        course = task.draw_course(np.random.default_rng(seed))
         kinds |= {gate.kind for gate in course.gates}
         assert sum(gate.kind == "beam" for gate in course.gates) <= 1
         for gate in course.gates:
@@ -74,11 +74,11 @@ def test_a_slopes_top_is_where_the_map_has_it():
     assert top[0] == pytest.approx(slope.end)
 
 
-def test_engine_and_page_draw_the_same_courses():
+def test_a_task_draws_the_course_that_its_environment_does():
     env = make()
     for seed in range(12):
         env.reset(seed=seed)
-        assert env.course == CourseTask().draw(np.random.Generator(np.random.PCG64(seed)))
+        assert env.course == CourseTask().draw_course(np.random.Generator(np.random.PCG64(seed)))
 
 
 def test_a_given_course_is_gone_and_reads_back_from_lists():
