@@ -13,8 +13,8 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from spidar_gym.envs.lanes import copied
 from spidar_gym.envs.vector import NativeVectorEnv
+from spidar_gym.envs.vector_options import copied
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, shown
 from spidar_gym.policies.policy import NAME
 from spidar_gym.policies.source import PolicyError

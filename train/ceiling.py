@@ -18,7 +18,7 @@ from spidar_gym.control.flight.compensation import CompensationMemory
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.presets import TUNED
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.errors import require_least
 from spidar_gym.model.dynamics import Model
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force

@@ -16,7 +16,7 @@ from spidar_gym.benchmark.track import BOTH, GROUND, SCENARIOS, SPLITS, TRACKS, 
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import SpidarError, StaleAssetError, require_name
 from spidar_gym.policies.rollout import rollout

@@ -13,8 +13,8 @@ from spidar_gym.benchmark.track import REST_S, Track, find_track
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.info import drawn
 from spidar_gym.envs.progress import CourseProgress, CrawlProgress, FlightProgress
-from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.policy import BatchPolicy, Policy, control_of, policy_arguments
@@ -197,7 +197,7 @@ def _progress(fleet: Fleet, robot: int) -> FlightProgress | CrawlProgress | Cour
     record = fleet.robots[robot]
     if fleet.kind == "hover":
         return FlightProgress.read(record, fleet.goals[robot])
-    return (CourseProgress if fleet.kind == "coursing" else CrawlProgress).read(record)
+    return (CourseProgress if fleet.kind == "course" else CrawlProgress).read(record)
 
 
 def _timing(acts: Sequence[float], steps: Sequence[float], wall: float, share: int) -> dict[str, Any]:

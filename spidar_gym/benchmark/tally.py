@@ -77,11 +77,11 @@ class FleetWatch:
         diverged = common["failure_code"] == self._diverged
         breaks = np.abs(common["joint_torque_allocated"]).max(axis=1) > ALLOCATED_MOST
         if fleet.kind == "hover":
-            fleet.engine.run("sp_watch_hovers", ids[~diverged], self._watches)
+            fleet.engine.run("sp_watch_hover_robots", ids[~diverged], self._watches)
             position, attitude, finished = infos["position_error"], infos["attitude_error"], np.zeros(len(ids), bool)
             wanted = self._watches["planned"][ids]
             breaks |= self._watches["interferes"][ids] > 0
-        elif fleet.kind == "coursing":
+        elif fleet.kind == "course":
             position, attitude, finished = np.zeros((len(ids), 3)), infos["tilt_rad"][:, None], infos["finished"]
             wanted, breaks = plant["state"]["joint_position"][ids], np.zeros(len(ids), bool)
         else:

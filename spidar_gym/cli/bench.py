@@ -17,7 +17,7 @@ from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand, assemble
 from spidar_gym.control.allocation.solver import closed_form
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE
 from spidar_gym.native.bare import BarePhysics
 from spidar_gym.policies.rollout import rollout

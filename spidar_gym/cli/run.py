@@ -19,10 +19,10 @@ from spidar_gym.cli.console import progress
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import OBSERVATIONS
 from spidar_gym.envs.registry import COURSE, Entry, environment
 from spidar_gym.errors import InvalidValueError, require_least, require_name

@@ -22,7 +22,7 @@ from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.processes import cpu_count
 from spidar_gym.sitl import report
-from spidar_gym.sitl.course import course_report, courses_in_process
+from spidar_gym.sitl.course_drive import course_report, courses_in_process
 from spidar_gym.sitl.course_faults import course_fault_lines, pairs_of, play_course_faults
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import (

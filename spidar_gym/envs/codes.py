@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.single import SETS, words_of
+from spidar_gym.envs.info import SETS, words_of
 from spidar_gym.errors import InvalidValueError, require_name
 
 

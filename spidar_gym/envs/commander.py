@@ -31,7 +31,7 @@ from spidar_gym.envs.actions import ActionMode, act_directly
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.constants import PROGRAMS
-from spidar_gym.native.course import read_course
+from spidar_gym.native.course_records import read_course
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.plant import Plant, read_reference
 from spidar_gym.native.structs import fill
@@ -316,7 +316,7 @@ class CrawlCommander(Commander):
         """Write what was allocated, and how far the gait is, where the core has it."""
         record, last, gait = self._record, self.controller.last_step, self.controller.gait
         _write_allocation(record["crawl"], None if last is None else last.allocation)
-        record["crawl"]["gait"]["phase"], record["crawl"]["gait"]["timeouts"] = PHASES.index(gait.phase), gait.timeouts
+        record["phase"], record["timeouts"] = PHASES.index(gait.phase), gait.timeouts
         record["swinging"], record["is_done"] = gait.swinging, self.controller.done
         memory = self.controller.memory
         record["crawl"]["memory"]["joint_position"] = memory.joint_position
@@ -381,7 +381,7 @@ class CourseCommander(Commander):
     def _tell(self) -> None:
         """Write what was allocated, and the phase, where the core has it."""
         record, manager = self._record["manager"], self.controller
-        record["memory"]["phase"] = orders.PHASES.index(manager.phase)
+        self._record["phase"] = orders.PHASES.index(manager.phase)
         for name in ("flight", "crawl"):
             _write_allocation(record[name], None)
         last = manager.last_step

@@ -12,10 +12,10 @@ from spidar_gym.control.locomotion.orders import ManagerConfig, Orders
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.model.dynamics import Model
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
+from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.native.library import Core
-from spidar_gym.native.locomotion import CoreManager
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.state import Reference
 

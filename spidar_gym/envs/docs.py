@@ -13,13 +13,13 @@ from spidar_gym.control.flight.observation import Field, layout, path_layout
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, ActionMode
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.goals import REWARDS
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
-from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS

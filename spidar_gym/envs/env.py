@@ -14,19 +14,21 @@ from gymnasium import spaces
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.orders import Orders
-from spidar_gym.envs import rules, single
+from spidar_gym.envs import engine_rules
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.commander import Commander
 from spidar_gym.envs.controllers import forget, is_compiled
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.moments import Restorable
-from spidar_gym.envs.observed import Observed
+from spidar_gym.envs.info import drawn, info_of, words_of
+from spidar_gym.envs.locking import in_turn
+from spidar_gym.envs.observations import Observed
 from spidar_gym.envs.options import own_robot
-from spidar_gym.envs.remade import Remade
-from spidar_gym.envs.turns import in_turn
+from spidar_gym.envs.reset import Resettable
+from spidar_gym.envs.serialization.environments import Restorable
 from spidar_gym.envs.view import RENDER_MODES, View, fps
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
-from spidar_gym.native.plant import Plant
+from spidar_gym.native.draws import take_back
+from spidar_gym.native.plant import Plant, read_command, read_state
 from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
@@ -40,7 +42,7 @@ ProgressT = TypeVar("ProgressT")
 
 
 class SpidarEnv(
-    Remade, Observed, Restorable, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
+    Resettable, Observed, Restorable, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
     """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
 
@@ -191,7 +193,10 @@ class SpidarEnv(
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
         """Read what the engine knows: the true state, what is seen of it, the last command."""
-        return self.plant.state() if name == "state" else single.look(self.fleet, name)
+        episode = self.fleet.robots[0]["episode"]
+        if name == "command":
+            return read_command(episode["command"])
+        return self.plant.state() if name == "state" else read_state(episode["seen"])
 
     @property
     @in_turn
@@ -245,10 +250,12 @@ class SpidarEnv(
         self._obey(fleet)
         fleet.disturb(0, self._disturbances)
         self._prepare(fleet)
-        single.begin(fleet, self.np_random)
+        fleet.seed(0, self.np_random)
+        fleet.reset()
+        take_back(self.np_random, fleet.robots[0]["episode"]["generator"])
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = single.drawn(fleet.robots[0]["episode"]["drawn"]) if self.is_drawn else {}
+        self.sampled_parameters = drawn(fleet.robots[0]["episode"]["drawn"]) if self.is_drawn else {}
         if self.render_mode == "human":
             self.render()
         return self._shown()
@@ -347,7 +354,7 @@ class SpidarEnv(
 
     def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
         """Write what every environment has into its rules."""
-        rules.common(
+        engine_rules.common(
             record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
             horizon=self.horizon, truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
@@ -374,7 +381,7 @@ class SpidarEnv(
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
-        draws = single.drawn(fleet.robots[robot]["episode"]["drawn"]) if self.is_drawn else {}
-        words = single.words_of(self.failures, self.words)
-        info = single.info(fleet.infos[robot : robot + 1], self.reward_terms, fleet.terms[robot], words)
+        draws = drawn(fleet.robots[robot]["episode"]["drawn"]) if self.is_drawn else {}
+        words = words_of(self.failures, self.words)
+        info = info_of(fleet.infos[robot : robot + 1], self.reward_terms, fleet.terms[robot], words)
         return info | {"randomization": draws}

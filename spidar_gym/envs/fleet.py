@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.course.gates import Course
-from spidar_gym.envs.turns import whole
+from spidar_gym.envs.locking import whole
 from spidar_gym.errors import REAL, InvalidValueError, SpidarError, require_array, require_keys
-from spidar_gym.native.course import write_course
+from spidar_gym.native.course_records import write_course
 from spidar_gym.native.draws import from_numpy, to_numpy
-from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import AUTORESETS, SEQUENCES, engine_layouts
 from spidar_gym.native.library import write
 from spidar_gym.native.structs import WORDS, fill
@@ -62,7 +62,7 @@ class Fleet:
             goals: Forms that an episode has at most.
             knots: Knots that a path of an episode has at most.
         """
-        engine = Engine(task.robots.kind, plant, robots, threads, alike=alike, floors=rules.ndim > 0)
+        engine = Engine(f"{task.robots.kind}_robot", plant, robots, threads, alike=alike, floors=rules.ndim > 0)
         if rules.ndim:
             engine.configure(np.ascontiguousarray(rules["rules"]["plant"]))
         self.has_own_copies, self._settles = not alike, plant.ground.uneven
@@ -73,7 +73,7 @@ class Fleet:
         layouts, common, robots = engine_layouts(), rules["rules"], len(engine.robots)
         self.task, self.rules, self.engine, self.kind = task, rules, engine, task.robots.kind
         self.robots = engine.robots
-        """All that there is of the robots: records of `sp_hover`, `sp_crawling` or `sp_coursing`."""
+        """All that there is of the robots: records of `sp_hover_robot`, `sp_crawl_robot` or `sp_course_robot`."""
         own, shown = sum(f.size for f in task.fields), int(common["size"].flat[0])
         self.actions = np.zeros((robots, int(common["mode"]["size"].flat[0])))
         self.observations, self.final_observations = (np.zeros((robots, shown + own), np.float32) for _ in range(2))
@@ -350,7 +350,7 @@ class Fleet:
     def _move(self, ids: np.ndarray | None) -> None:
         """Let robots move for a step; a controller in Python commands every control period of it."""
         commander = self.commander
-        hold = int(self.rules["hold"]) if commander is not None and self.kind == "coursing" else 1
+        hold = int(self.rules["hold"]) if commander is not None and self.kind == "course" else 1
         for period in range(hold):
             if commander is not None:
                 commander.act()
@@ -602,17 +602,17 @@ class Fleet:
         raise InvalidValueError(f"{self._name}.{method}", given, expected)
 
     def _run(self, job: str, ids: np.ndarray | None, at_once: int | None = None) -> None:
-        failed = self.engine.run(f"sp_{job}_{self.kind}s", ids, at_once=at_once)
+        failed = self.engine.run(f"sp_{job}_{self.kind}_robots", ids, at_once=at_once)
         if failed and job == "step":
             lost = [robot for robot in failed if not self.begun[robot]]
             for robot in lost:
                 _LOG.warning("robot %d: its episode ends as diverged: %s", robot, self.engine.words(robot))
-            again = self.engine.run(f"sp_lose_{self.kind}s", np.array(lost)) if lost else ()
+            again = self.engine.run(f"sp_lose_{self.kind}_robots", np.array(lost)) if lost else ()
             failed = [robot for robot in failed if robot not in lost or robot in again]
         if failed:
             robot, words = failed[0], self.engine.words(failed[0])
             raise SpidarError(f"MuJoCo gave up robot {robot}: {words}; valid: a robot and actions that it simulates")
-        if self.kind == "crawling" and not self.robots["cycles"].all():
+        if self.kind == "crawl" and not self.robots["cycles"].all():
             robot = int(np.flatnonzero(self.robots["cycles"] == 0)[0])
             way = self.robots["way"][robot].tolist()
             raise InvalidValueError("way", way, "a way within reach, and no more steps than there is room for")

@@ -34,7 +34,7 @@ class FlightProgress:
         """That of a robot in the engine.
 
         Args:
-            record: `sp_hover`.
+            record: `sp_hover_robot`.
             rows: Its `sp_goal`.
         """
         rows = rows[: int(record["goals"])]
@@ -119,7 +119,7 @@ class CrawlProgress:
 
     @classmethod
     def read(cls, record: Any) -> "CrawlProgress":  # noqa: ANN401 - numpy's row
-        """That of a robot in the engine, an `sp_crawling`."""
+        """That of a robot in the engine, an `sp_crawl_robot`."""
         values: dict[str, Any] = {}
         for each in fields(cls):
             value = record[each.name]
@@ -177,7 +177,7 @@ class CourseProgress:
 
     @classmethod
     def read(cls, record: Any) -> "CourseProgress":  # noqa: ANN401 - numpy's row
-        """That of a robot in the engine, an `sp_coursing`."""
+        """That of a robot in the engine, an `sp_course_robot`."""
         names = ("initial_distance", "distance", "controls", "arrived", "flown", "crawled", "hit", "most_hit", "charge")
         values = {name: record[name].item() for name in names}
         goal, spent = Pose2(*record["course"]["goal"].tolist()), record["plant"]["spent_wh"].item()

@@ -56,19 +56,19 @@ class Entry:
 
 ENVIRONMENTS: dict[str, Entry] = {
     HOVER: Entry(
-        "spidar_gym.envs.hover.env:HoverEnv", "spidar_gym.envs.vector:hover_vector", 800,
+        "spidar_gym.envs.hover_env:HoverEnv", "spidar_gym.envs.vector:hover_vector", 800,
         "hold the CoG while the joints go through a sequence of forms",
     ),
     PATH: Entry(
-        "spidar_gym.envs.path.env:PathEnv", "spidar_gym.envs.vector:path_vector", 800,
+        "spidar_gym.envs.path_env:PathEnv", "spidar_gym.envs.vector:path_vector", 800,
         "follow a path with the CoG while the joints go through a sequence of forms",
     ),
     CRAWL: Entry(
-        "spidar_gym.envs.crawl.env:CrawlEnv", "spidar_gym.envs.vector:crawl_vector", 3000,
+        "spidar_gym.envs.crawl_env:CrawlEnv", "spidar_gym.envs.vector:crawl_vector", 3000,
         "crawl to a pose on the floor",
     ),
     COURSE: Entry(
-        "spidar_gym.envs.course.env:CourseEnv", "spidar_gym.envs.vector:course_vector", 600,
+        "spidar_gym.envs.course_env:CourseEnv", "spidar_gym.envs.vector:course_vector", 600,
         "reach a pose behind walls, beams and slots: take off, fly, change form, land, crawl", 20,
     ),
 }  # fmt: skip

@@ -11,19 +11,18 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from spidar_gym.envs import lanes
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs import vector_options
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.observed import Rewarding, Shown
+from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.envs.info import arrays_of, draws_of, info_of, words_of
+from spidar_gym.envs.locking import in_turn, whole
+from spidar_gym.envs.observations import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
-from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
-from spidar_gym.envs.saving import restore, save
-from spidar_gym.envs.single import info as single_info
-from spidar_gym.envs.single import words_of
-from spidar_gym.envs.turns import in_turn, whole
+from spidar_gym.envs.serialization.fleets import restore, save
 from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
 from spidar_gym.native.draws import to_numpy
@@ -75,7 +74,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self.turn = Turn()
         """Orders the calls on it from several threads."""
         require_least(1, num_envs=num_envs, num_threads=num_threads)
-        mode = lanes.autoreset(autoreset_mode)
+        mode = vector_options.autoreset(autoreset_mode)
         kind = KINDS[name]
         require_vector_options(SpidarEnv, kind, kind.task_type, options)
         if options.get("render_mode") == "human":
@@ -114,7 +113,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         Raises:
             InvalidValueError: For a mode that does not exist.
         """
-        self.autoreset_mode = mode = lanes.autoreset(mode)
+        self.autoreset_mode = mode = vector_options.autoreset(mode)
         self.metadata = {**self.metadata, "autoreset_mode": mode}
         way, same_step = mode.name.lower(), mode is AutoresetMode.SAME_STEP
         if self.sight is not None:
@@ -141,7 +140,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     @property
     def robots(self) -> np.ndarray:
-        """All that there is of the robots, records of `sp_hover` or `sp_crawling`; not to be written."""
+        """All that there is of the robots, records of `sp_hover_robot` or `sp_crawl_robot`; not to be written."""
         return self.fleet.robots
 
     @property
@@ -197,18 +196,19 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         given = require_keys("options", "reset option", {} if options is None else options, names)
         mask = self._everybody
         if "reset_mask" in given:
-            mask = lanes.masked(given["reset_mask"], n)
+            mask = vector_options.masked(given["reset_mask"], n)
         if not self._began and not mask.all():
             raise InvalidValueError("reset_mask", mask.tolist(), "all True at the first reset")
-        generators = {k: np_random(one) for k, one in lanes.seeds(seed, mask, began=self._began).items()}
-        asked = {name: lanes.listed(name, given[name], n) for name in others if name in given and name not in own}
-        chosen = {name: lanes.parsed(name, given[name], n, self.task) for name in own if name in given}
+        generators = {k: np_random(one) for k, one in vector_options.seeds(seed, mask, began=self._began).items()}
+        rest = [name for name in others if name in given and name not in own]
+        asked = {name: vector_options.listed(name, given[name], n) for name in rest}
+        chosen = {name: vector_options.parsed(name, given[name], n, self.task) for name in own if name in given}
         ids = np.flatnonzero(mask)
         if asked:
             self._ask(asked, ids)
             fleet = self.fleet
         for k in ids.tolist():
-            lanes.said_at_reset(fleet, k, {name: values[k] for name, values in chosen.items()})
+            vector_options.said_at_reset(fleet, k, {name: values[k] for name, values in chosen.items()})
             if k in generators:
                 generator, self._seeds[k] = generators[k]
                 fleet.seed(k, generator)
@@ -240,7 +240,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         if self._shown is None:
             return self.fleet.observations.copy()
         self._shown.look(self.fleet, self.fleet.observations)
-        return lanes.copied(self._shown.now)
+        return vector_options.copied(self._shown.now)
 
     @in_turn
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -263,15 +263,15 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             SpidarError: When `reset` was never called.
         """
         fleet, same_step = self.fleet, self.autoreset_mode is AutoresetMode.SAME_STEP
-        before = lanes.draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode's are written over them
+        before = draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode's are written over them
         self.advance(actions)
         info = self._info(self._everybody.copy())
         if same_step and fleet.begun.any():
             begun = fleet.begun.copy()
-            info["final_obs"], info["_final_obs"] = lanes.copied(self.buffers["final_observations"]), begun
+            info["final_obs"], info["_final_obs"] = vector_options.copied(self.buffers["final_observations"]), begun
             info["final_info"], info["_final_info"] = self._info(begun, ended=before), begun
         ends = fleet.terminated.copy(), fleet.truncated.copy()
-        return lanes.copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
+        return vector_options.copied(self.buffers["observations"]), fleet.rewards.copy(), *ends, info
 
     @in_turn
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
@@ -292,7 +292,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         if ids is not None and self.task.is_own:
             raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
-        ids = None if ids is None else np.array(lanes.numbered(ids, self.num_envs, rising=True), np.int32)
+        ids = None if ids is None else np.array(vector_options.numbered(ids, self.num_envs, rising=True), np.int32)
         fleet.actions[:] = given
         fleet.step(ids)
         if self._shown is not None:
@@ -302,14 +302,14 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
     def _info(self, mask: np.ndarray, *, ended: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
         """As `arrays_of`."""
         terms = self._envs[0].reward_terms
-        return lanes.arrays_of(self.fleet, terms, mask, self._is_drawn, ended=ended)
+        return arrays_of(self.fleet, terms, mask, self._is_drawn, ended=ended)
 
     @in_turn
     def ended(self, robot: int) -> dict[str, Any]:
         """How the last episode of a robot ended that has begun anew in the same step, as `info` of a single one."""
         own, fleet = self._envs[robot], self.fleet
         record, terms = fleet.final_infos[robot : robot + 1], fleet.final_terms[robot]
-        return single_info(record, own.reward_terms, terms, words_of(own.failures, own.words))
+        return info_of(record, own.reward_terms, terms, words_of(own.failures, own.words))
 
     @in_turn
     def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
@@ -371,7 +371,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """Robots by number."""
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
-        return lanes.numbered(ids, self.num_envs)
+        return vector_options.numbered(ids, self.num_envs)
 
     def close(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
         """Stop the threads once their tick is done; a second call does nothing."""

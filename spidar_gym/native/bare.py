@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import mujoco
 import numpy as np
 
-from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import FASTEST
 from spidar_gym.native.mujoco import BOXED, FLAT, OWN, STATE, Simulation
 from spidar_gym.sim.scene import TIMESTEP, scene

@@ -20,7 +20,7 @@ from spidar_gym.native.quantities import (
 )
 from spidar_gym.native.structs import ANY, CODE, COUNT, FLAG, INFINITE, SINCE, USUAL, CStruct, dtypes
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
-from spidar_gym.sim import actuators, air, course, disturbances, energy, ground, scene, sensors, violations
+from spidar_gym.sim import actuators, air, course_boxes, disturbances, energy, ground, scene, sensors, violations
 from spidar_gym.sim.air import N_DUCTS
 from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES
 from spidar_gym.state import IMU_SAMPLES
@@ -56,7 +56,7 @@ ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
     "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
-    "AIR_STEPS": AIR_STEPS, "COURSING_QUANTITIES": len(COURSE_QUANTITIES), "SERVO_STEPS": SERVO_STEPS,
+    "AIR_STEPS": AIR_STEPS, "COURSE_QUANTITIES": len(COURSE_QUANTITIES), "SERVO_STEPS": SERVO_STEPS,
     "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
@@ -69,7 +69,7 @@ ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", disturbances, ("PUSH_SECONDS", "PUSH_EVERY")),
     ("", energy, ("CAPACITY_WH", "USABLE", "BASE_POWER", "THRUST_POWER", "SERVO_EFFICIENCY", "HOLDING_POWER",
                   "FULL_VOLTAGE", "EMPTY_VOLTAGE", "RESISTANCE")),
-    ("COURSE_", course, ("THICK", "SILL", "BEHIND")),
+    ("COURSE_", course_boxes, ("THICK", "SILL", "BEHIND")),
     ("COURSE_", gates, ("ROW",)),
     ("", gates, ("TILE_ROWS", "TILE_COLUMNS")),
     ("", ground, ("TILE", "TILE_DEPTH", "NOWHERE")),
@@ -266,7 +266,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("truncated over", "i4", (), "whether the horizon is reached; whether the next step is a reset", FLAG),
         ("drawn", "f8", (DRAWN_NUMBERS,), "what was drawn of the robot, in the order of the draws"),
     )),
-    CStruct("hover", "A robot in flight: simulated, controlled, and what it is to do.", (
+    CStruct("hover_robot", "A robot in flight: simulated, controlled, and what it is to do.", (
         ("plant", "plant", (), ""),
         ("episode", "episode", (), ""),
         ("flight", "flight", (), ""),
@@ -339,7 +339,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("saturated rest_time rest_speed rest_turn rest_joint_speed rest_thrust", "f8", (),
          "a servo this close to its largest torque is [Nm]; a rest: [s], [m/s], [rad/s], [rad/s], of the weight"),
     )),
-    CStruct("crawling", "A robot on the ground: simulated, controlled, and what it is to do.", (
+    CStruct("crawl_robot", "A robot on the ground: simulated, controlled, and what it is to do.", (
         ("plant", "plant", (), ""),
         ("episode", "episode", (), ""),
         ("crawl", "crawl", (), ""),
@@ -352,7 +352,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
         ("crawled timeouts rested", "i4", (), "ticks; phases timed out; ticks of rest till now", COUNT),
         ("swinging", "i4", (N_LEGS,), "whether the feet are on their way", FLAG),
-        ("is_done", "i4", (), "whether the gait is", FLAG),
+        ("phase is_done", "i4", (), "sp_phase; whether the gait is done", ("phase", FLAG)),
         ("finished", "f8", (), "when the gait was done, or without one had rested at the goal [s]; 0 before"),
         ("swing_ticks airborne_ticks", "f8", (N_LEGS,), "ticks of the swing; of these in the air"),
         ("foot_slip peg_slip", "f8", (N_LEGS,), "ways on the floor [m]"),
@@ -361,8 +361,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("saturation thrust thrust_peak", "f8", (), "sums over ticks: saturated joints, thrust over weight; its peak"),
         ("tilt_legs tilt_torso", "f8", (), "largest tilt while legs are lifted, while the torso moves [rad]"),
     )),
-    quantity_struct("crawling_quantities", CrawlQuantities),
-    CStruct("crawling_info", "What is told of a crawl.", (
+    quantity_struct("crawl_quantities", CrawlQuantities),
+    CStruct("crawl_info", "What is told of a crawl.", (
         ("info", "info", (), ""),
         ("goal_error", "f8", (3,), "[m], [m], [rad]"),
         ("time_s nominal_time_s airborne_share foot_slip_m peg_slip_m duct_clearance_m", "f8", (), ""),
@@ -373,7 +373,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("foot_contact", "b1", (N_LEGS,), "", FLAG),
         ("finished is_success", "b1", (), "", FLAG),
     )),
-    quantity_struct("coursing_quantities", CourseQuantities),
+    quantity_struct("course_quantities", CourseQuantities),
     CStruct("course_rules", "The task of a course.", (
         ("rules", "rules", (), ""),
         ("manager", "manager_config", (), ""),
@@ -390,7 +390,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("lies at_rest", "f8", (), "[m], [m/s]"),
         ("carried turn_length success_position success_yaw", "f8", (), "of the weight; of a radian [m]; [m], [rad]"),
     )),
-    CStruct("coursing", "A robot on a course: simulated, controlled, and what it is to do.", (
+    CStruct("course_robot", "A robot on a course: simulated, controlled, and what it is to do.", (
         ("plant", "plant", (), ""),
         ("episode", "episode", (), ""),
         ("manager", "manager", (), ""),
@@ -401,10 +401,11 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("initial_distance distance", "f8", (), "to the goal, a radian counting as some metres [m]"),
         ("controls flown crawled lies", "i4", (), "ticks, in the air, of crawling; whether it lies",
          (COUNT, COUNT, COUNT, FLAG)),
+        ("phase", "i4", (), "sp_manager_phase", "manager_phase"),
         ("arrived", "f8", (), "since when it lies at the goal [s]; 0 if it does not"),
         ("hit most_hit tilt charge", "f8", (), "largest force of the last step, of all [N]; [rad]; of the battery"),
     )),
-    CStruct("coursing_info", "What is told of a course.", (
+    CStruct("course_info", "What is told of a course.", (
         ("info", "info", (), ""),
         ("goal_error", "f8", (3,), "[m], [m], [rad]"),
         ("distance_m time_s flown_s crawled_s charge hit_n most_hit_n tilt_rad thrust_fraction", "f8", (), ""),

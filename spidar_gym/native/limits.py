@@ -288,6 +288,6 @@ RELATIONS: dict[str, tuple[tuple[str, Fits], ...]] = {
     ),
     "info": (("qp_status_code is no status", lambda i: i["qp_status_code"] <= _words()["status"][1]),),
     "course": (("gates take more boxes than there is room for", _has_room),),
-    "hover": (("current is none of the goals", lambda h: h["current"] < h["goals"]),),
+    "hover_robot": (("current is none of the goals", lambda h: h["current"] < h["goals"]),),
 }  # fmt: skip
 """How numbers of a struct fit together, vectorised over robots: what does not, and whether it does."""

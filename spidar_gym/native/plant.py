@@ -14,7 +14,7 @@ from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vec
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native import limits
 from spidar_gym.native.draws import from_numpy
-from spidar_gym.native.engine import Engine, check_delay
+from spidar_gym.native.engine_binding import Engine, check_delay
 from spidar_gym.native.engine_structs import AIR_STEPS, engine_layouts
 from spidar_gym.native.library import pointer
 from spidar_gym.native.structs import WORDS, fill, read

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.allocation.allocator import Allocation
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import fill

@@ -10,8 +10,8 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs import actions
 from spidar_gym.envs.actions import ActionMode
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.codegen.header import array, header, hex_float

@@ -12,7 +12,7 @@ from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.paper.flight import ExperimentLog, qp_figures, qp_lines
 from spidar_gym.policies.rollout import columns, rollout

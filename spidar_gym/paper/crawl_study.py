@@ -11,7 +11,7 @@ import numpy as np
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.presets import crawler_config
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.paper.crawl import LIMIT, crawl_robot
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.text import format_table

@@ -9,7 +9,7 @@ import numpy as np
 
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.policies.rollout import columns, rollout
 from spidar_gym.robot import N_ROTORS, ROBOT

@@ -12,7 +12,7 @@ from spidar_gym.benchmark.statistics import Change, compare
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig, FlightController
 from spidar_gym.control.presets import controller_config
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.paper.trial import CONDITIONS, Outcome, Trial, fly_all
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT

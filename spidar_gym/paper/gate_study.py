@@ -30,7 +30,7 @@ from spidar_gym.control.course.rule import (
 )
 from spidar_gym.control.course.target import Target
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.envs.course.env import CourseEnv
+from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.tasks.course import DEPTHS, FLOOR_LENGTH, GOAL_WAY, SIZES
 
 SWEPT = {

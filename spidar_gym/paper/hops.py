@@ -17,7 +17,7 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import SpidarError
-from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig

@@ -9,7 +9,7 @@ import numpy as np
 
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.policies.rollout import rollout
 
 SETTLE = 1.0

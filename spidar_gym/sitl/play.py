@@ -14,7 +14,7 @@ from spidar_gym.files import scratch_folder
 from spidar_gym.onboard.build import build_runner
 from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
-from spidar_gym.sitl.course import course_robot
+from spidar_gym.sitl.course_drive import course_robot
 from spidar_gym.sitl.faults import FAULTS, Injector
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing

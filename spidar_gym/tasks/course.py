@@ -11,7 +11,7 @@ from spidar_gym.control.course.gates import FLOORS, GATES, HALF_WIDTH, KINDS, MA
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_within
-from spidar_gym.native.course import read_course
+from spidar_gym.native.course_records import read_course
 from spidar_gym.native.draws import from_numpy, take_back
 from spidar_gym.native.engine_structs import COURSE_QUANTITIES, engine_layouts
 from spidar_gym.native.library import load_core, pointer

@@ -140,7 +140,7 @@ class HoverRobots(HoverQuantities, Robots):
 class CrawlRobots(CrawlQuantities, Robots):
     """Robots on the ground."""
 
-    kind = "crawling"
+    kind = "crawl"
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -150,7 +150,7 @@ class CrawlRobots(CrawlQuantities, Robots):
     @property
     def phase(self) -> np.ndarray:
         """Phase of the gait, a number of `PHASES` (N,)."""
-        return self.records["crawl"]["gait"]["phase"]
+        return self.records["phase"]
 
     @property
     def feet_touch(self) -> np.ndarray:
@@ -161,4 +161,4 @@ class CrawlRobots(CrawlQuantities, Robots):
 class CourseRobots(CourseQuantities, Robots):
     """Robots on a course."""
 
-    kind = "coursing"
+    kind = "course"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.course.gates import BEFORE, CEILING, HALF_WIDTH, POSSIBLE, Course
-from spidar_gym.sim.course import parts
+from spidar_gym.sim.course_boxes import parts
 from spidar_gym.tasks.course import SIZES
 from spidar_gym.viz.style import BLACK, BLUE, GREEN, GREY, PURPLE, SKY, VERMILLION, Axes, pyplot, save
 

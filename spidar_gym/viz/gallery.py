@@ -15,8 +15,8 @@ from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.registry import COURSE, ENVIRONMENTS
 from spidar_gym.paper.crawl import crawl_paper
 from spidar_gym.paper.flight import fly_paper

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from support.tries import tried
 
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.config import PlantConfig
 

@@ -17,8 +17,9 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.native import limits, structs
 from spidar_gym.native.engine_structs import engine_layouts
 
+KINDS = {"hover": "hover", "path": "hover", "crawl": "crawl", "course": "course"}
 TESTS = Path(__file__).resolve().parents[1]
-STRUCTS = {"hover": "hover", "path": "hover", "crawl": "crawling", "course": "coursing"}
+STRUCTS = {name: f"{kind}_robot" for name, kind in KINDS.items()}
 VALUES = 6
 """To which each whole number is changed."""
 
@@ -45,7 +46,7 @@ def test_a_changed_state_is_refused_and_changes_nothing_or_goes_on(case, rng, tr
 
 
 @pytest.mark.parametrize(
-    "struct", ["goal", "knot", *(f"{name}{info}" for name in STRUCTS.values() for info in ("", "_info"))]
+    "struct", ["goal", "knot", *(f"{kind}_{part}" for kind in KINDS.values() for part in ("robot", "info"))]
 )
 def test_every_whole_number_that_is_saved_has_bounds(struct):
     found = limits.numbers_of(struct)
@@ -135,7 +136,7 @@ def test_what_is_wrong_is_named():
     env.reset(seed=0)
     robots = env.fleet.robots.copy()
     robots["flight"]["memory"]["lock"]["active"][0, 3] = 7
-    assert limits.fault_of("hover", robots) == "flight.memory.lock.active[3] = 7, expected 0 … 1"
+    assert limits.fault_of("hover_robot", robots) == "flight.memory.lock.active[3] = 7, expected 0 … 1"
     with pytest.raises(SpidarError, match="no saved state"):
         env.restore_state(b"")
     env.close()

@@ -14,7 +14,7 @@ from spidar_gym.benchmark.scenario import reset_options
 from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.benchmark.track import CAP, flight_error, ground_error
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native.library import STATUS
 from spidar_gym.robot import ROBOT

@@ -9,8 +9,8 @@ import pytest
 from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS, PolicyError, PresetPolicy, load_scenarios
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.scoring import play_scenario, play_scenarios
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.native.engine import Engine
+from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.native.engine_binding import Engine
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import BatchPolicy, acts_in_batches
 

@@ -12,8 +12,8 @@ import spidar_gym
 from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.interface import CrawlControl, FlightControl
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
 
 PACKAGE = Path(spidar_gym.__file__).parent
 PAIRS = [
@@ -22,8 +22,8 @@ PAIRS = [
     (Crawler, CrawlControl),
     (CoreCrawler, CrawlControl),
 ]
-COMPILED = ("spidar_gym.native.crawl", "spidar_gym.native.library")
-ENVIRONMENTS = ("envs/env.py", "envs/hover/env.py", "envs/crawl/env.py")
+COMPILED = ("spidar_gym.native.core_crawler", "spidar_gym.native.library")
+ENVIRONMENTS = ("envs/env.py", "envs/hover_env.py", "envs/crawl_env.py")
 CONCRETE = {kind.__name__ for kind, _ in PAIRS} | {"Core", "Any"}
 
 
@@ -50,8 +50,8 @@ CLAIMS = """
 from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.interface import CrawlControl, FlightControl
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
 
 flight: list[FlightControl] = [FlightController(), CoreFlightController()]
 crawl: list[CrawlControl] = [Crawler(), CoreCrawler()]

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from spidar_gym.envs.codes import Coded
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE, ENVIRONMENTS, HOVER
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 

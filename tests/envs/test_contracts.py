@@ -16,7 +16,7 @@ from spidar_gym.control.presets import PRESETS, controller_config
 from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.model.dynamics import Model
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.air import AeroConfig

@@ -13,8 +13,8 @@ import reference.plant
 from support.vectors import expected
 
 from spidar_gym.envs import env as module
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.native.mujoco import STATE

@@ -15,7 +15,7 @@ from support.episodes import EVERY, HOVER, assert_same, flight, make, same
 from spidar_gym.envs.docs import page
 from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownArgumentError, UnknownNameError
-from spidar_gym.native import engine
+from spidar_gym.native import engine_binding
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import description
 from spidar_gym.sim.config import PlantConfig
@@ -200,14 +200,14 @@ def test_a_model_file_that_was_edited_or_is_missing_is_refused(edit, tmp_path, m
     text = path.read_text(encoding="utf-8")
     path.unlink() if edit is None else path.write_text(edit(text), encoding="utf-8")
     monkeypatch.setattr(description, "assets_dir", lambda: tmp_path / "assets")
-    engine.scene.cache_clear()
+    engine_binding.scene.cache_clear()
     try:
         with pytest.raises(StaleAssetError, match="spidar assets"):
             gymnasium.make(HOVER)
         with pytest.raises(StaleAssetError, match=r"spidar\.xml"):
             Plant()
     finally:
-        engine.scene.cache_clear()
+        engine_binding.scene.cache_clear()
 
 
 def test_a_table_of_terms_that_are_not_those_of_the_task_is_refused_at_the_reset():

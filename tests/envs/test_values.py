@@ -14,7 +14,7 @@ from support.episodes import same
 
 from spidar_gym.control.flight.path import Path
 from spidar_gym.control.presets import PRESETS
-from spidar_gym.envs.values import find_class, pack_values, unpack_values
+from spidar_gym.envs.serialization.values import find_class, pack_values, unpack_values
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.state import RobotState
 
@@ -175,7 +175,8 @@ def test_classes_are_those_of_the_package_and_of_the_modules_that_are_named():
     assert find_class("spidar_gym.state:RobotState", ()) is RobotState
     assert find_class(f"{__name__}:Pair", HERE) is Pair
     for name in (
-        f"{__name__}:Pair", "os:system", "builtins:eval", "subprocess:Popen", "spidar_gym.envs.values:pack_values",
+        f"{__name__}:Pair", "os:system", "builtins:eval", "subprocess:Popen",
+        "spidar_gym.envs.serialization.values:pack_values",
         "spidar_gym.native.plant:Plant", "spidar_gym.state:RobotState.__init__", "spidar_gym.nowhere:It", "", ":",
     ):  # fmt: skip
         assert find_class(name, ()) is None

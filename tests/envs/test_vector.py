@@ -7,8 +7,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from support.vectors import DRAWN, FLIGHTS, expected
 
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownArgumentError, UnknownNameError

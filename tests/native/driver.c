@@ -157,8 +157,8 @@ int main(int argc, char **argv)
     double *action = malloc((size_t)(acted - (BROKEN == OVERFLOW)) * sizeof *action);
     e.actions = action;
 
-    int (*const resets[])(sp_engine *, const int32_t *, int) = {sp_reset_hovers, sp_reset_crawlings, sp_reset_coursings};
-    int (*const steps[])(sp_engine *, const int32_t *, int) = {sp_step_hovers, sp_step_crawlings, sp_step_coursings};
+    int (*const resets[])(sp_engine *, const int32_t *, int) = {sp_reset_hover_robots, sp_reset_crawl_robots, sp_reset_course_robots};
+    int (*const steps[])(sp_engine *, const int32_t *, int) = {sp_step_hover_robots, sp_step_crawl_robots, sp_step_course_robots};
     uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a */
     resets[number[KIND]](&e, NULL, (int)robots);
     for (int64_t tick = 0; tick <= number[TICKS]; tick++) {

@@ -22,9 +22,9 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import SpidarError
 from spidar_gym.native import library
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
-from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
+from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.so3 import exp

@@ -22,7 +22,7 @@ from spidar_gym.control.presets import RETUNED
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError, UnknownNameError
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.native.compiler import compiler
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.library import Struct, load_core, pointer
 from spidar_gym.native.recipe import seal
 from spidar_gym.native.robot import robot

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import SpidarError
-from spidar_gym.native import engine
+from spidar_gym.native import engine_binding
 from spidar_gym.native.engine_structs import N_DOFS
 from spidar_gym.native.mujoco import member_offsets
 from spidar_gym.tasks.crawl import CrawlTask
@@ -26,14 +26,14 @@ def short_of_memory(monkeypatch):
     """MuJoCo has room for the contacts of a robot in flight or on its feet, and not for those of one in the floor."""
 
     def have(room=250_000):
-        plain = engine.scene
+        plain = engine_binding.scene
 
         def scene(**options):
             model = copy.copy(plain(**options))
             ctypes.c_uint64.from_address(model._address + member_offsets("mjModel")["narena"]).value = room
             return model
 
-        monkeypatch.setattr(engine, "scene", scene)
+        monkeypatch.setattr(engine_binding, "scene", scene)
 
     return have
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from spidar_gym.errors import SpidarError, StaleAssetError
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.library import core_path, load_core
 from spidar_gym.native.recipe import SEAL
 

@@ -8,7 +8,7 @@ from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.constants import MAX_WAYPOINTS
-from spidar_gym.native.locomotion import CoreManager
+from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.paper.hops import CONFIG, HOP, Trip
 from spidar_gym.robot import FORMS
 

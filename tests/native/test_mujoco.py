@@ -10,7 +10,7 @@ import pytest
 from spidar_gym.errors import SpidarError, StaleAssetError
 from spidar_gym.native import library as spidar_library
 from spidar_gym.native import mujoco as door
-from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine_binding import Engine
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import scene
 

@@ -34,7 +34,7 @@ UNITS, NOTHING = {60.0, 1000.0, 3600.0}, 1e-5
 """Seconds, milli, hours; what is smaller only keeps a division from zero."""
 BY_CHANCE = {"air.c": {0.7, 1.2, 1.3}}
 """Numbers of C that mean something else than the same ones in Python."""
-OF_TASKS = {"hover.c": {0.03, 0.05, 0.55, 2.5}, "crawling.c": {1e-3, 0.12}}
+OF_TASKS = {"crawl_robot.c": {1e-3, 0.12}}
 """Numbers of tasks that C and Python type both: the only ones."""
 TABLE = {
     f"SP_{prefix}{name}".upper(): (place, name, getattr(place, name))

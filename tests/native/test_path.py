@@ -10,8 +10,8 @@ from support.states import model, resting
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.path import Path, from_motion, legs, lemniscate, spline
 from spidar_gym.control.presets import controller_config
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import Struct, load_core, pointer
 from spidar_gym.native.structs import fill
 from spidar_gym.so3 import exp, matrix_to_quat

@@ -43,12 +43,12 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.native.course import write_course
-from spidar_gym.native.locomotion import CoreManager, waypoint
+from spidar_gym.native.core_manager import CoreManager, waypoint
+from spidar_gym.native.course_records import write_course
 from spidar_gym.native.plant import read_state
 from spidar_gym.onboard.runner_structs import ORDER_TEXT, log_layouts
 from spidar_gym.robot import FORMS
-from spidar_gym.sitl.course import Guide, manager_config
+from spidar_gym.sitl.course_drive import Guide, manager_config
 from spidar_gym.sitl.faults import FLOOR_PHASES
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.messages import ORDERS, Message

@@ -23,7 +23,7 @@ from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.paper.flight import PAPER_FLIGHT
 from spidar_gym.policies.artifact import write_artifact
 from spidar_gym.sitl import course_faults
-from spidar_gym.sitl.course import driven_course
+from spidar_gym.sitl.course_drive import driven_course
 from spidar_gym.sitl.course_faults import (
     course_fault_figures,
     course_fault_lines,

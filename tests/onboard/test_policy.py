@@ -17,8 +17,8 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.native.compiler import compiler
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.library import Struct, expected_digest, pointer
 from spidar_gym.native.recipe import FLAGS, includes, interface_header, seal, sources
 from spidar_gym.native.structs import fill

@@ -20,7 +20,7 @@ from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native import recipe
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.constants import CHANNELS, MAX_ACTION, MAX_WIDTH
-from spidar_gym.native.flight import CoreFlightController
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.library import Struct
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard import golden

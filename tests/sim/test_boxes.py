@@ -13,7 +13,7 @@ from spidar_gym.control.locomotion.commands import FlyTo, Land, TakeOff
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.bare import BarePhysics
-from spidar_gym.native.engine import Engine
+from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.plant import Plant
 from spidar_gym.native.structs import fill

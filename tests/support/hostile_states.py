@@ -20,9 +20,9 @@ import numpy as np
 
 import spidar_gym  # noqa: F401 - it registers
 from spidar_gym.border import pack, unpack
-from spidar_gym.envs import saving
-from spidar_gym.envs.moments import TITLE
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
+from spidar_gym.envs.serialization import fleets
+from spidar_gym.envs.serialization.environments import TITLE
 from spidar_gym.errors import SpidarError
 from spidar_gym.native.limits import member_at, numbers_of
 
@@ -83,8 +83,8 @@ def changes(struct: str, kind: str, rng: np.random.Generator) -> Iterator[tuple[
 
 def sealed(robots: bytes, at: int, number: bytes) -> bytes:
     """Saved robots with other bytes at a place of their records."""
-    body = bytearray(robots[: -saving.CHECKSUM])
-    at += body.index(b"\n", len(saving.MAGIC)) + 1
+    body = bytearray(robots[: -fleets.CHECKSUM])
+    at += body.index(b"\n", len(fleets.MAGIC)) + 1
     body[at : at + len(number)] = number
     return bytes(body) + hashlib.sha256(body).digest()
 

@@ -14,7 +14,7 @@ from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.state import Command
 

@@ -1,1 +1,1 @@
-"""Hover-v0: hold the CoG while the joints go through a sequence of forms."""
+"""An import path that a committed baseline names; the environment is `envs/hover_env.py`, its task `tasks/hover.py`."""

@@ -156,31 +156,31 @@ void sp_keep_now(const sp_engine *engine);
 void sp_touching_now(const sp_engine *engine, sp_touch *touch);
 int sp_refresh_plants(sp_engine *engine, const int32_t *ids, int n); /* kinematics and contacts of now in the data */
 
-/* hover.c; those are lost whose step MuJoCo gave up: they count as diverged. A step ends before `regard` where commands
+/* hover_robot.c; those are lost whose step MuJoCo gave up: they count as diverged. A step ends before `regard` where commands
  * or references are Python's. */
 void sp_draw_flight(const sp_hover_rules *rules, int32_t forms, sp_generator *generator, sp_goal *goals,
                     int64_t goal_room, sp_knot *knots, int64_t knot_room, sp_flight_start *start);
-int sp_refer_hovers(sp_engine *engine, const int32_t *ids, int n);
-int sp_regard_hovers(sp_engine *engine, const int32_t *ids, int n);
-int sp_show_hovers(sp_engine *engine, const int32_t *ids, int n);
-int sp_reset_hovers(sp_engine *engine, const int32_t *ids, int n);
-int sp_step_hovers(sp_engine *engine, const int32_t *ids, int n);
-int sp_lose_hovers(sp_engine *engine, const int32_t *ids, int n);
-int sp_watch_hovers(sp_engine *engine, const int32_t *ids, int n, sp_watch *watches);
+int sp_refer_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_regard_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_show_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_reset_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_watch_hover_robots(sp_engine *engine, const int32_t *ids, int n, sp_watch *watches);
 
-/* crawling.c */
+/* crawl_robot.c */
 int32_t sp_draw_way(const sp_crawl_rules *rules, sp_generator *generator, int64_t most, sp_pose2 *drawn_way);
-int sp_show_crawlings(sp_engine *engine, const int32_t *ids, int n);
-int sp_reset_crawlings(sp_engine *engine, const int32_t *ids, int n);
-int sp_step_crawlings(sp_engine *engine, const int32_t *ids, int n);
-int sp_lose_crawlings(sp_engine *engine, const int32_t *ids, int n);
+int sp_show_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_reset_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
 
-/* coursing.c */
+/* course_robot.c */
 void sp_draw_course(const sp_course_rules *rules, sp_generator *generator, sp_course *course);
-int sp_show_coursings(sp_engine *engine, const int32_t *ids, int n);
-int sp_reset_coursings(sp_engine *engine, const int32_t *ids, int n);
-int sp_step_coursings(sp_engine *engine, const int32_t *ids, int n);
-int sp_hold_coursings(sp_engine *engine, const int32_t *ids, int n);
-int sp_lose_coursings(sp_engine *engine, const int32_t *ids, int n);
+int sp_show_course_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_reset_course_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_course_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_hold_course_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_course_robots(sp_engine *engine, const int32_t *ids, int n);
 
 #endif

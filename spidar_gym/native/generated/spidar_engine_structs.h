@@ -20,7 +20,7 @@
 #define SP_STAIRS 2 /* engine_structs */
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
-#define SP_COURSING_QUANTITIES 17 /* engine_structs */
+#define SP_COURSE_QUANTITIES 17 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
@@ -54,9 +54,9 @@ static const double SP_PUSH_EVERY[2] = {0x1.4000000000000p+2, 0x1.e000000000000p
 #define SP_FULL_VOLTAGE 0x1.9333333333333p+4 /* 25.2, spidar_gym.sim.energy.FULL_VOLTAGE */
 #define SP_EMPTY_VOLTAGE 0x1.6333333333333p+4 /* 22.2, spidar_gym.sim.energy.EMPTY_VOLTAGE */
 #define SP_RESISTANCE 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.energy.RESISTANCE */
-#define SP_COURSE_THICK 0x1.3333333333333p-2 /* 0.3, spidar_gym.sim.course.THICK */
-#define SP_COURSE_SILL 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.course.SILL */
-#define SP_COURSE_BEHIND 0x1.0000000000000p-1 /* 0.5, spidar_gym.sim.course.BEHIND */
+#define SP_COURSE_THICK 0x1.3333333333333p-2 /* 0.3, spidar_gym.sim.course_boxes.THICK */
+#define SP_COURSE_SILL 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.course_boxes.SILL */
+#define SP_COURSE_BEHIND 0x1.0000000000000p-1 /* 0.5, spidar_gym.sim.course_boxes.BEHIND */
 #define SP_COURSE_ROW 0x1.0000000000000p-2 /* 0.25, spidar_gym.control.course.gates.ROW */
 #define SP_TILE_ROWS 14 /* spidar_gym.control.course.gates.TILE_ROWS */
 #define SP_TILE_COLUMNS 2 /* spidar_gym.control.course.gates.TILE_COLUMNS */
@@ -415,7 +415,7 @@ typedef struct {
     double position_sum, attitude_sum; /* of squared errors [m²], [rad²] */
     int32_t is_led; /* whether the controller's advice is done in place of the action */
     sp_command advice; /* what the controller would have commanded at the last tick */
-} sp_hover;
+} sp_hover_robot;
 
 /* What is told of every robot after a tick. */
 typedef struct {
@@ -512,7 +512,7 @@ typedef struct {
     double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
     int32_t crawled, timeouts, rested; /* ticks; phases timed out; ticks of rest till now */
     int32_t swinging[4]; /* whether the feet are on their way */
-    int32_t is_done; /* whether the gait is */
+    int32_t phase, is_done; /* sp_phase; whether the gait is done */
     double finished; /* when the gait was done, or without one had rested at the goal [s]; 0 before */
     double swing_ticks[4], airborne_ticks[4]; /* ticks of the swing; of these in the air */
     double foot_slip[4], peg_slip[4]; /* ways on the floor [m] */
@@ -520,7 +520,7 @@ typedef struct {
     int32_t duct_contact; /* whether a duct touched it */
     double saturation, thrust, thrust_peak; /* sums over ticks: saturated joints, thrust over weight; its peak */
     double tilt_legs, tilt_torso; /* largest tilt while legs are lifted, while the torso moves [rad] */
-} sp_crawling;
+} sp_crawl_robot;
 
 /* Of robots on the ground. */
 typedef struct {
@@ -538,7 +538,7 @@ typedef struct {
     double timeouts; /* Phases that ended by time-out. */
     double airborne; /* Share of its swing in which the worst foot was in the air; 1 before the first swing. */
     double foot_slip; /* Way of the worst foot's touching point along the floor [m]. */
-} sp_crawling_quantities;
+} sp_crawl_quantities;
 
 /* What is told of a crawl. */
 typedef struct {
@@ -550,7 +550,7 @@ typedef struct {
     int32_t phase_code, timeouts, shortfalls_code; /* sp_phase; phases; bits of sp_shortfall */
     uint8_t foot_contact[4];
     uint8_t finished, is_success;
-} sp_crawling_info;
+} sp_crawl_info;
 
 /* Of robots on a course. */
 typedef struct {
@@ -566,7 +566,7 @@ typedef struct {
     double is_cut; /* 1 where the rotors are cut in the air. */
     double is_outside; /* 1 where the robot has left the field. */
     double is_empty; /* 1 where the battery's usable charge is used up. */
-} sp_coursing_quantities;
+} sp_course_quantities;
 
 /* The task of a course. */
 typedef struct {
@@ -597,9 +597,10 @@ typedef struct {
     double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
     double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
     int32_t controls, flown, crawled, lies; /* ticks, in the air, of crawling; whether it lies */
+    int32_t phase; /* sp_manager_phase */
     double arrived; /* since when it lies at the goal [s]; 0 if it does not */
     double hit, most_hit, tilt, charge; /* largest force of the last step, of all [N]; [rad]; of the battery */
-} sp_coursing;
+} sp_course_robot;
 
 /* What is told of a course. */
 typedef struct {
@@ -608,6 +609,6 @@ typedef struct {
     double distance_m, time_s, flown_s, crawled_s, charge, hit_n, most_hit_n, tilt_rad, thrust_fraction;
     int32_t phase_code, gate; /* sp_manager_phase; how many gates and floors are behind it */
     uint8_t lies, finished, is_success;
-} sp_coursing_info;
+} sp_course_info;
 
 #endif

@@ -1,4 +1,4 @@
-/* The stages: wait, drive, hold for at most 100 ms, force the landing, silence; course.c has more of them. */
+/* The stages: wait, drive, hold for at most 100 ms, force the landing, silence; course_drive.c has more of them. */
 #include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"

@@ -50,7 +50,7 @@ sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_comm
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);
 
-/* course.c: the tick of a mission of both gaits; NULL, or why it is refused. */
+/* course_drive.c: the tick of a mission of both gaits; NULL, or why it is refused. */
 const char *sp_course_init(sp_loop *loop);
 const char *sp_course_begin(sp_loop *loop, const sp_robot_state *state);
 void sp_course_tick(sp_loop *loop, const sp_loop_input *input, sp_fault fault);

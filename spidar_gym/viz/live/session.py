@@ -12,10 +12,10 @@ from spidar_gym.arrays import JointVector
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl.env import CrawlEnv
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, environment
 from spidar_gym.errors import InvalidValueError, require_name, require_within
 from spidar_gym.policies.actor import Actor

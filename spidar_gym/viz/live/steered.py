@@ -7,8 +7,8 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.native.plant import read_reference
 from spidar_gym.native.structs import fill
 from spidar_gym.state import Reference

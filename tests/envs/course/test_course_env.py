@@ -14,7 +14,7 @@ from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.envs.registry import COURSE
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, UnknownNameError
-from spidar_gym.sim.course import boxes
+from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.tasks.course import DECIDE, MAX_HIT, SIZES, CourseTask, plain_course
 
 SHORT = Course((Gate("slot", 2.3, 2.6, 1.5, 0.3), Gate("tiles", 4.4, 7.9, 0.015)), Pose2(6.1, 0.1, 0.1),

@@ -22,7 +22,7 @@ from spidar_gym.control.presets import CRAWL_PRESETS
 from spidar_gym.envs.actions import CRAWL_MODES
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.model.dynamics import Model
-from spidar_gym.native.crawl import CoreCrawler
+from spidar_gym.native.core_crawler import CoreCrawler
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.config import PlantConfig

@@ -10,8 +10,8 @@ import pytest
 from support.vectors import DRAWN
 
 from spidar_gym.control.flight.path import AHEAD, AHEAD_STEP, Path, legs
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, UnknownNameError

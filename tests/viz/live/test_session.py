@@ -8,9 +8,9 @@ import pytest
 from support.commands import ROOT
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
+from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, UnknownArgumentError, UnknownNameError
 from spidar_gym.policies.source import PolicyError

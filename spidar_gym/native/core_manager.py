@@ -13,9 +13,9 @@ from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, Orders
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import MAX_WAYPOINTS
+from spidar_gym.native.core_crawler import CoreCrawler
+from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.native.crawl import CoreCrawler
-from spidar_gym.native.flight import CoreFlightController
 from spidar_gym.native.library import STATUS, Core, LastCommand, Room, Struct
 from spidar_gym.native.structs import fill
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState

@@ -18,12 +18,12 @@ from spidar_gym.envs.controllers import choose_control, make_flight_controller
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import Goal, HoverGoal
+from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import described_robot, make_task, solver_settings
 from spidar_gym.envs.progress import FlightProgress
-from spidar_gym.envs.turns import in_turn
 from spidar_gym.errors import require_instance
+from spidar_gym.native.core_flight import ControlStateView
 from spidar_gym.native.engine_structs import engine_layouts
-from spidar_gym.native.flight import ControlStateView
 from spidar_gym.native.plant import read_reference
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import ROBOT, RobotSpec

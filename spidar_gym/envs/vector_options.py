@@ -1,15 +1,13 @@
-"""What a vector is told and gives: a value for each robot, a seed for each, ways of beginning anew, copies."""
+"""Options of a vector's `reset`: a value for each robot, seeds, masks, ways of beginning anew."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.single import drawn
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.engine_structs import SEQUENCES
 from spidar_gym.sim.disturbances import Disturbances
@@ -125,42 +123,3 @@ def said_at_reset(fleet: Fleet, robot: int, options: Mapping[str, Any]) -> None:
         fleet.give_start(robot, options["start"])
     if "course" in options:
         fleet.go(robot, options["course"])
-
-
-def arrays_of(
-    fleet: Fleet, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
-    ended: dict[str, np.ndarray] | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Build `info` of all robots, words in it as codes: arrays of their own, (N, …) each, and a mask for every entry.
-
-    Args:
-        fleet: The robots.
-        terms: Names of the terms of the reward.
-        mask: Of which robots it is (N,).
-        is_drawn: Which robots are drawn (N,).
-        ended: What was drawn of the robots for their last episodes, where it is of these and others have begun.
-    """
-    final = ended is not None
-    # Each a block of its own: JAX takes no view into records.
-    info: dict[str, Any] = {name: each.copy() for name, each in (fleet.final_told if final else fleet.told).items()}
-    info["term"] = (fleet.final_terms if final else fleet.terms).copy()
-    info.update(zip(titles("reward_", terms), info["term"].T.copy(), strict=True))
-    masks = dict.fromkeys(titles("_", info), mask)
-    if draws := ended if final else draws_of(fleet, is_drawn):
-        info["randomization"], masks["_randomization"] = draws, mask & is_drawn
-    return info | masks
-
-
-def draws_of(fleet: Fleet, is_drawn: np.ndarray) -> dict[str, np.ndarray]:
-    """What is drawn of all robots now, by field of `PlantConfig` (N, …); empty where none is drawn."""
-    return drawn(fleet.robots["episode"]["drawn"]) if is_drawn.any() else {}
-
-
-def titles(prefix: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Names with something before them, put together once."""
-    return _titles(prefix, tuple(names))
-
-
-@cache
-def _titles(prefix: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(prefix + name for name in names)

@@ -118,7 +118,7 @@ static double total(const double *thrust)
 }
 
 /* How far the goal is, whether the robot lies, and what is left of the battery. */
-static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_coursing *c)
+static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_course_robot *c)
 {
     const double *position = c->plant.state.position_w;
     double R[9];
@@ -134,16 +134,16 @@ static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_cour
     c->charge = 1.0 - lacking(&c->plant);
 }
 
-static int is_there(const sp_course_rules *rules, const sp_coursing *c)
+static int is_there(const sp_course_rules *rules, const sp_course_robot *c)
 {
     double off = sqrt(c->error[0] * c->error[0] + c->error[1] * c->error[1]);
     return c->lies && off <= rules->success_position && fabs(c->error[2]) <= rules->success_yaw;
 }
 
 /* Count a control period. */
-static void advance(const sp_course_rules *rules, sp_coursing *c)
+static void advance(const sp_course_rules *rules, sp_course_robot *c)
 {
-    int32_t phase = c->manager.memory.phase;
+    int32_t phase = c->phase;
     c->controls++;
     c->crawled += phase == SP_MANAGER_CRAWL;
     c->flown += phase != SP_MANAGER_LIE && phase != SP_MANAGER_CRAWL && phase != SP_MANAGER_CUT;
@@ -154,7 +154,7 @@ static void advance(const sp_course_rules *rules, sp_coursing *c)
 }
 
 /* What the task makes rewards, failures and success of. */
-static void count(const sp_course_rules *rules, const sp_coursing *c, sp_coursing_quantities *q)
+static void count(const sp_course_rules *rules, const sp_course_robot *c, sp_course_quantities *q)
 {
     const double *position = c->plant.state.position_w;
     sp_count_episode(&rules->rules, &c->plant, &c->episode, c->controls, &q->common);
@@ -166,17 +166,17 @@ static void count(const sp_course_rules *rules, const sp_coursing *c, sp_coursin
     q->tilt = c->tilt;
     q->charge = c->charge;
     q->lies = c->lies != 0;
-    q->is_cut = c->manager.memory.phase == SP_MANAGER_CUT;
+    q->is_cut = c->phase == SP_MANAGER_CUT;
     q->is_outside = !(-SP_COURSE_BEFORE <= position[0] && position[0] <= sp_course_end(&c->course)) ||
                     fabs(position[1]) > SP_COURSE_HALF_WIDTH || position[2] > SP_COURSE_CEILING;
     q->is_empty = !(c->charge > 0.0);
 }
 
 /* Whether a quantity is beyond where the task has a step stop. */
-static int stops(const sp_course_rules *rules, const sp_coursing_quantities *quantities)
+static int stops(const sp_course_rules *rules, const sp_course_quantities *quantities)
 {
     const double *values = (const double *)quantities;
-    for (int k = 0; k < SP_COURSING_QUANTITIES; k++)
+    for (int k = 0; k < SP_COURSE_QUANTITIES; k++)
         if (values[k] > rules->stop[k]) return 1;
     return 0;
 }
@@ -187,7 +187,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_course_rules *rules = sp_rules_of(e, robot);
     const sp_robot *numbers = thread->room->robot;
-    sp_coursing *c = (sp_coursing *)sp_plant_of(e, robot);
+    sp_course_robot *c = (sp_course_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
     double idle[SP_ROTORS] = {0.0}, level[2 * SP_ROTORS] = {0.0}, quat[4] = {1.0, 0.0, 0.0, 0.0};
     double position_w[3] = {0.0, 0.0, numbers->peg_depth}, charge = rules->charge[0];
@@ -211,6 +211,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_zero(episode->action, SP_MAX_ENTRIES);
     sp_first_look(numbers, &rules->rules, &c->plant, episode);
     sp_manager_reset(numbers, &c->manager, &episode->seen);
+    c->phase = c->manager.memory.phase;
     memset(&c->pilot, 0, sizeof c->pilot);
     c->controls = c->flown = c->crawled = 0;
     c->arrived = c->hit = c->most_hit = 0.0;
@@ -219,7 +220,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
 }
 
 /* The command of this tick. */
-static void act(const sp_course_rules *rules, sp_room *room, sp_coursing *c)
+static void act(const sp_course_rules *rules, sp_room *room, sp_course_robot *c)
 {
     sp_episode *episode = &c->episode;
     sp_flight_memory *memory = &c->manager.flight.memory;
@@ -243,15 +244,16 @@ static void act(const sp_course_rules *rules, sp_room *room, sp_coursing *c)
         residual = &episode->residual;
     }
     sp_manager_step(&c->manager, seen, residual, room, &episode->command);
+    c->phase = c->manager.memory.phase;
     episode->has_command = 1;
 }
 
-static void tell(const sp_world *world, const sp_coursing *c, sp_coursing_info *info)
+static void tell(const sp_world *world, const sp_course_robot *c, sp_course_info *info)
 {
     const sp_episode *episode = &c->episode;
     const sp_plant *plant = &c->plant;
     const sp_manager *m = &c->manager;
-    int crawls = m->memory.phase == SP_MANAGER_LIE || m->memory.phase == SP_MANAGER_CRAWL;
+    int crawls = c->phase == SP_MANAGER_LIE || c->phase == SP_MANAGER_CRAWL;
     const sp_allocation *allocation = crawls ? &m->crawl.allocation : &m->flight.allocation;
     sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
             (crawls ? m->crawl.ticked : m->flight.ticked) ? allocation : NULL, SP_ON_THE_FLOOR, &info->info);
@@ -265,7 +267,7 @@ static void tell(const sp_world *world, const sp_coursing *c, sp_coursing_info *
     info->most_hit_n = c->most_hit;
     info->tilt_rad = c->tilt;
     info->thrust_fraction = episode->has_command ? total(episode->command.thrust) / world->weight : 0.0;
-    info->phase_code = m->memory.phase;
+    info->phase_code = c->phase;
     info->gate = 0;
     for (int k = 0; k < c->course.count; k++) info->gate += plant->state.position_w[0] > c->course.gates[k].end;
     info->lies = (uint8_t)c->lies;
@@ -273,7 +275,7 @@ static void tell(const sp_world *world, const sp_coursing *c, sp_coursing_info *
     info->is_success = 0; /* the task says */
 }
 
-static void observe(const sp_course_rules *rules, const sp_robot *robot, const sp_coursing *c, float *observation)
+static void observe(const sp_course_rules *rules, const sp_robot *robot, const sp_course_robot *c, float *observation)
 {
     const sp_episode *episode = &c->episode;
     const sp_robot_state *seen = &episode->seen;
@@ -291,22 +293,22 @@ static void observe(const sp_course_rules *rules, const sp_robot *robot, const s
 static void show(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_course_rules *rules = sp_rules_of(e, robot);
-    sp_coursing *c = (sp_coursing *)sp_plant_of(e, robot);
-    tell(e->world, c, (sp_coursing_info *)e->infos + robot);
-    count(rules, c, (sp_coursing_quantities *)e->quantities + robot);
+    sp_course_robot *c = (sp_course_robot *)sp_plant_of(e, robot);
+    tell(e->world, c, (sp_course_info *)e->infos + robot);
+    count(rules, c, (sp_course_quantities *)e->quantities + robot);
     observe(rules, thread->room->robot, c, e->observations + (int64_t)robot * e->observation_size);
 }
 
-static void reset_coursing(sp_engine *e, sp_thread *thread, int robot)
+static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     begin(e, thread, robot);
     show(e, thread, robot);
 }
 
 /* A control period of a robot that is carried; whether the step goes on. */
-static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, sp_coursing *c)
+static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, sp_course_robot *c)
 {
-    sp_coursing_quantities now;
+    sp_course_quantities now;
     if (rules->rules.is_commanded) c->episode.has_command = 1;
     else act(rules, thread->room, c);
     sp_enter(&thread->sim, &c->plant);
@@ -320,13 +322,13 @@ static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, s
     return !stops(rules, &now);
 }
 
-static void step_coursing(sp_engine *e, sp_thread *thread, int robot)
+static void step_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_course_rules *rules = sp_rules_of(e, robot);
-    sp_coursing *c = (sp_coursing *)sp_plant_of(e, robot);
+    sp_course_robot *c = (sp_course_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
     if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
-        reset_coursing(e, thread, robot);
+        reset_robot(e, thread, robot);
         return;
     }
     e->begun[robot] = 0;
@@ -342,21 +344,21 @@ static void step_coursing(sp_engine *e, sp_thread *thread, int robot)
 }
 
 /* One more control period of a step. */
-static void hold_coursing(sp_engine *e, sp_thread *thread, int robot)
+static void hold_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_carry(e, thread, robot);
-    move(e, sp_rules_of(e, robot), thread, (sp_coursing *)sp_plant_of(e, robot));
+    move(e, sp_rules_of(e, robot), thread, (sp_course_robot *)sp_plant_of(e, robot));
     show(e, thread, robot);
 }
 
-static void lose_coursing(sp_engine *e, sp_thread *thread, int robot)
+static void lose_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant_of(e, robot)->diverged = 1;
     show(e, thread, robot);
 }
 
-int sp_show_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show, NULL); }
-int sp_reset_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_coursing, NULL); }
-int sp_step_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_coursing, NULL); }
-int sp_hold_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, hold_coursing, NULL); }
-int sp_lose_coursings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_coursing, NULL); }
+int sp_show_course_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show, NULL); }
+int sp_reset_course_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_robot, NULL); }
+int sp_step_course_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_robot, NULL); }
+int sp_hold_course_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, hold_robot, NULL); }
+int sp_lose_course_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_robot, NULL); }

@@ -34,9 +34,9 @@ from support.moments import (
 
 from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.envs import kept, moments
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HORIZON, HOVER
+from spidar_gym.envs.serialization import checks, environments
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import SpidarError
 from spidar_gym.native import library
@@ -273,9 +273,9 @@ def test_a_copy_draws_with_a_context_of_its_own(control):
 def test_every_attribute_that_is_saved_of_our_own_classes_has_a_kind(name, control):
     env = begun(hardest(name, control), ticks=3).unwrapped
     for path, part in env._parts():
-        if not isinstance(part, moments.IN_BYTES):
-            kinds = kept.KEPT_BY_ENVIRONMENTS if part is env else kept.KEPT[type(part)]
-            assert {*moments._names(part)} <= {*kinds, "task"}, path
+        if not isinstance(part, environments.IN_BYTES):
+            kinds = checks.KEPT_BY_ENVIRONMENTS if part is env else checks.KEPT[type(part)]
+            assert {*environments._names(part)} <= {*kinds, "task"}, path
 
 
 def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkeypatch):
@@ -292,7 +292,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkey
     foreign = {
         "another environment: 'CrawlEnv'; valid here: HoverEnv": begun(gymnasium.make(CRAWL), 0),
         "another controller: 'core'; valid here: python, FlightController, Allocator": begun(HoverEnv(), 0),
-        "another controller: 'python, support.moments.Braced, Allocator'": begun(
+        "another controller: 'python, support.environments.Braced, Allocator'": begun(
             HoverEnv(law=Braced, forms="form1"), 0
         ),
         "another set of options": begun(HoverEnv(joint_speed=0.5, **options), 0),

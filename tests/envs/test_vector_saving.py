@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER
-from spidar_gym.envs.saving import CHECKSUM
+from spidar_gym.envs.serialization.fleets import CHECKSUM
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.robot import FORMS
@@ -150,7 +150,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_changes():
         (b"nothing of ours", [0, 1], "no saved robots"),
         (bytes(damaged), [0, 1], "damaged"),
         (saved[:-CHECKSUM], [0, 1], "damaged"),
-        (foreign[0], [0, 1], "another environment: 'crawling'; valid here: hover"),
+        (foreign[0], [0, 1], "another environment: 'crawl'; valid here: hover"),
         (foreign[1], [0, 1], "another set of options"),
         (saved, [0], "2 robots, as many as were saved"),
         (saved, None, "2 robots"),

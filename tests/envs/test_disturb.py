@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from spidar_gym.envs.course.env import CourseEnv
-from spidar_gym.envs.crawl.env import CrawlEnv
-from spidar_gym.envs.hover.env import HoverEnv
-from spidar_gym.envs.path.env import PathEnv
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
+from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 
 

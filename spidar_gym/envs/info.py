@@ -1,4 +1,4 @@
-"""The one robot of a fleet, as an environment of a single robot tells of it: in objects, words and single numbers."""
+"""What `info` is made of: words, numbers and drawn robots of one robot, arrays and masks of many."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,24 +8,8 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.native.draws import take_back
 from spidar_gym.native.library import STATUS
-from spidar_gym.native.plant import read_command, read_state
 from spidar_gym.sim.randomize import TABLE
-from spidar_gym.state import Command, RobotState
-
-
-def begin(fleet: Fleet, rng: np.random.Generator) -> None:
-    """Let the next episode of robot 0 begin; it is drawn from `rng`, which moves on."""
-    fleet.seed(0, rng)
-    fleet.reset()
-    take_back(rng, fleet.robots[0]["episode"]["generator"])
-
-
-def look(fleet: Fleet, name: str) -> RobotState | Command:
-    """What the controller sees (`seen`), or the last `command`."""
-    episode = fleet.robots[0]["episode"]
-    return read_state(episode["seen"]) if name == "seen" else read_command(episode["command"])
 
 
 def drawn(numbers: np.ndarray) -> dict[str, np.ndarray]:
@@ -60,7 +44,7 @@ def spoken(name: str, code: int, words: Sequence[str]) -> str:
     return words[code] if code >= 0 else "none" if name == "qp_status" else ""
 
 
-def info(
+def info_of(
     record: np.ndarray, terms: Iterable[str], values: np.ndarray, words: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
     """What is told of a robot, an array, a number or a word each.
@@ -85,5 +69,44 @@ def info(
 @cache
 def _names(layout: np.dtype[Any]) -> tuple[str, ...]:
     """Names of what a record of infos tells: what all environments do comes first."""
-    common, *own = layout.names or ()
-    return (*(layout[common].names or ()), *own)
+    own = layout.names or ()
+    return (*(layout[own[0]].names or ()), *own[1:])
+
+
+def arrays_of(
+    fleet: Fleet, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
+    ended: dict[str, np.ndarray] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Build `info` of all robots, words in it as codes: arrays of their own, (N, …) each, and a mask for every entry.
+
+    Args:
+        fleet: The robots.
+        terms: Names of the terms of the reward.
+        mask: Of which robots it is (N,).
+        is_drawn: Which robots are drawn (N,).
+        ended: What was drawn of the robots for their last episodes, where it is of these and others have begun.
+    """
+    final = ended is not None
+    # Each a block of its own: JAX takes no view into records.
+    info: dict[str, Any] = {name: each.copy() for name, each in (fleet.final_told if final else fleet.told).items()}
+    info["term"] = (fleet.final_terms if final else fleet.terms).copy()
+    info.update(zip(titles("reward_", terms), info["term"].T.copy(), strict=True))
+    masks = dict.fromkeys(titles("_", info), mask)
+    if draws := ended if final else draws_of(fleet, is_drawn):
+        info["randomization"], masks["_randomization"] = draws, mask & is_drawn
+    return info | masks
+
+
+def draws_of(fleet: Fleet, is_drawn: np.ndarray) -> dict[str, np.ndarray]:
+    """What is drawn of all robots now, by field of `PlantConfig` (N, …); empty where none is drawn."""
+    return drawn(fleet.robots["episode"]["drawn"]) if is_drawn.any() else {}
+
+
+def titles(prefix: str, names: Iterable[str]) -> tuple[str, ...]:
+    """Names with something before them, put together once."""
+    return _titles(prefix, tuple(names))
+
+
+@cache
+def _titles(prefix: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(prefix + name for name in names)

@@ -19,16 +19,16 @@ from spidar_gym.envs.commander import CourseCommander
 from spidar_gym.envs.controllers import CONTROLS, make_manager
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
+from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import described_robot, make_task, own_robot
 from spidar_gym.envs.progress import CourseProgress
-from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import fps
 from spidar_gym.errors import InvalidValueError, require_instance, require_least, require_name
-from spidar_gym.native.course import read_course, read_target
+from spidar_gym.native.core_manager import CoreManager
+from spidar_gym.native.course_records import read_course, read_target
 from spidar_gym.native.engine_structs import engine_layouts
-from spidar_gym.native.locomotion import CoreManager
 from spidar_gym.native.structs import fill
-from spidar_gym.sim.course import boxes
+from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.sim.ground import GroundConfig, with_boxes
 from spidar_gym.tasks.course import DECIDE, CourseTask, parse_course
 

@@ -94,7 +94,7 @@ static double to_goal(const sp_crawl_rules *rules, const double *error)
 }
 
 /* What touches the floor, how the torso lies, and how far the goal is, of a loaded robot. */
-static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const sp_sim *sim, sp_crawling *c)
+static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const sp_sim *sim, sp_crawl_robot *c)
 {
     const double *floor = c->plant.floor_R, *position = c->plant.state.position_w;
     double R[9];
@@ -110,7 +110,7 @@ static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const
 
 /* ---- an episode ---- */
 
-static void start_counting(sp_crawling *c)
+static void start_counting(sp_crawl_robot *c)
 {
     c->crawled = c->timeouts = c->rested = c->is_done = 0;
     sp_zero(c->swing_ticks, SP_LEGS);
@@ -126,7 +126,7 @@ static void start_counting(sp_crawling *c)
 static int has_tiles(const sp_plant *p) { return p->highest_tile > 0.0; }
 
 /* Where the robot lies down: over the highest tile under torso or feet; from there it settles. */
-static double lying_height(const sp_robot *robot, const sp_crawling *c)
+static double lying_height(const sp_robot *robot, const sp_crawl_robot *c)
 {
     const sp_ground_config *ground = &c->plant.config.ground;
     double below = -HUGE_VAL;
@@ -145,7 +145,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
     const sp_robot *numbers = thread->room->robot;
     const sp_sim *sim = &thread->sim;
-    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
     double idle[SP_ROTORS] = {0.0}, level[2 * SP_ROTORS] = {0.0}, quat[4], position_w[3], R[9];
     int draws_floor = rules->steps > 0.0 || rules->obstacles > 0;
@@ -183,13 +183,14 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_pose2 here = {c->plant.state.position_w[0], c->plant.state.position_w[1], atan2(R[3], R[0])};
     c->goal = then(here, c->way);
     start_counting(c);
+    c->phase = c->crawl.gait.phase;
     update_errors(e, rules, sim, c);
     c->initial_distance = sp_max(c->distance, 1e-6);
     sp_leave(sim, &c->plant);
 }
 
 /* The command of this tick. */
-static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawling *c)
+static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawl_robot *c)
 {
     sp_episode *episode = &c->episode;
     sp_crawl_memory *memory = &c->crawl.memory;
@@ -202,6 +203,8 @@ static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawling *c)
         sp_crawl_step(&c->crawl, &episode->seen, &episode->residual, room, &episode->command);
         for (int leg = 0; leg < SP_LEGS; leg++) c->swinging[leg] = c->crawl.gait.phase == SP_SWING;
         c->is_done = sp_gait_done(&c->crawl) && c->crawl.memory.gap == 0.0;
+        c->phase = c->crawl.gait.phase;
+        c->timeouts = c->crawl.gait.timeouts;
     }
     episode->has_command = 1;
 }
@@ -214,7 +217,7 @@ static double total(const double *thrust)
 }
 
 /* Whether torso and legs rest at the goal with the thrust off. */
-static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_crawling *c)
+static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_crawl_robot *c)
 {
     const sp_robot_state *state = &c->plant.state;
     int lies = 0;
@@ -227,10 +230,9 @@ static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_cr
 }
 
 /* Count a tick. */
-static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawling *c)
+static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl_robot *c)
 {
     const double dt = 1.0 / SP_CONTROL_RATE;
-    int phase = c->crawl.gait.phase;
     c->crawled++;
     for (int leg = 0; leg < SP_LEGS; leg++) {
         c->swing_ticks[leg] += c->swinging[leg];
@@ -252,11 +254,10 @@ static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl
         c->thrust += share;
         c->thrust_peak = sp_max(c->thrust_peak, share);
     }
-    if (phase == SP_SPOOL || phase == SP_RAISE || phase == SP_SWING || phase == SP_LOWER)
+    if (c->phase == SP_SPOOL || c->phase == SP_RAISE || c->phase == SP_SWING || c->phase == SP_LOWER)
         c->tilt_legs = sp_max(c->tilt_legs, c->tilt);
-    else if (phase != SP_DONE)
+    else if (c->phase != SP_DONE)
         c->tilt_torso = sp_max(c->tilt_torso, c->tilt);
-    c->timeouts = c->crawl.gait.timeouts;
     c->rested = rules->rules.mode.is_direct && rests(rules, robot, c) ? c->rested + 1 : 0;
     int is_done = rules->rules.mode.is_direct ? c->rested / SP_CONTROL_RATE >= rules->rest_time : c->is_done;
     if (is_done && c->finished == 0.0)
@@ -271,7 +272,7 @@ static double largest(const double *x, int n)
 }
 
 /* Share of its swing in which the worst foot was in the air; 1 before the first swing. */
-static double airborne(const sp_crawling *c)
+static double airborne(const sp_crawl_robot *c)
 {
     double least = 1.0;
     for (int leg = 0; leg < SP_LEGS; leg++)
@@ -280,7 +281,7 @@ static double airborne(const sp_crawling *c)
 }
 
 /* What the task makes rewards, failures and success of. */
-static void count(const sp_crawl_rules *rules, const sp_crawling *c, sp_crawling_quantities *q)
+static void count(const sp_crawl_rules *rules, const sp_crawl_robot *c, sp_crawl_quantities *q)
 {
     sp_count_episode(&rules->rules, &c->plant, &c->episode, c->crawled, &q->common);
     q->distance = c->distance;
@@ -298,7 +299,7 @@ static void count(const sp_crawl_rules *rules, const sp_crawling *c, sp_crawling
     q->foot_slip = largest(c->foot_slip, SP_LEGS);
 }
 
-static void tell(const sp_world *world, const sp_crawling *c, sp_crawling_info *info)
+static void tell(const sp_world *world, const sp_crawl_robot *c, sp_crawl_info *info)
 {
     const sp_episode *episode = &c->episode;
     const sp_plant *plant = &c->plant;
@@ -308,7 +309,7 @@ static void tell(const sp_world *world, const sp_crawling *c, sp_crawling_info *
     sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
             c->crawl.ticked ? &c->crawl.allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
-    info->phase_code = c->crawl.gait.phase;
+    info->phase_code = c->phase;
     info->finished = c->finished > 0.0;
     info->time_s = c->finished > 0.0 ? c->finished : time;
     info->nominal_time_s = c->nominal_time;
@@ -328,7 +329,7 @@ static void tell(const sp_world *world, const sp_crawling *c, sp_crawling_info *
     info->is_success = 0;
 }
 
-static void observe(const sp_crawl_rules *rules, const sp_crawling *c, float *observation)
+static void observe(const sp_crawl_rules *rules, const sp_crawl_robot *c, float *observation)
 {
     const sp_episode *episode = &c->episode;
     const double goal[3] = {c->goal.x, c->goal.y, c->goal.yaw};
@@ -343,13 +344,13 @@ static void observe(const sp_crawl_rules *rules, const sp_crawling *c, float *ob
 static void show(sp_engine *e, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
-    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
-    tell(e->world, c, (sp_crawling_info *)e->infos + robot);
-    count(rules, c, (sp_crawling_quantities *)e->quantities + robot);
+    sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
+    tell(e->world, c, (sp_crawl_info *)e->infos + robot);
+    count(rules, c, (sp_crawl_quantities *)e->quantities + robot);
     observe(rules, c, e->observations + (int64_t)robot * e->observation_size);
 }
 
-static void reset_crawling(sp_engine *e, sp_thread *thread, int robot)
+static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     begin(e, thread, robot);
     show(e, robot);
@@ -359,7 +360,7 @@ static void reset_crawling(sp_engine *e, sp_thread *thread, int robot)
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
-    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
     if (!c->plant.diverged) {
         sp_look(thread->room->robot, &rules->rules, &c->plant, &c->episode);
         update_errors(e, rules, &thread->sim, c);
@@ -368,13 +369,13 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
-static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
+static void step_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
-    sp_crawling *c = (sp_crawling *)sp_plant_of(e, robot);
+    sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
     if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
-        reset_crawling(e, thread, robot);
+        reset_robot(e, thread, robot);
         return;
     }
     e->begun[robot] = 0;
@@ -390,19 +391,19 @@ static void step_crawling(sp_engine *e, sp_thread *thread, int robot)
     conclude(e, thread, robot);
 }
 
-static void lose_crawling(sp_engine *e, sp_thread *thread, int robot)
+static void lose_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant_of(e, robot)->diverged = 1;
     conclude(e, thread, robot);
 }
 
-static void show_crawling(sp_engine *e, sp_thread *thread, int robot)
+static void show_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     (void)thread;
     show(e, robot);
 }
 
-int sp_show_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_crawling, NULL); }
-int sp_reset_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_crawling, NULL); }
-int sp_step_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_crawling, NULL); }
-int sp_lose_crawlings(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_crawling, NULL); }
+int sp_show_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_robot, NULL); }
+int sp_reset_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_robot, NULL); }
+int sp_step_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_robot, NULL); }
+int sp_lose_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_robot, NULL); }

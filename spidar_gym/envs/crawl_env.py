@@ -20,9 +20,9 @@ from spidar_gym.envs.controllers import choose_crawl_control, gait_type, make_cr
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.envs.goals import CrawlGoal
+from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import described_robot, make_task, own_robot, solver_settings
 from spidar_gym.envs.progress import CrawlProgress
-from spidar_gym.envs.turns import in_turn
 from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill

@@ -22,8 +22,8 @@ ROOMS = ("goals", "knots")
 _WORDS = "environment", "robot", "task", "version", "set of options"
 """What the head says in words."""
 _CONTROLLERS = {
-    "hover": ("flight", "controller", "controller_config"), "crawling": ("crawl", "controller", "crawler_config"),
-    "coursing": ("manager", "manager", "manager_config"),
+    "hover": ("flight", "controller", "controller_config"), "crawl": ("crawl", "controller", "crawler_config"),
+    "course": ("manager", "manager", "manager_config"),
 }  # fmt: skip
 """Who controls robots, where the rules say how, and the struct of that."""
 CHECKSUM = hashlib.sha256().digest_size
@@ -112,7 +112,7 @@ def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list
 def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
     """What of saved robots is out of bounds, does not fit together or not to the options, in words; else empty."""
     robots, goals, knots, observations, infos, quantities, *others = rows
-    parts = ((fleet.kind, robots), ("goal", goals), ("knot", knots), (f"{fleet.kind}_info", infos))
+    parts = ((f"{fleet.kind}_robot", robots), ("goal", goals), ("knot", knots), (f"{fleet.kind}_info", infos))
     for struct, records in parts:
         if fault := fault_of(struct, records):
             return fault

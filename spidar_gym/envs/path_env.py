@@ -1,7 +1,7 @@
 """The path environment: the hover's, whose reference moves."""
 
 from spidar_gym.control.flight.observation import Field, path_layout
-from spidar_gym.envs.hover.env import HoverEnv
+from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.tasks.path import PathTask
 

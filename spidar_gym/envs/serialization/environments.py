@@ -19,13 +19,13 @@ from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.readable import ReadableController
-from spidar_gym.envs import saving
 from spidar_gym.envs.actions import ActionMode
 from spidar_gym.envs.commander import Commander
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.kept import fault_of
-from spidar_gym.envs.turns import in_turn
-from spidar_gym.envs.values import pack_values, unpack_values
+from spidar_gym.envs.locking import in_turn
+from spidar_gym.envs.serialization.checks import fault_of
+from spidar_gym.envs.serialization.fleets import restore, save
+from spidar_gym.envs.serialization.values import pack_values, unpack_values
 from spidar_gym.errors import SpidarError, shown
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.library import Core, version
@@ -126,7 +126,7 @@ class Restorable(ABC):
         words, numbers = pack_values(known, self._modules())
         self.plant.keep()
         arrays = {
-            "words": words, "numbers": numbers, "robot": np.frombuffer(saving.save(self.fleet, [0]), np.uint8)
+            "words": words, "numbers": numbers, "robot": np.frombuffer(save(self.fleet, [0]), np.uint8)
         }  # fmt: skip
         return pack(TITLE, self._description(), arrays, sealed=True)
 
@@ -175,7 +175,7 @@ class Restorable(ABC):
         for path, part in parts.items():
             _recall(part, known[path])
         self._obey(fleet)
-        saving.restore(fleet, arrays["robot"].tobytes() if "robot" in arrays else b"", [0])
+        restore(fleet, arrays["robot"].tobytes() if "robot" in arrays else b"", [0])
         self.plant.refresh()
         self._forget()
 

@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field
+from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import find_task
-from spidar_gym.envs.turns import in_turn
 from spidar_gym.envs.view import View
 from spidar_gym.errors import InvalidValueError, require_keys, require_least
 from spidar_gym.turn import Turn
 
 
-class Remade(ABC):
+class Resettable(ABC):
     """What an environment is made of, and how `reset` changes that."""
 
     task_type: ClassVar[type[Any]]

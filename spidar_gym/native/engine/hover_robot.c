@@ -1,7 +1,7 @@
 /* Flights: draws and plays the schedule of an episode, flies a tick, counts what `tasks/hover.py` makes a reward of. */
 #include "episode.h"
 
-static double time_of(const sp_hover *h) { return h->flown / SP_CONTROL_RATE; }
+static double time_of(const sp_hover_robot *h) { return h->flown / SP_CONTROL_RATE; }
 
 /* ---- forms ---- */
 
@@ -109,7 +109,7 @@ static int draw_path(const sp_hover_rules *rules, sp_generator *generator, sp_kn
 }
 
 /* Joint angles of the schedule now: straight lines from form to form. */
-static void plan(const sp_hover *h, const sp_goal *goals, double *q)
+static void plan(const sp_hover_robot *h, const sp_goal *goals, double *q)
 {
     const sp_goal *goal = &goals[h->current];
     sp_copy(q, goal->joint_target, SP_JOINTS);
@@ -122,7 +122,7 @@ static void plan(const sp_hover *h, const sp_goal *goals, double *q)
 /* ---- what the controller is asked, and what it makes of a state ---- */
 
 /* What the controller is asked now. */
-static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, sp_hover *h)
+static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, sp_hover_robot *h)
 {
     const sp_disturbances *fault = &h->episode.disturbances;
     sp_reference *r = &h->reference;
@@ -144,7 +144,7 @@ static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_kn
 
 /* What the controller makes of what it sees, and what is true: errors of the CoG that the description gives at the true
  * state, for nobody knows where the real one is. */
-static void update_errors(const sp_robot *robot, sp_hover *h)
+static void update_errors(const sp_robot *robot, sp_hover_robot *h)
 {
     double level[9], desired[9];
     const double *quat = h->reference.quat_wb;
@@ -161,7 +161,7 @@ static void update_errors(const sp_robot *robot, sp_hover *h)
 }
 
 /* Wrench in {CoG} that the real robot needs at rest beyond what its description needs. */
-static void compute_trim(const sp_robot *robot, const sp_sim *sim, const sp_hover *h, double *trim)
+static void compute_trim(const sp_robot *robot, const sp_sim *sim, const sp_hover_robot *h, double *trim)
 {
     sp_control_state control;
     double hover[SP_ROTORS], forces[SP_FORCES], Q[6 * SP_FORCES], net_w[3], force_b[3], swing[3];
@@ -201,7 +201,7 @@ static sp_knot *knots_of(const sp_engine *e, int robot) { return e->knots + robo
 
 /* Put the robot where its episode begins, at the first form, over the first knot if there is a path. */
 static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *thread, const double *q,
-                  const sp_knot *first, sp_hover *h)
+                  const sp_knot *first, sp_hover_robot *h)
 {
     const sp_robot *numbers = thread->room->robot;
     double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], turning[3], motion[6];
@@ -232,7 +232,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
     const sp_robot *numbers = thread->room->robot;
-    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
     sp_goal *goals = goals_of(e, robot);
     sp_knot *knots = knots_of(e, robot);
@@ -283,7 +283,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
 
 /* What the controller would do: its integrals and observer go on as they do where it flies, but what it remembers of the
  * last command stays that of the command that is done. */
-static void advise(sp_room *room, sp_hover *h)
+static void advise(sp_room *room, sp_hover_robot *h)
 {
     sp_flight_memory *memory = &h->flight.memory, before = *memory;
     sp_residual none = {0};
@@ -296,7 +296,7 @@ static void advise(sp_room *room, sp_hover *h)
 }
 
 /* The observer compares what was flown: the wrench of the command that is done, not of the advice. */
-static void account(sp_hover *h)
+static void account(sp_hover_robot *h)
 {
     const sp_snapshot *s = &h->percept.snapshot;
     double Q[6 * SP_FORCES], change[SP_FORCES];
@@ -307,7 +307,7 @@ static void account(sp_hover *h)
 }
 
 /* The command of this tick. */
-static void act(const sp_hover_rules *rules, sp_room *room, sp_hover *h)
+static void act(const sp_hover_rules *rules, sp_room *room, sp_hover_robot *h)
 {
     sp_episode *episode = &h->episode;
     sp_flight_memory *memory = &h->flight.memory;
@@ -339,7 +339,7 @@ static double farthest(const double *a, const double *b, int n)
 }
 
 /* Go on in the schedule: forms that are reached in time, the form that is due. */
-static void follow_schedule(const sp_hover_rules *rules, sp_goal *goals, sp_hover *h)
+static void follow_schedule(const sp_hover_rules *rules, sp_goal *goals, sp_hover_robot *h)
 {
     double time = time_of(h);
     for (int i = h->current > 0 ? h->current - 1 : 0; i <= h->current; i++) {
@@ -352,7 +352,7 @@ static void follow_schedule(const sp_hover_rules *rules, sp_goal *goals, sp_hove
 }
 
 /* Errors of the state as it is; those that a controller in Python sees it has written. */
-static void look_at(const sp_hover_rules *rules, const sp_robot *robot, sp_hover *h)
+static void look_at(const sp_hover_rules *rules, const sp_robot *robot, sp_hover_robot *h)
 {
     if (!rules->rules.is_commanded) {
         update_errors(robot, h);
@@ -363,7 +363,7 @@ static void look_at(const sp_hover_rules *rules, const sp_robot *robot, sp_hover
 }
 
 /* Take note of a tick: errors, sums of their squares, momentum of the legs. */
-static void take_note(const sp_hover_rules *rules, const sp_robot *robot, sp_hover *h)
+static void take_note(const sp_hover_rules *rules, const sp_robot *robot, sp_hover_robot *h)
 {
     double before[3];
     look_at(rules, robot, h);
@@ -375,7 +375,7 @@ static void take_note(const sp_hover_rules *rules, const sp_robot *robot, sp_hov
 }
 
 /* How many forms were due by now and not reached in time. */
-static int overdue(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h)
+static int overdue(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover_robot *h)
 {
     int count = 0;
     for (int i = 1; i < h->goals; i++)
@@ -384,7 +384,7 @@ static int overdue(const sp_hover_rules *rules, const sp_goal *goals, const sp_h
 }
 
 /* What the task makes rewards, failures and success of. */
-static void count(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover *h, sp_hover_quantities *q)
+static void count(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover_robot *h, sp_hover_quantities *q)
 {
     double joints[SP_JOINTS], ticks = sp_max(1.0, h->flown);
     plan(h, goals, joints);
@@ -398,7 +398,7 @@ static void count(const sp_hover_rules *rules, const sp_goal *goals, const sp_ho
     q->overdue = overdue(rules, goals, h);
 }
 
-static void tell(sp_hover *h, sp_hover_info *info)
+static void tell(sp_hover_robot *h, sp_hover_info *info)
 {
     const sp_flight *flight = &h->flight;
     sp_tell(&h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL,
@@ -413,7 +413,7 @@ static void tell(sp_hover *h, sp_hover_info *info)
 }
 
 /* What comes next. */
-static void preview(const sp_goal *goals, const sp_knot *knots, sp_hover *h)
+static void preview(const sp_goal *goals, const sp_knot *knots, sp_hover_robot *h)
 {
     int last = h->current + 1 >= h->goals;
     const sp_goal *goal = &goals[h->current], *next = last ? goal : goal + 1;
@@ -423,7 +423,7 @@ static void preview(const sp_goal *goals, const sp_knot *knots, sp_hover *h)
     if (h->knots) sp_preview_path(knots, h->knots, time_of(h), &h->preview);
 }
 
-static void observe(const sp_hover_rules *rules, const sp_hover *h, float *observation)
+static void observe(const sp_hover_rules *rules, const sp_hover_robot *h, float *observation)
 {
     const sp_episode *episode = &h->episode;
     const sp_preview *next = &h->preview;
@@ -439,7 +439,7 @@ static void observe(const sp_hover_rules *rules, const sp_hover *h, float *obser
 static void show(sp_engine *e, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
-    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     const sp_goal *goals = goals_of(e, robot);
     tell(h, (sp_hover_info *)e->infos + robot);
     count(rules, goals, h, (sp_hover_quantities *)e->quantities + robot);
@@ -447,7 +447,7 @@ static void show(sp_engine *e, int robot)
     observe(rules, h, e->observations + (int64_t)robot * e->observation_size);
 }
 
-static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
+static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     begin(e, thread, robot);
     show(e, robot);
@@ -457,7 +457,7 @@ static void reset_hover(sp_engine *e, sp_thread *thread, int robot)
 static void regard(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
-    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     if (!h->plant.diverged) {
         if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
         if (e->begun[robot]) look_at(rules, thread->room->robot, h);
@@ -470,7 +470,7 @@ static void regard(sp_engine *e, sp_thread *thread, int robot)
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
-    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     if (!h->plant.diverged) {
         sp_look(thread->room->robot, &rules->rules, &h->plant, &h->episode);
         h->flown++;
@@ -480,13 +480,13 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
     else count(rules, goals_of(e, robot), h, (sp_hover_quantities *)e->quantities + robot);
 }
 
-static void step_hover(sp_engine *e, sp_thread *thread, int robot)
+static void step_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
-    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
     if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
-        reset_hover(e, thread, robot);
+        reset_robot(e, thread, robot);
         return;
     }
     e->begun[robot] = 0;
@@ -503,30 +503,30 @@ static void step_hover(sp_engine *e, sp_thread *thread, int robot)
     conclude(e, thread, robot);
 }
 
-static void refer_hover(sp_engine *e, sp_thread *thread, int robot)
+static void refer_robot(sp_engine *e, sp_thread *thread, int robot)
 {
-    sp_hover *h = (sp_hover *)sp_plant_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     (void)thread;
     refer(sp_rules_of(e, robot), goals_of(e, robot), knots_of(e, robot), h);
     preview(goals_of(e, robot), knots_of(e, robot), h);
 }
 
-static void lose_hover(sp_engine *e, sp_thread *thread, int robot)
+static void lose_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant_of(e, robot)->diverged = 1;
     conclude(e, thread, robot);
 }
 
-static void show_hover(sp_engine *e, sp_thread *thread, int robot)
+static void show_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     (void)thread;
     show(e, robot);
 }
 
 /* Where the schedule has the joints now, and whether a thrusting rotor blows on another one or the torso. */
-static void watch_hover(sp_engine *e, sp_thread *thread, int robot)
+static void watch_robot(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_hover *h = (const sp_hover *)sp_plant_of(e, robot);
+    const sp_hover_robot *h = (const sp_hover_robot *)sp_plant_of(e, robot);
     const sp_robot_state *state = &h->plant.state;
     sp_watch *watch = (sp_watch *)e->argument + robot;
     sp_interference before = watch->bounds;
@@ -543,14 +543,14 @@ static void watch_hover(sp_engine *e, sp_thread *thread, int robot)
     }
 }
 
-int sp_watch_hovers(sp_engine *e, const int32_t *ids, int n, sp_watch *watches)
+int sp_watch_hover_robots(sp_engine *e, const int32_t *ids, int n, sp_watch *watches)
 {
-    return sp_run(e, ids, n, watch_hover, watches);
+    return sp_run(e, ids, n, watch_robot, watches);
 }
 
-int sp_refer_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, refer_hover, NULL); }
-int sp_regard_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, regard, NULL); }
-int sp_show_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_hover, NULL); }
-int sp_reset_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_hover, NULL); }
-int sp_step_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_hover, NULL); }
-int sp_lose_hovers(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_hover, NULL); }
+int sp_refer_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, refer_robot, NULL); }
+int sp_regard_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, regard, NULL); }
+int sp_show_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_robot, NULL); }
+int sp_reset_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_robot, NULL); }
+int sp_step_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_robot, NULL); }
+int sp_lose_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_robot, NULL); }

@@ -21,8 +21,8 @@ from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import SpidarError
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
+from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.native.library import STATUS
-from spidar_gym.native.locomotion import CoreManager
 from spidar_gym.native.plant import Plant
 from spidar_gym.onboard.runner_structs import Stage
 from spidar_gym.paper.crawl import crawl_robot
@@ -30,7 +30,7 @@ from spidar_gym.policies.rollout import columns
 from spidar_gym.processes import Pool
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.course import boxes
+from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.sim.ground import GroundConfig, with_boxes
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing

@@ -1,1 +1,0 @@
-"""Crawl-v0: crawl to a pose on the floor."""

@@ -1,1 +1,0 @@
-"""The path: the hover, moved along a way through the air."""
