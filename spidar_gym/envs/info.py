@@ -69,8 +69,8 @@ def info_of(
 @cache
 def _names(layout: np.dtype[Any]) -> tuple[str, ...]:
     """Names of what a record of infos tells: what all environments do comes first."""
-    own = layout.names or ()
-    return (*(layout[own[0]].names or ()), *own[1:])
+    common, *own = list(layout.names or ("",))
+    return (*(layout[common].names or ()), *own)
 
 
 def arrays_of(

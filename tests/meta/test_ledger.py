@@ -11,7 +11,7 @@ import spidar_gym
 
 ROOT = Path(__file__).resolve().parents[2]
 EQUATIONS = range(1, 38)
-ROW = re.compile(r"^\| (\d+|Gait) \| ([^|]+) \| `([\w.]+)` \| `([\w/]+\.py)::(\w+)` \|$", re.M)
+ROW = re.compile(r"^\| (\d+|Gait) \| ([^|]+) \| `([\w.]+)` \| `(\w+/\w+\.c)` \| `([\w/]+\.py)::(\w+)` \|$", re.M)
 TAG = re.compile(r"\[Zhao2025, Eq\. ([\d,\s-]+)\]")
 ROWS = ROW.findall((ROOT / "docs" / "paper" / "equations.md").read_text(encoding="utf-8"))
 
@@ -56,7 +56,16 @@ def test_the_function_of_a_row_cites_its_equation(number, name):
         assert int(number) in cited(docstring)
 
 
-@pytest.mark.parametrize(("file", "name"), [row[3:] for row in ROWS])
+@pytest.mark.parametrize(("number", "file"), [(row[0], row[3]) for row in ROWS])
+def test_the_c_file_of_a_row_cites_its_equation(number, file):
+    text = (ROOT / "spidar_gym" / "native" / file).read_text(encoding="utf-8")
+    if number == "Gait":
+        assert "[Zhao2025, Sec. Crawling Gait]" in text
+    else:
+        assert int(number) in cited(text)
+
+
+@pytest.mark.parametrize(("file", "name"), [row[4:] for row in ROWS])
 def test_the_test_of_a_row_exists(file, name):
     tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
     assert name in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}

@@ -29,7 +29,6 @@ def test_pages_have_code():
         "environments/index.md",
         "concepts/allocation.md",
         "development/adding_a_block.md",
-        "development/adding_a_task.md",
     } <= set(RUN)
 
 
@@ -57,7 +56,7 @@ def test_the_files_that_a_page_names_exist(page):
         assert name in ENVIRONMENTS or (ROOT / name).exists(), name
 
 
-@pytest.mark.parametrize("page", ["development/architecture.md", "development/adding_a_task.md"])
+@pytest.mark.parametrize("page", ["development/architecture.md"])
 def test_the_files_of_the_package_that_a_page_names_exist(page):
     for name in re.findall(r"`([\w-]+/[\w./-]*)`", PAGES[page]):
         assert (PACKAGE / name).exists() or (ROOT / name).exists(), name

@@ -68,7 +68,7 @@ static void within_sphere(const sp_robot *robot, const double *forces_l, double 
     }
 }
 
-/* What the forces f (n) amount to; what rounding left beyond the sphere is taken off. */
+/* What the forces f (n) amount to, λ = ‖f‖ [Zhao2025, Eq. 14]; what rounding left beyond the sphere is taken off. */
 static void answer(const sp_robot *robot, const sp_mode *mode, const sp_demand *d, const double *f, sp_allocation *a)
 {
     int n = mode->n;

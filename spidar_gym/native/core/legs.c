@@ -1,7 +1,7 @@
 /* Legs on the ground: what reaches where, and how far a stride can go. */
 #include "ground.h"
 
-/* Joint angles that put the feet there, knees up, outer yaw 0; 0 out of reach. */
+/* Joint angles that put the feet there, knees up, outer yaw 0; 0 out of reach [Zhao2025, Sec. Crawling Gait]. */
 int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q)
 {
     double found[SP_JOINTS], upper = robot->yaw_to_pitch + robot->pitch_to_yaw, lower = robot->pitch_to_foot;

@@ -60,13 +60,13 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
     const double force = robot->max_thrust, weight = robot->weight, torque = robot->max_joint_torque;
     double limit;
     switch (rows->kind) {
-    case SP_WRENCH_BALANCE:
+    case SP_WRENCH_BALANCE: /* [Zhao2025, Eq. 10] */
         for (int r = 0; r < 6; r++) {
             for (int c = 0; c < n; c++) A[r * n + c] = d->thrust_map[r * n + c] * (force / weight);
             l[r] = u[r] = d->wrench[r] / weight;
         }
         break;
-    case SP_THRUST_BOX:
+    case SP_THRUST_BOX: /* [Zhao2025, Eq. 12] */
         limit = limit_of(rows, force) / force;
         for (int i = 0; i < SP_FORCES; i++) {
             A[i * n + i] = 1.0;
@@ -74,7 +74,7 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
             l[i] = d->lost[i / 3] ? 0.0 : -limit;
         }
         break;
-    case SP_JOINT_TORQUE_LIMIT:
+    case SP_JOINT_TORQUE_LIMIT: /* [Zhao2025, Eq. 11, 13] */
         limit = limit_of(rows, torque) / torque;
         for (int j = 0; j < SP_JOINTS; j++) {
             if (!d->lifted[j / 4]) continue;

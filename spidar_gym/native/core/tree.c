@@ -69,6 +69,7 @@ static void column(const tree *t, int k, const double *point, double *J, int j)
     for (int i = 0; i < 3; i++) J[SP_JOINTS * i + j] = v[i];
 }
 
+/* The model at one configuration: the coefficients of the centroidal dynamics [Zhao2025, Eq. 3-5]. */
 void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, const double *vectoring, sp_snapshot *s)
 {
     tree t;

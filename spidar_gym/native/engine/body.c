@@ -1,4 +1,5 @@
-/* What a configuration means for MuJoCo's model: masses, friction, gears, lags, stiffness, limits. */
+/* What a configuration means for MuJoCo's model: masses, friction, gears, lags, limits, the joint servos' stiffness and
+ * damping [Zhao2025, Eq. 17]. */
 #include "engine.h"
 
 #define GAINS 10 /* numbers of an actuator's dynamics, gain and bias each */
