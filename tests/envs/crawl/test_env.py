@@ -8,7 +8,7 @@ import gymnasium
 import jaxtyping
 import numpy as np
 import pytest
-from support.pages import robots_with
+from support.page_robots import robots_with
 
 from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.crawl.controller import Crawler, CrawlerConfig

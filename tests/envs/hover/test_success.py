@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from support.episodes import HOVER, ROUGH, actions_of, assert_same, direct, flight, make, named
-from support.pages import robots_with
+from support.page_robots import robots_with
 
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.actions import ACTION_MODES

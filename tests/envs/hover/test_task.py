@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from support.episodes import make
-from support.pages import robots_with
+from support.page_robots import robots_with
 
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.tasks.hover import SEQUENCES, HoverTask
