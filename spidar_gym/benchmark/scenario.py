@@ -103,9 +103,7 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
         kind = PathTask if track.env_id == PATH else HoverTask
         task = kind(horizon_s=track.seconds, perturbation=OFFSET, **_own(kind, track))
         drawn = draw_start(task, rng)
-        goals = [
-            [goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()] for goal in drawn.goals
-        ]
+        goals = [[goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()] for goal in drawn.goals]
         position, rotation, path = drawn.position, drawn.rotation, drawn.path
         start = {"goals": goals, "position": position.round(6).tolist(), "rotation": rotation.round(6).tolist()}
         if path is not None:

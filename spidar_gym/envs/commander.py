@@ -404,4 +404,3 @@ class CourseCommander(Commander):
             previous_action=self._action,
         )
         return observe_course(observables, bound=self._bound, robot=self._fleet.engine.robot)
-

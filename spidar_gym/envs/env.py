@@ -63,6 +63,7 @@ class SpidarEnv(
     hold: int = 1
     """Control periods of a step."""
     _commander: Commander | None = None
+
     def __init__(
         self,
         mode: ActionMode,

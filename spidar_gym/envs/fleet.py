@@ -437,7 +437,12 @@ class Fleet:
             self._run("show", None)
 
     def _note_ends(
-        self, rows: Any, terminated: np.ndarray, truncated: np.ndarray, over: np.ndarray, begun: np.ndarray  # noqa: ANN401 - as above
+        self,
+        rows: Any,
+        terminated: np.ndarray,
+        truncated: np.ndarray,
+        over: np.ndarray,
+        begun: np.ndarray,
     ) -> None:
         """Write down whose episode is over, and why."""
         failure = np.where(terminated, self._codes[self._failed.argmax(axis=0)], -1)

@@ -194,5 +194,3 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         if self.path is not None:
             return self.path.reference(time, target, now.mode)
         return now if target is now.joint_target else replace(now, joint_target=target)
-
-

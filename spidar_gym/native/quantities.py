@@ -7,7 +7,7 @@ from spidar_gym.robot import field_docs
 
 
 class Quantities:
-    """Of every robot, an entry for each (N,)."""
+    """What is counted of every robot, an entry for each (N,)."""
 
     ticks: np.ndarray
     """Steps of the episode."""
@@ -24,7 +24,7 @@ class Quantities:
 
 
 class HoverQuantities(Quantities):
-    """Of robots in flight."""
+    """What is counted of robots in flight."""
 
     distance: np.ndarray
     """Length of the position error [m]."""
@@ -43,7 +43,7 @@ class HoverQuantities(Quantities):
 
 
 class CrawlQuantities(Quantities):
-    """Of robots on the ground."""
+    """What is counted of robots on the ground."""
 
     distance: np.ndarray
     """Distance to the goal, a radian counting 0.5 m [m]."""
@@ -74,7 +74,7 @@ class CrawlQuantities(Quantities):
 
 
 class CourseQuantities(Quantities):
-    """Of robots on a course."""
+    """What is counted of robots on a course."""
 
     distance: np.ndarray
     """Distance to the goal, a radian counting 0.5 m [m]."""

@@ -22,7 +22,7 @@ CLEARANCE = 0.5
 OFFSET = 0.03, 0.05
 """Largest initial offset of position [m] and attitude [rad] per axis at a perturbation of 1."""
 MIXTURE = 0.25, 0.55
-"""Of `mixed` forms this share is the paper's; these and those with equal legs are the second share."""
+"""This share of `mixed` forms is the paper's; these and those with equal legs are the second share."""
 PAPER_PAUSE, PAUSE = 4.0, (1.0, 2.5)
 """From the paper's first form to its second; between two drawn forms, drawn in between [s]."""
 DRAWN_FORMS = {

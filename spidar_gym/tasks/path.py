@@ -13,7 +13,7 @@ from spidar_gym.tasks.hover import HoverTask
 PATH_BEGIN = 1.0
 """The robot hovers for so long before it leaves [s]."""
 PATH_MIXTURE = 0.25, 0.5
-"""Of `mixed` paths this share are straight legs; these and lemniscates are the second share."""
+"""This share of `mixed` paths are straight legs; these and lemniscates are the second share."""
 SPEEDS = 0.3, 1.5
 """Least and largest speed that is drawn [m/s]."""
 HALF_WIDTH = 2.0

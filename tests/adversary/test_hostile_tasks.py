@@ -91,7 +91,7 @@ def test_a_quaternion_that_is_no_rotation_names_its_robot(quaternion):
 @pytest.mark.parametrize("given", [5, "x", {"position": 1.0}, np.zeros(3)])
 def test_a_start_that_is_none_is_refused(given):
     class Starting(HoverTask):
-        def start(self, rng, hover):
+        def start(self, rng):
             return given
 
     for make in (lambda t: gymnasium.make(HOVER, task=t), lambda t: gymnasium.make_vec(HOVER, num_envs=2, task=t)):

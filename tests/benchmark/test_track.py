@@ -9,9 +9,7 @@ import pytest
 
 from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS
 from spidar_gym.benchmark.track import CAP, REFERENCES, course_error, find_track, flight_error, ground_error
-from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.progress import CrawlProgress
 from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.disturbances import Disturbances
@@ -148,6 +146,9 @@ def test_the_formulas_in_words_agree_with_the_numbers():
 
 def test_on_the_ground_a_radian_counts_what_the_formula_says():
     (length,) = re.findall(r"a radian counts ([\d.]+) m", TRACKS["ground-paper"].formula)
-    progress = CrawlProgress(Pose2(0.0, 0.0, 0.0), 1.0, np.zeros(3))
-    progress.update_errors(np.zeros(3), np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]))
-    assert progress.distance == pytest.approx(float(length) * math.atan2(0.6, 0.8))
+    for control in ("core", "python"):
+        env = gymnasium.make(CRAWL, distance=0.0, turn=0.6, control=control).unwrapped
+        env.reset(seed=0)
+        assert math.hypot(*env.progress.error[:2]) < 0.01
+        assert env.progress.distance == pytest.approx(float(length) * 0.6, rel=0.03)
+        env.close()

@@ -76,7 +76,7 @@ def test_its_value_is_not_typed_again_in_the_files_that_use_it(name):
 
 
 def test_the_engine_types_no_number_of_the_robot_of_the_world_or_of_a_task_again():
-    folders = [PACKAGE / name for name in ("robot", "model", "sim", "control", "envs")]
+    folders = [PACKAGE / name for name in ("robot", "model", "sim", "control", "tasks", "envs")]
     typed = (
         {
             node.value

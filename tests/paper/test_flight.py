@@ -220,8 +220,8 @@ def test_an_unknown_preset_is_refused():
 
 
 def test_a_flight_that_ends_early_says_when_and_why(monkeypatch):
-    words, seen = iter(["", "", "", "tilt"]), []
-    monkeypatch.setattr(HoverTask, "failed", lambda *_: next(words))
+    seen, failed = [], HoverTask.failed
+    monkeypatch.setattr(HoverTask, "failed", lambda task, robots: failed(task, robots) | {"tilt": robots.ticks > 3})
     with pytest.raises(SpidarError, match=r"0\.\d+ s: tilt"):
         fly_paper(on_tick=lambda: seen.append(1))
     assert len(seen) == 3

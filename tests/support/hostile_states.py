@@ -160,7 +160,7 @@ class Subject:
         """Bytes that are not good, and what is wrong with them, for ever."""
         if self.is_vector:
             records = self.env.fleet.robots
-            for at, number, what in changes(self.env.fleet.kind, kind, rng):
+            for at, number, what in changes(f"{self.env.fleet.kind}_robot", kind, rng):
                 yield sealed(self.good, at + int(rng.integers(2)) * records.itemsize, number), what
         told, arrays = unpack(TITLE, self.good, sealed=True)
         if kind == "words":
@@ -181,14 +181,10 @@ class Subject:
     def _in_the_state(
         self, arrays: dict[str, np.ndarray], kind: str, rng: np.random.Generator
     ) -> Iterator[tuple[str, tuple[int, bytes], str]]:
-        if self.way == "core":
-            for at, number, what in changes(self.env.fleet.kind, kind, rng):
-                yield "robot", (at, number), what
-        # The robot's record lies among the numbers, as bytes; every second float is another one of these.
-        begin = arrays["numbers"].tobytes().index(self.env.plant.save().robot)
-        for at, number, what in changes("plant", kind, rng):
-            yield "numbers", (begin + at, number), what
-            if kind == "floats":
+        # What a controller in Python keeps lies among the numbers, as bytes: every second float is one of these.
+        for at, number, what in changes(f"{self.env.fleet.kind}_robot", kind, rng):
+            yield "robot", (at, number), what
+            if self.way == "python" and kind == "floats":
                 yield "numbers", (8 * int(rng.integers(arrays["numbers"].size // 8)), number), f"some number, as {what}"
 
 

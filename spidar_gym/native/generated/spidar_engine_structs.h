@@ -440,7 +440,7 @@ typedef struct {
     uint8_t is_success;
 } sp_hover_info;
 
-/* Of every robot, an entry for each (N,). */
+/* What is counted of every robot, an entry for each (N,). */
 typedef struct {
     double ticks; /* Steps of the episode. */
     double time; /* Time since its beginning [s]. */
@@ -450,7 +450,7 @@ typedef struct {
     double effort; /* Mean square of the action. */
 } sp_quantities;
 
-/* Of robots in flight. */
+/* What is counted of robots in flight. */
 typedef struct {
     sp_quantities common;
     double distance; /* Length of the position error [m]. */
@@ -522,7 +522,7 @@ typedef struct {
     double tilt_legs, tilt_torso; /* largest tilt while legs are lifted, while the torso moves [rad] */
 } sp_crawl_robot;
 
-/* Of robots on the ground. */
+/* What is counted of robots on the ground. */
 typedef struct {
     sp_quantities common;
     double distance; /* Distance to the goal, a radian counting 0.5 m [m]. */
@@ -552,7 +552,7 @@ typedef struct {
     uint8_t finished, is_success;
 } sp_crawl_info;
 
-/* Of robots on a course. */
+/* What is counted of robots on a course. */
 typedef struct {
     sp_quantities common;
     double distance; /* Distance to the goal, a radian counting 0.5 m [m]. */
