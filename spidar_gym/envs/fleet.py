@@ -437,13 +437,9 @@ class Fleet:
             self._run("show", None)
 
     def _note_ends(
-        self,
-        rows: Any,
-        terminated: np.ndarray,
-        truncated: np.ndarray,
-        over: np.ndarray,
+        self, rows: slice | np.ndarray, terminated: np.ndarray, truncated: np.ndarray, over: np.ndarray,
         begun: np.ndarray,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Write down whose episode is over, and why."""
         failure = np.where(terminated, self._codes[self._failed.argmax(axis=0)], -1)
         failure[begun] = -1
