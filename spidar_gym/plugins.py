@@ -1,12 +1,6 @@
 """Clients in learning frameworks: a vector for Stable-Baselines3, what it saved, torch tensors over robots' memory."""
 
-import json
-import pickle
-import re
-import warnings
-import zipfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,27 +9,21 @@ from gymnasium.vector import AutoresetMode
 
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.envs.vector_options import copied
-from spidar_gym.errors import InvalidValueError, MissingDependencyError, shown
-from spidar_gym.policies.policy import NAME
-from spidar_gym.policies.source import PolicyError
+from spidar_gym.errors import InvalidValueError, MissingDependencyError
+from spidar_gym.policies.stable import StablePolicy as StablePolicy  # a client's name for it
 
 try:
     import torch
-    from stable_baselines3.common.policies import BasePolicy, MultiInputActorCriticPolicy
-    from stable_baselines3.common.save_util import load_from_zip_file
+    from stable_baselines3.common.policies import MultiInputActorCriticPolicy
     from stable_baselines3.common.torch_layers import CombinedExtractor
-    from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+    from stable_baselines3.common.vec_env import VecEnv
 except ImportError as error:
     raise MissingDependencyError(
         "torch or Stable-Baselines3, which spidar_gym.plugins is for,", "pip install 'spidar-gym[train]'"
     ) from error
 
-STATISTICS = "vecnormalize.pkl"
-"""File beside a zip with the statistics of the `VecNormalize` that its model learned through."""
 REWARDING = ("compute_reward", "compute_terminated", "compute_truncated")
 """Methods that all robots have in common."""
-PARTS = ("policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space")
-"""What a policy is made from, of all that a zip holds of its algorithm."""
 
 
 class StableVecEnv(VecEnv):
@@ -146,81 +134,6 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
         """Arguments as of Stable-Baselines3's own policy for dictionaries."""
         super().__init__(*args, share_features_extractor=False, **kwargs)
         self.pi_features_extractor = self.features_extractor = ActorsShare(self.observation_space)  # pyright: ignore[reportArgumentType] - a dictionary
-
-
-class StablePolicy:
-    """The policy of a model that Stable-Baselines3 saved, of whatever algorithm, acting without noise.
-
-    Wrappers of an environment are not in a zip; only those of `VecNormalize` are made up for.
-    """
-
-    kind = "learned"
-    """Class of its row."""
-
-    def __init__(self, path: str | Path) -> None:
-        """Load it, which runs whatever code is in its pickles: only from whom you trust.
-
-        Args:
-            path: The zip that `model.save` wrote. Where the model learned through `VecNormalize`, what `env.save` wrote
-                lies beside it as `vecnormalize.pkl`, another pickle.
-
-        Raises:
-            PolicyError: When there is none, it is damaged, or the statistics are missing.
-        """
-        self.path = Path(path)
-        self.name = re.sub(r"[^\w-]", "_", self.path.stem)[:NAME]
-        """Name of the file, in characters that a name may have."""
-        self._state: Any = None
-        try:
-            self._policy, normalised = _read_zip(self.path)
-        except (Exception, SystemExit) as error:
-            raise _unreadable(self.path, error, "what `model.save` of Stable-Baselines3 wrote") from error
-        self.observation_space, self.action_space = self._policy.observation_space, self._policy.action_space
-        self._normalise = _read_statistics(self.path.with_name(STATISTICS)) if normalised else None
-
-    def reset(self, seed: int) -> None:
-        """Forget what a recurrent policy has seen; there is nothing to draw."""
-        self._state = None
-
-    def act(self, observation: Any) -> np.ndarray:  # noqa: ANN401 - an array, or a dictionary of them
-        """The action without noise, in [−1, 1]."""
-        seen = observation if self._normalise is None else self._normalise.normalize_obs(observation)
-        action, self._state = self._policy.predict(seen, self._state, deterministic=True)
-        return action
-
-
-def _read_zip(path: Path) -> tuple[BasePolicy, bool]:
-    """A zip's policy, and whether it learned through `VecNormalize`; no algorithm is made, so any will do."""
-    with zipfile.ZipFile(path) as archive:
-        if damaged := archive.testzip():
-            raise zipfile.BadZipFile(f"{damaged} is damaged")
-        told = json.loads(archive.read("data"))
-    # What is not needed stays packed: schedules, say, are code of one version of Python.
-    packed = {name: None for name in told if name not in PARTS}
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", "Could not deserialize")
-        data, weights, _ = load_from_zip_file(path, custom_objects=packed, device="cpu")
-    assert data is not None
-    kind, arguments, sde, *spaces = (data[name] for name in PARTS)
-    policy = kind(*spaces, lambda _: 0.0, **{**arguments, **({"use_sde": True} if sde else {})})
-    policy.load_state_dict(weights["policy"])
-    return policy, told.get("_last_original_obs") is not None
-
-
-def _read_statistics(path: Path) -> VecNormalize:
-    try:
-        with path.open("rb") as file:
-            found = pickle.load(file)
-        if not isinstance(found, VecNormalize):
-            raise TypeError(f"it holds a {type(found).__name__}")
-    except (Exception, SystemExit) as error:
-        valid = f"the statistics of the VecNormalize that the model learned through, `env.save({STATISTICS!r})`"
-        raise _unreadable(path, error, valid) from error
-    return found
-
-
-def _unreadable(path: Path, error: BaseException, valid: str) -> PolicyError:
-    return PolicyError(f"policy {path}: cannot be read ({shown(error)}); valid: {valid}")
 
 
 class TorchVector:

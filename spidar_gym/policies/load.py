@@ -1,6 +1,5 @@
 """A policy from its name: a class of a module, the artifact of a learned one, or a zip of Stable-Baselines3."""
 
-import importlib
 import inspect
 from pathlib import Path
 
@@ -48,5 +47,7 @@ def _load_zip(spec: str, trust: bool) -> Policy:
             f"policy {spec}: a zip of Stable-Baselines3 can run code; valid: --trust, if you trust who made it, or an "
             f"artifact *{ARTIFACT}"
         )
-    # Looked up when it is asked for: the library works without the learning frameworks that this loads.
-    return importlib.import_module("spidar_gym.plugins").StablePolicy(Path(spec))
+    # When it is asked for: the library works without the learning frameworks that this loads.
+    from spidar_gym.policies.stable import StablePolicy
+
+    return StablePolicy(Path(spec))

@@ -3,7 +3,6 @@
 #include "spidar_math.h"
 #include "spidar_model.h"
 
-#define PERIOD (1.0 / SP_CONTROL_RATE) /* of the ticks [s] */
 #define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
 #define TRIM_SECONDS 0.5
 
@@ -63,18 +62,10 @@ static sp_fault check_limits(const sp_loop *l, double now)
     return l->has_last && now - l->last > limits->gap ? SP_LATE : SP_FINE;
 }
 
-/* Whether rotors can do that. */
-static int thrust_within_limits(const double *thrust)
-{
-    for (int i = 0; i < SP_ROTORS; i++)
-        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_ROBOT.max_thrust + 1e-6)) return 0;
-    return 1;
-}
-
 /* What hovering takes besides the weight, from what the robot's own stack tells the rotors: our integrals' start. */
 static void learn_trim(sp_loop *l, const sp_loop_input *input)
 {
-    if (!thrust_within_limits(input->thrust)) return;
+    if (!sp_thrust_within_limits(input->thrust)) return;
     sp_snapshot snapshot;
     double R[9], Q[6 * SP_FORCES], forces[SP_FORCES], rate = (input->time - l->last) / TRIM_SECONDS;
     const sp_robot_state *x = &l->sense.state;
@@ -98,7 +89,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     l->stage = SP_DRIVING;
     l->taken_over = input->time;
     memset(&l->command, 0, sizeof l->command);
-    if (thrust_within_limits(input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
+    if (sp_thrust_within_limits(input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
     sp_make_command(l->command.thrust, x->vectoring, x->joint_position, SP_ROBOT.max_joint_torque, &l->command);
     sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
@@ -137,15 +128,6 @@ static void update_reference(sp_loop *l, double t)
     l->finished = l->finished || (m->end > 0.0 && t >= m->end);
 }
 
-/* Whether a command may leave. */
-static int command_within_limits(const sp_command *c)
-{
-    if (!thrust_within_limits(c->thrust)) return 0;
-    for (int j = 0; j < SP_JOINTS; j++)
-        if (!(fabs(c->joint_position[j]) <= SP_ROBOT.joint_limit + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
-    return 1;
-}
-
 /* What the policy is told of the plan at a time. */
 static void preview_at(const sp_loop *l, double t, sp_preview *preview)
 {
@@ -182,17 +164,6 @@ static void fly(sp_loop *l, double t, sp_command *command)
     sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(), command);
 }
 
-sp_fault sp_answer(sp_loop *l, const sp_allocation *a, const sp_command *command)
-{
-    l->answer.status = a->status;
-    l->answer.iterations = a->iterations;
-    sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
-    sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
-    if (!command_within_limits(command)) return SP_BAD_COMMAND;
-    l->command = *command;
-    return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
-}
-
 /* One tick of the controller; what is wrong with it. */
 static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
 {
@@ -214,16 +185,6 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
     }
     sp_copy(l->answer.policy_action, l->policy.action, SP_MAX_ACTION);
     return sp_answer(l, a, &command);
-}
-
-void sp_hold(sp_loop *l, double time, sp_fault fault)
-{
-    double since = l->has_last ? sp_clip(time - l->last, 0.0, 1.0) : PERIOD;
-    if (fault == SP_FINE) l->held = sp_max(0.0, l->held - sp_min(since, PERIOD));
-    else l->held += l->stage == SP_HOLDING ? sp_max(since, PERIOD) : PERIOD;
-    l->stage = fault == SP_FINE ? SP_DRIVING : SP_HOLDING;
-    l->fault = fault;
-    if (fault != SP_FINE && l->held > l->mission.limits.hold_ticks * PERIOD + 0.5 * PERIOD) l->stage = SP_LANDING;
 }
 
 /* Whether commands of the runner are in force. */

@@ -1,7 +1,5 @@
 /* A mission's text, read line by line. */
-#define _POSIX_C_SOURCE 200112L
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "runner.h"
@@ -23,22 +21,6 @@ static const char NO_KIND[] = "flight PRESET, crawl PRESET or course FLIGHT CRAW
 static const sp_limits LIMITS = {
     1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
 };
-
-/* A word as a number; 0 where it is none. */
-static int number(const char *word, double *value)
-{
-    char *end;
-    *value = strtod(word, &end);
-    return *word != 0 && *end == 0 && sp_finite(value, 1);
-}
-
-int sp_numbers(char **words, int count, int n, double *values)
-{
-    if (count != n + 1) return 0;
-    for (int i = 0; i < n; i++)
-        if (!number(words[i + 1], values + i)) return 0;
-    return 1;
-}
 
 static const void *find(const preset *presets, size_t count, const char *name)
 {
@@ -170,18 +152,6 @@ static const struct {
     {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"fence", read_limit},
     {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
 };
-
-int sp_split(char *line, char **words)
-{
-    char *rest = NULL;
-    int count = 0;
-    line[strcspn(line, "#\r\n")] = 0;
-    for (char *w = strtok_r(line, " \t", &rest); w != NULL; w = strtok_r(NULL, " \t", &rest)) {
-        if (count == SP_WORDS) return -1;
-        words[count++] = w;
-    }
-    return count;
-}
 
 /* NULL, or what would have been valid; `kinds` counts the lines that say flight, crawl or course. */
 static const char *read_line(sp_mission *m, char *line, int *kinds)

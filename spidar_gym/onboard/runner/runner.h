@@ -12,11 +12,13 @@ extern "C" {
 #include "spidar_core.h"
 #include "spidar_runner.h"
 
-/* mission.c: read a mission's text; 1, or 0 and a sentence that says what would have been valid. */
-int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t size);
+/* words.c: a line of text as words, and words as numbers. */
 #define SP_WORDS 28 /* of a line, and one more is too many */
 int sp_split(char *line, char **words); /* its words, comment left out: how many, −1 for too many */
 int sp_numbers(char **words, int count, int n, double *values); /* words 1 … n; 0 where one is none or there are others */
+
+/* mission.c: read a mission's text; 1, or 0 and a sentence that says what would have been valid. */
+int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t size);
 
 /* orders.c: what the manager of both gaits is told. Sentences say what would have been valid, NULL that nothing is wrong. */
 int sp_is_order(const char *word);
@@ -38,15 +40,18 @@ void sp_go_by_map(sp_loop *loop); /* before the manager's tick: twice a second, 
 void sp_sense_init(sp_sense *sense, const sp_mission *mission);
 sp_fault sp_sense_update(sp_sense *sense, const sp_mission *mission, const sp_loop_input *input, const double *thrust);
 
-/* loop.c: the runner's tick: check what came in, estimate, control, and know when to stop. A pure function of its
- * inputs. */
-const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
-void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
+/* hold.c: which commands may leave, and how long old ones stay in force where none does. */
+int sp_thrust_within_limits(const double *thrust); /* of every rotor */
 /* Old commands may be in force for 100 ms; good ticks give back as much as they last, so that a fault which comes and goes
  * ends in the landing too. */
 void sp_hold(sp_loop *loop, double time, sp_fault fault);
 /* Take a controller's command, if it may leave; what is wrong with it. */
 sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_command *command);
+
+/* loop.c: the runner's tick: check what came in, estimate, control, and know when to stop. A pure function of its
+ * inputs. */
+const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
+void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);
 

@@ -1,0 +1,43 @@
+/* Which commands may leave, and how long old ones stay in force where none does. */
+#include "runner.h"
+#include "spidar_math.h"
+#include "spidar_model.h"
+
+#define PERIOD (1.0 / SP_CONTROL_RATE) /* of the ticks [s] */
+
+int sp_thrust_within_limits(const double *thrust)
+{
+    for (int i = 0; i < SP_ROTORS; i++)
+        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_ROBOT.max_thrust + 1e-6)) return 0;
+    return 1;
+}
+
+/* Whether a command may leave. */
+static int command_within_limits(const sp_command *c)
+{
+    if (!sp_thrust_within_limits(c->thrust)) return 0;
+    for (int j = 0; j < SP_JOINTS; j++)
+        if (!(fabs(c->joint_position[j]) <= SP_ROBOT.joint_limit + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
+    return 1;
+}
+
+sp_fault sp_answer(sp_loop *l, const sp_allocation *a, const sp_command *command)
+{
+    l->answer.status = a->status;
+    l->answer.iterations = a->iterations;
+    sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
+    sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
+    if (!command_within_limits(command)) return SP_BAD_COMMAND;
+    l->command = *command;
+    return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
+}
+
+void sp_hold(sp_loop *l, double time, sp_fault fault)
+{
+    double since = l->has_last ? sp_clip(time - l->last, 0.0, 1.0) : PERIOD;
+    if (fault == SP_FINE) l->held = sp_max(0.0, l->held - sp_min(since, PERIOD));
+    else l->held += l->stage == SP_HOLDING ? sp_max(since, PERIOD) : PERIOD;
+    l->stage = fault == SP_FINE ? SP_DRIVING : SP_HOLDING;
+    l->fault = fault;
+    if (fault != SP_FINE && l->held > l->mission.limits.hold_ticks * PERIOD + 0.5 * PERIOD) l->stage = SP_LANDING;
+}

@@ -1,0 +1,35 @@
+/* A line of text as words, and words as numbers. */
+#define _POSIX_C_SOURCE 200112L
+#include <stdlib.h>
+#include <string.h>
+
+#include "runner.h"
+#include "spidar_math.h"
+
+int sp_split(char *line, char **words)
+{
+    char *rest = NULL;
+    int count = 0;
+    line[strcspn(line, "#\r\n")] = 0;
+    for (char *w = strtok_r(line, " \t", &rest); w != NULL; w = strtok_r(NULL, " \t", &rest)) {
+        if (count == SP_WORDS) return -1;
+        words[count++] = w;
+    }
+    return count;
+}
+
+/* A word as a number; 0 where it is none. */
+static int number(const char *word, double *value)
+{
+    char *end;
+    *value = strtod(word, &end);
+    return *word != 0 && *end == 0 && sp_finite(value, 1);
+}
+
+int sp_numbers(char **words, int count, int n, double *values)
+{
+    if (count != n + 1) return 0;
+    for (int i = 0; i < n; i++)
+        if (!number(words[i + 1], values + i)) return 0;
+    return 1;
+}
