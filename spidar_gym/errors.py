@@ -157,6 +157,22 @@ def require_array(name: str, value: object, expected: str) -> np.ndarray:
     return array.astype(float)
 
 
+def require_windows(name: str, value: object) -> tuple[tuple[float, float], ...]:
+    """Windows of time as a tuple of pairs, whether they come as tuples or, from JSON, as lists.
+
+    Raises:
+        InvalidValueError: For what is none.
+    """
+    expected = "pairs (start, end) of times [s], 0 ≤ start < end"
+    windows = require_array(name, value, expected)
+    if windows.size == 0:
+        return ()
+    paired = windows.ndim == 2 and windows.shape[1] == 2
+    if not (paired and np.isfinite(windows).all() and ((windows[:, 0] >= 0.0) & (windows[:, 0] < windows[:, 1])).all()):
+        raise InvalidValueError(name, value, expected)
+    return tuple((start, end) for start, end in windows.tolist())
+
+
 def require_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
     """Refuse a dataclass of numbers with one that is not finite, or an array of another shape than its default."""
     for f in fields(config):

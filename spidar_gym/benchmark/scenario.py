@@ -14,6 +14,7 @@ import numpy as np
 
 from spidar_gym.benchmark.track import BOTH, GROUND, SCENARIOS, SPLITS, TRACKS, Track, find_track
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
+from spidar_gym.control.course.gates import parse_course, plain_course
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover_env import HoverEnv
@@ -22,7 +23,7 @@ from spidar_gym.errors import SpidarError, StaleAssetError, require_name
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import assets_dir
 from spidar_gym.so3 import exp
-from spidar_gym.tasks.course import CourseTask, parse_course, plain_course
+from spidar_gym.tasks.course import CourseTask
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.path import PathTask
 from spidar_gym.tasks.start import FlightStart, draw_start

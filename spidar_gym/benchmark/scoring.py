@@ -10,6 +10,7 @@ from gymnasium.utils.seeding import np_random
 from spidar_gym.benchmark.scenario import Scenario, check_drawn, make_env, reset_options
 from spidar_gym.benchmark.tally import FleetWatch, Tally
 from spidar_gym.benchmark.track import REST_S, Track, find_track
+from spidar_gym.control.course.gates import parse_course
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
@@ -20,7 +21,6 @@ from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.policy import BatchPolicy, Policy, control_of, policy_arguments
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.tasks.course import parse_course
 from spidar_gym.tasks.start import FlightStart
 
 ACT_LIMIT_S = 10.0

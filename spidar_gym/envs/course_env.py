@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.course.gates import Course
+from spidar_gym.control.course.gates import Course, parse_course
 from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.course.rule import course_rule
 from spidar_gym.control.course.target import Target
@@ -30,7 +30,7 @@ from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.sim.ground import GroundConfig, with_boxes
-from spidar_gym.tasks.course import DECIDE, CourseTask, parse_course
+from spidar_gym.tasks.course import DECIDE, CourseTask
 
 
 class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from spidar_gym.control.course.gates import parse_course
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.engine_structs import SEQUENCES
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.tasks.course import parse_course
 from spidar_gym.tasks.start import FlightStart
 
 

@@ -306,8 +306,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("restricted_rotors", "b1", (N_ROTORS,), "", FLAG),
         ("is_success", "b1", (), "", FLAG),
     )),
-    quantity_struct("quantities", Quantities),
-    quantity_struct("hover_quantities", HoverQuantities),
+    quantity_struct("quantities", "What is counted of every robot, for its task.", Quantities),
+    quantity_struct("hover_quantities", "What is counted of robots in flight.", HoverQuantities),
     CStruct("flight_start", "What is drawn of a flight besides forms and knots.", (
         ("position rotation", "f8", (3,), "offset of the torso [m], [rad]"),
         ("goals knots", "i4", (), "how many"),
@@ -361,7 +361,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("saturation thrust thrust_peak", "f8", (), "sums over ticks: saturated joints, thrust over weight; its peak"),
         ("tilt_legs tilt_torso", "f8", (), "largest tilt while legs are lifted, while the torso moves [rad]"),
     )),
-    quantity_struct("crawl_quantities", CrawlQuantities),
+    quantity_struct("crawl_quantities", "What is counted of robots on the ground.", CrawlQuantities),
     CStruct("crawl_info", "What is told of a crawl.", (
         ("info", "info", (), ""),
         ("goal_error", "f8", (3,), "[m], [m], [rad]"),
@@ -373,7 +373,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("foot_contact", "b1", (N_LEGS,), "", FLAG),
         ("finished is_success", "b1", (), "", FLAG),
     )),
-    quantity_struct("course_quantities", CourseQuantities),
+    quantity_struct("course_quantities", "What is counted of robots on a course.", CourseQuantities),
     CStruct("course_rules", "The task of a course.", (
         ("rules", "rules", (), ""),
         ("manager", "manager_config", (), ""),

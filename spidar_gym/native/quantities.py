@@ -100,14 +100,15 @@ class CourseQuantities(Quantities):
     """1 where the battery's usable charge is used up."""
 
 
-def quantity_struct(name: str, kind: type[Quantities]) -> CStruct:
+def quantity_struct(name: str, doc: str, kind: type[Quantities]) -> CStruct:
     """The block of one robot, numbers of eight bytes each: those of every robot first.
 
     Args:
         name: Of the struct.
+        doc: What it is.
         kind: Whose quantities.
     """
-    docs, doc = field_docs(kind), (kind.__doc__ or "").partition("\n")[0]
+    docs = field_docs(kind)
     own: list[Row] = [(each, "f8", (), docs[each]) for each in kind.__annotations__]
     inherited: list[Row] = [] if kind is Quantities else [("common", "quantities", (), "")]
     return CStruct(name, doc, (*inherited, *own))

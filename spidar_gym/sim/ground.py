@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from spidar_gym.arrays import Matrix3, constant
-from spidar_gym.errors import InvalidValueError, require_arrays
+from spidar_gym.errors import InvalidValueError, require_array, require_arrays
 from spidar_gym.so3 import exp, matrix_to_quat
 
 TILES = 16
@@ -147,6 +147,20 @@ def with_blocks(ground: GroundConfig, blocks: tuple[tuple[float, float, float], 
     for x, y, r in blocks:
         tiles[np.hypot(centres[:, None] - x, centres[None, :] - y) <= r] = height
     return replace(ground, tiles=tiles)
+
+
+def require_blocks(name: str, blocks: object) -> tuple[tuple[float, ...], ...]:
+    """Blocks of `with_blocks` as tuples of numbers (`InvalidValueError` for what is none)."""
+    expected = "some (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
+    found = require_array(name, blocks, expected)
+    if found.shape == (0,):
+        return ()
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise InvalidValueError(name, blocks, expected)
+    for x, y, radius in found.tolist():
+        if not (abs(x) <= 100.0 and abs(y) <= 100.0 and 0.0 < radius <= 2.0):
+            raise InvalidValueError(name, (x, y, radius), expected)
+    return tuple(map(tuple, found.tolist()))
 
 
 def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float, terrain: str = "tiles") -> GroundConfig:

@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.course.gates import FLOORS, GATES, HALF_WIDTH, KINDS, MAX_GATES, Course, Gate
-from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.course.gates import FLOORS, GATES, HALF_WIDTH, KINDS, MAX_GATES, Course
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_within
+from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.course_records import read_course
 from spidar_gym.native.draws import from_numpy, take_back
 from spidar_gym.native.engine_structs import COURSE_QUANTITIES, engine_layouts
 from spidar_gym.native.library import load_core, pointer
 from spidar_gym.tasks.robots import CourseRobots
-from spidar_gym.tasks.task import Task, tolerance
+from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
 
 PLAIN = "plain"
 """The floor on which there is nothing."""
@@ -127,11 +126,7 @@ class CourseTask(Task[CourseRobots]):
 
     def __post_init__(self) -> None:
         """Refuse what is no course."""
-        for name, bounds in RANGES.items():
-            value: float | None = getattr(self, name)
-            if value is not None or name != "charge":
-                require_within(*bounds, **{name: value})
-                object.__setattr__(self, name, float(value or 0.0))
+        require_ranges(self, RANGES)
         for name, kind, valid in (("gates", "gate", GATES), ("floors", "floor", (PLAIN, *FLOORS))):
             given = getattr(self, name)
             if not isinstance(given, str | tuple | list):
@@ -166,35 +161,8 @@ class CourseTask(Task[CourseRobots]):
         rules["floors"][: len(floors)] = floors
         rules["kind_count"], rules["floor_count"], rules["count"] = len(self.gates), len(floors), self.count
         rules["size"], rules["depth"] = [SIZES[kind] for kind in KINDS], [DEPTHS.get(kind, 0.0) for kind in KINDS]
-        rules["charge"] = CHARGE if self.charge is None else self.charge
-        rules["first_gap"], rules["gap"], rules["goal_way"] = FIRST_GAP, GAP, GOAL_WAY
-        rules["floor_gap"], rules["floor_length"], rules["middle"] = FLOOR_GAP, FLOOR_LENGTH, MIDDLE
-        rules["goal_side"], rules["goal_yaw"], rules["decide"] = GOAL_SIDE, GOAL_YAW, DECIDE
         rules["stop"] = [self.stops.get(name, math.inf) for name in COURSE_QUANTITIES]
-        rules["lies"], rules["at_rest"], rules["carried"] = LIES, AT_REST, CARRIED
-        rules["turn_length"] = TURN_LENGTH
-        rules["success_position"], rules["success_yaw"] = SUCCESS_POSITION, SUCCESS_YAW
-
-
-def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - whatever a user gives
-    """A course, or one of a dictionary of lists, as scenario files have it."""
-    if value is None or isinstance(value, Course):
-        return value
-    valid = "a Course, or {'gates': [[kind, begin, end, size, middle], …], 'goal': [x, y, yaw], 'tiles': […]}"
-    if not (isinstance(value, Mapping) and {"gates", "goal"} <= value.keys() <= {"gates", "goal", "tiles", "dares"}):
-        raise InvalidValueError("course", value, valid)
-    try:
-        gates = tuple(Gate(kind, *map(float, rest)) for kind, *rest in value["gates"])
-        goal, tiles = Pose2(*map(float, value["goal"])), tuple(map(float, value.get("tiles", ())))
-    except SpidarError:
-        raise
-    except (TypeError, ValueError):
-        raise InvalidValueError("course", value, valid) from None
-    return Course(gates, goal, tiles, value.get("dares", False))
-
-
-def plain_course(course: Course) -> dict[str, Any]:
-    """A course as a dictionary of lists: what `parse_course` reads."""
-    gates = [[g.kind, g.begin, g.end, g.size, g.middle] for g in course.gates]
-    goal = [course.goal.x, course.goal.y, course.goal.yaw]
-    return {"gates": gates, "goal": goal, "tiles": list(course.tiles), "dares": course.dares}
+        rules["charge"] = CHARGE if self.charge is None else self.charge
+        places = "first_gap gap goal_way floor_gap floor_length middle goal_side goal_yaw"
+        counts = "lies at_rest carried turn_length success_position success_yaw"
+        write_constants(rules, globals(), f"{places} decide {counts}")

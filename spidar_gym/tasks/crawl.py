@@ -12,14 +12,14 @@ from spidar_gym.arrays import constant
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
-from spidar_gym.errors import InvalidValueError, require_array, require_name, require_within
+from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.draws import from_numpy, take_back
 from spidar_gym.native.engine_structs import MAX_OBSTACLES, engine_layouts
 from spidar_gym.native.library import load_core, pointer
 from spidar_gym.native.structs import fill
-from spidar_gym.sim.ground import HIGHEST, MAX_SLOPE, STAIRS, TERRAINS, TILES, GroundConfig, with_blocks
+from spidar_gym.sim.ground import HIGHEST, MAX_SLOPE, STAIRS, TERRAINS, TILES, GroundConfig, require_blocks, with_blocks
 from spidar_gym.tasks.robots import CrawlRobots
-from spidar_gym.tasks.task import Task, tolerance
+from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
 
 PAPER_WAY = Pose2(0.6, 0.0, 0.0)
 """The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
@@ -163,18 +163,13 @@ class CrawlTask(Task[CrawlRobots]):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be crawled."""
-        for name, bounds in RANGES.items():
-            value: float | None = getattr(self, name)
-            if value is None and getattr(CrawlTask, name) is None:
-                continue
-            require_within(*bounds, **{name: value})
-            object.__setattr__(self, name, float(value or 0.0))
+        require_ranges(self, RANGES)
         if self.schedule is not None:
             require_name("schedule", self.schedule, SCHEDULES)
         require_name("terrain", self.terrain, TERRAINS)
         if self.terrain != "tiles" and self.steps > HIGHEST / STAIRS:
             raise InvalidValueError("steps", self.steps, f"stairs of at most {HIGHEST / STAIRS:g} m")
-        object.__setattr__(self, "obstacles", _blocks(self.obstacles))
+        object.__setattr__(self, "obstacles", require_blocks("obstacles", self.obstacles))
         if self.obstacles:
             self.draw_way(np.random.Generator(np.random.PCG64(0)))
         if self.distance == 0.0 and self.turn == 0.0:
@@ -215,17 +210,15 @@ class CrawlTask(Task[CrawlRobots]):
         if len(self.obstacles) > MAX_OBSTACLES:
             raise InvalidValueError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES} blocks")
         fill(rules["way"], PAPER_WAY)
-        rules["share"], rules["turn"], rules["distance"] = PAPER_SHARE, TURN, DISTANCES
+        rules["share"], rules["distance"] = PAPER_SHARE, DISTANCES
         given = (self.distance, self.direction, self.turn)
         rules["is_given"], rules["given"] = [x is not None for x in given], [x or 0.0 for x in given]
         rules["steps"], rules["terrain"] = self.steps, TERRAINS.index(self.terrain)
         rules["obstacles"] = len(self.obstacles)
         rules["obstacle"][: len(self.obstacles)] = np.reshape(self.obstacles, (-1, 3))
-        rules["obstacle_height"], rules["goal_clearance"] = OBSTACLE_HEIGHT, GOAL_CLEARANCE
-        rules["settle_ticks"], rules["turn_length"], rules["saturated"] = SETTLE_TICKS, TURN_LENGTH, SATURATED
-        rules["success_position"], rules["success_yaw"] = SUCCESS_POSITION, SUCCESS_YAW
-        rules["rest_time"], rules["rest_speed"], rules["rest_turn"] = REST_TIME, REST_SPEED, REST_TURN
-        rules["rest_joint_speed"], rules["rest_thrust"] = REST_JOINT_SPEED, REST_THRUST
+        rests = "rest_time rest_speed rest_turn rest_joint_speed rest_thrust"
+        counts = f"turn_length saturated success_position success_yaw {rests}"
+        write_constants(rules, globals(), f"turn obstacle_height goal_clearance settle_ticks {counts}")
 
 
 def arc_astray(distance: float, turn: float) -> float:
@@ -241,17 +234,3 @@ def arc_astray(distance: float, turn: float) -> float:
     # Farthest where it is still to turn by π: there the rest of the way is the circle's diameter.
     diameter = distance / math.sin(0.5 * turn) if turn < 2.0 * math.pi else math.inf
     return diameter - distance + TURN_LENGTH * (turn - math.pi)
-
-
-def _blocks(obstacles: object) -> tuple[tuple[float, ...], ...]:
-    """Blocks as tuples of numbers (`InvalidValueError` for what is no block)."""
-    expected = "some (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
-    blocks = require_array("obstacles", obstacles, expected)
-    if blocks.shape == (0,):
-        return ()
-    if blocks.ndim != 2 or blocks.shape[1] != 3:
-        raise InvalidValueError("obstacles", obstacles, expected)
-    for x, y, radius in blocks.tolist():
-        if not (abs(x) <= 100.0 and abs(y) <= 100.0 and 0.0 < radius <= 2.0):
-            raise InvalidValueError("obstacles", (x, y, radius), expected)
-    return tuple(map(tuple, blocks.tolist()))

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.arrays import Vector3
-from spidar_gym.errors import InvalidValueError, require_array, require_flag, require_name, require_within
+from spidar_gym.errors import InvalidValueError, require_flag, require_name, require_windows
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.engine_structs import DRAWN, MAX_WINDOWS, SEQUENCES
 from spidar_gym.robot import FORMS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.tasks.robots import HoverRobots
 from spidar_gym.tasks.start import FlightStart
-from spidar_gym.tasks.task import Task, tolerance
+from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
 
 CLEARANCE = 0.5
 """Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
@@ -86,13 +86,9 @@ class HoverTask(Task[HoverRobots]):
     def __post_init__(self) -> None:
         """Refuse what cannot be flown."""
         require_name("form sequence", self.forms, SEQUENCES)
-        for name, bounds in RANGES.items():
-            if name == "altitude" and self.altitude is None:
-                continue
-            require_within(*bounds, **{name: getattr(self, name)})
-            object.__setattr__(self, name, float(getattr(self, name)))
+        require_ranges(self, RANGES)
         require_flag(avoid_interference=self.avoid_interference)
-        object.__setattr__(self, "unrestricted", _windows(self.unrestricted))
+        object.__setattr__(self, "unrestricted", require_windows("unrestricted", self.unrestricted))
 
     def terms(self, robots: HoverRobots) -> Mapping[str, np.ndarray]:
         """Terms of the reward, in [0, 1]."""
@@ -162,25 +158,10 @@ class HoverTask(Task[HoverRobots]):
             rules[name] = getattr(self, name)
         rules["avoids"], rules["windows"] = self.avoid_interference, len(self.unrestricted)
         rules["window"][: len(self.unrestricted)] = np.reshape(self.unrestricted, (-1, 2))
-        rules["form"], rules["offset"], rules["mixture"] = list(FORMS.values()), OFFSET, MIXTURE
-        rules["paper_pause"], rules["pause"] = PAPER_PAUSE, PAUSE
+        rules["form"] = list(FORMS.values())
         for k, name in enumerate(DRAWN):
             rules["range"][k], rules["drawn_legs"][k] = DRAWN_FORMS[name]
-        rules["arrival_grace"], rules["arrival_tolerance"] = ARRIVAL_GRACE, ARRIVAL_TOLERANCE
-
-
-_WINDOWS = "pairs (start, end) of times [s], 0 ≤ start < end"
-
-
-def _windows(value: object) -> tuple[tuple[float, float], ...]:
-    """Windows of time as a tuple of pairs, whether they come as tuples or, from JSON, as lists."""
-    windows = require_array("unrestricted", value, _WINDOWS)
-    if windows.size == 0:
-        return ()
-    paired = windows.ndim == 2 and windows.shape[1] == 2
-    if not (paired and np.isfinite(windows).all() and ((windows[:, 0] >= 0.0) & (windows[:, 0] < windows[:, 1])).all()):
-        raise InvalidValueError("unrestricted", value, _WINDOWS)
-    return tuple((start, end) for start, end in windows.tolist())
+        write_constants(rules, globals(), "offset mixture paper_pause pause arrival_grace arrival_tolerance")
 
 
 @lru_cache(maxsize=64)

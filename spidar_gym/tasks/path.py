@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from spidar_gym.control.flight.path import EASE
-from spidar_gym.errors import require_name, require_within
+from spidar_gym.errors import require_name
 from spidar_gym.native.engine_structs import HEADINGS, PATHS
 from spidar_gym.tasks.hover import RANGES as HOVER_RANGES
 from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.task import require_ranges, write_constants
 
 PATH_BEGIN = 1.0
 """The robot hovers for so long before it leaves [s]."""
@@ -45,9 +46,7 @@ class PathTask(HoverTask):
         super().__post_init__()
         require_name("path", self.path, PATHS[1:])
         require_name("heading", self.heading, HEADINGS)
-        if self.speed is not None:
-            require_within(*RANGES["speed"], speed=self.speed)
-            object.__setattr__(self, "speed", float(self.speed))
+        require_ranges(self, {"speed": RANGES["speed"]})
 
     @property
     def most_knots(self) -> int:
@@ -60,7 +59,5 @@ class PathTask(HoverTask):
         super().write(rules)
         rules["path"], rules["heading"] = PATHS.index(self.path), HEADINGS.index(self.heading)
         rules["speed"] = SPEEDS if self.speed is None else self.speed
-        rules["path_begin"], rules["path_mixture"] = PATH_BEGIN, PATH_MIXTURE
-        rules["half_width"], rules["climb"] = HALF_WIDTH, CLIMB
-        rules["corner_radius"], rules["corner_turn"] = CORNER_RADIUS, CORNER_TURN
-        rules["bend_radius"], rules["bend_turn"] = BEND_RADIUS, BEND_TURN
+        shapes = "half_width climb corner_radius corner_turn bend_radius bend_turn"
+        write_constants(rules, globals(), f"path_begin path_mixture {shapes}")

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.errors import REAL, InvalidValueError
+from spidar_gym.errors import REAL, InvalidValueError, require_within
 from spidar_gym.tasks.robots import Robots
 
 R = TypeVar("R", bound=Robots)
@@ -89,6 +89,32 @@ class Task(ABC, Generic[R]):
         """Whether a method is of a class outside this package."""
         owner = next(kind for kind in type(self).__mro__ if method in vars(kind))
         return not owner.__module__.startswith("spidar_gym.tasks.")
+
+
+def require_ranges(task: Task[Any], ranges: Mapping[str, tuple[float, float, str]]) -> None:
+    """Refuse options outside their ranges, and make whole numbers real ones (`InvalidValueError`).
+
+    Args:
+        task: Whose options; one may be None where its class has that as its default.
+        ranges: Least and largest number, and unit, by option.
+    """
+    for name, bounds in ranges.items():
+        is_optional = any(vars(kind).get(name, task) is None for kind in type(task).__mro__)
+        if getattr(task, name) is not None or not is_optional:
+            require_within(*bounds, **{name: getattr(task, name)})
+            object.__setattr__(task, name, float(getattr(task, name)))
+
+
+def write_constants(rules: Any, page: Mapping[str, Any], names: str) -> None:  # noqa: ANN401 - a record
+    """Write a page's constants into rules that have the same names in small letters.
+
+    Args:
+        rules: A record of the task's rules.
+        page: The module's names, `globals()`.
+        names: Of these constants, in small letters.
+    """
+    for name in names.split():
+        rules[name] = page[name.upper()]
 
 
 def length(v: np.ndarray) -> np.ndarray:

@@ -9,9 +9,10 @@ from spidar_gym.benchmark import COURSE, HOVER, TRACKS, PresetPolicy, load_scena
 from spidar_gym.benchmark.scenario import make_env, reset_options
 from spidar_gym.benchmark.scoring import play_scenario, play_scenarios
 from spidar_gym.benchmark.track import BOTH, CAP, SPLITS, course_error
+from spidar_gym.control.course.gates import parse_course
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.course import CoursePolicy
-from spidar_gym.tasks.course import SIZES, parse_course
+from spidar_gym.tasks.course import SIZES
 
 COURSES = [name for name, track in TRACKS.items() if track.world == BOTH]
 KINDS = {

@@ -292,7 +292,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkey
     foreign = {
         "another environment: 'CrawlEnv'; valid here: HoverEnv": begun(gymnasium.make(CRAWL), 0),
         "another controller: 'core'; valid here: python, FlightController, Allocator": begun(HoverEnv(), 0),
-        "another controller: 'python, support.environments.Braced, Allocator'": begun(
+        "another controller: 'python, support.moments.Braced, Allocator'": begun(
             HoverEnv(law=Braced, forms="form1"), 0
         ),
         "another set of options": begun(HoverEnv(joint_speed=0.5, **options), 0),

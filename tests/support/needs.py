@@ -19,13 +19,19 @@ PROGRAMS = {
 }
 
 
-def marked(marker: str) -> Callable:
-    """Decorator of tests that need a marker's programs; `SPIDAR_REQUIRE=cross,ros` forbids to skip them."""
+def marks(marker: str) -> list[pytest.MarkDecorator]:
+    """A marker, and that its tests are skipped without its programs; `SPIDAR_REQUIRE=cross,ros` forbids to skip them."""
     programs, install = PROGRAMS[marker]
     missing = [program for program in programs if not shutil.which(program)]
     required = marker in os.environ.get("SPIDAR_REQUIRE", "").split(",")
     skip = pytest.mark.skipif(bool(missing) and not required, reason=f"{', '.join(missing)} missing: {install}")
-    return lambda test: getattr(pytest.mark, marker)(skip(test))
+    return [getattr(pytest.mark, marker), skip]
+
+
+def marked(marker: str) -> Callable:
+    """Decorator of tests that need a marker's programs."""
+    mark, skip = marks(marker)
+    return lambda test: mark(skip(test))
 
 
 needs_compiler = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")

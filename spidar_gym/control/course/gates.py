@@ -1,10 +1,12 @@
 """What a map tells of a course: gates that span the field from side to side, what the goal lies on, and where it is."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.errors import InvalidValueError, require_flag, require_name, require_within
+from spidar_gym.errors import InvalidValueError, SpidarError, require_flag, require_name, require_within
 
 GATES = ("wall", "beam", "slot")
 """What is passed: over it, under it (it is closed above, up to the ceiling), through it (as high as the ceiling)."""
@@ -151,3 +153,27 @@ class Course:
     def is_inside(self, x: float, y: float, z: float) -> bool:
         """Whether a point is in the field."""
         return -BEFORE <= x <= self.end and abs(y) <= HALF_WIDTH and z <= CEILING
+
+
+def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - whatever a user gives
+    """A course, or one of a dictionary of lists, as scenario files have it."""
+    if value is None or isinstance(value, Course):
+        return value
+    valid = "a Course, or {'gates': [[kind, begin, end, size, middle], …], 'goal': [x, y, yaw], 'tiles': […]}"
+    if not (isinstance(value, Mapping) and {"gates", "goal"} <= value.keys() <= {"gates", "goal", "tiles", "dares"}):
+        raise InvalidValueError("course", value, valid)
+    try:
+        gates = tuple(Gate(kind, *map(float, rest)) for kind, *rest in value["gates"])
+        goal, tiles = Pose2(*map(float, value["goal"])), tuple(map(float, value.get("tiles", ())))
+    except SpidarError:
+        raise
+    except (TypeError, ValueError):
+        raise InvalidValueError("course", value, valid) from None
+    return Course(gates, goal, tiles, value.get("dares", False))
+
+
+def plain_course(course: Course) -> dict[str, Any]:
+    """A course as a dictionary of lists: what `parse_course` reads."""
+    gates = [[g.kind, g.begin, g.end, g.size, g.middle] for g in course.gates]
+    goal = [course.goal.x, course.goal.y, course.goal.yaw]
+    return {"gates": gates, "goal": goal, "tiles": list(course.tiles), "dares": course.dares}

@@ -440,7 +440,7 @@ typedef struct {
     uint8_t is_success;
 } sp_hover_info;
 
-/* What is counted of every robot, an entry for each (N,). */
+/* What is counted of every robot, for its task. */
 typedef struct {
     double ticks; /* Steps of the episode. */
     double time; /* Time since its beginning [s]. */

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from spidar_gym.control.course.gates import HALF_WIDTH, Course, Gate
+from spidar_gym.control.course.gates import HALF_WIDTH, Course, Gate, plain_course
 from spidar_gym.control.course.target import Target
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.orders import PHASES
@@ -15,7 +15,7 @@ from spidar_gym.envs.registry import COURSE
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.sim.course_boxes import boxes
-from spidar_gym.tasks.course import DECIDE, MAX_HIT, SIZES, CourseTask, plain_course
+from spidar_gym.tasks.course import DECIDE, MAX_HIT, SIZES, CourseTask
 
 SHORT = Course((Gate("slot", 2.3, 2.6, 1.5, 0.3), Gate("tiles", 4.4, 7.9, 0.015)), Pose2(6.1, 0.1, 0.1),
                tuple(np.random.default_rng(0).uniform(0.0, 0.015, 28).tolist()))  # fmt: skip

@@ -5,13 +5,13 @@ import time
 
 import numpy as np
 import pytest
-from support.needs import marked
+from support.needs import marks
 from support.pages import needs_viser
 
 from spidar_gym.viz.live.serve import HOST, keep_time, served
 from spidar_gym.viz.live.session import Session
 
-pytestmark = [marked("browser")(pytest.mark.slow), needs_viser]
+pytestmark = [pytest.mark.slow, *marks("browser"), needs_viser]
 READY = "!!document.body?.innerText.includes('of its weight')"
 DESK, TELEPHONE = (1280, 800), (390, 844)
 RECTANGLES = """[...document.querySelectorAll('button, input')].map(b => [b, b.getBoundingClientRect()])
