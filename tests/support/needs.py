@@ -20,7 +20,7 @@ PROGRAMS = {
 
 
 def marks(marker: str) -> list[pytest.MarkDecorator]:
-    """A marker, and that its tests are skipped without its programs; `SPIDAR_REQUIRE=cross,ros` forbids to skip them."""
+    """A marker, and a skip where its programs are missing, which `SPIDAR_REQUIRE=cross,ros` forbids."""
     programs, install = PROGRAMS[marker]
     missing = [program for program in programs if not shutil.which(program)]
     required = marker in os.environ.get("SPIDAR_REQUIRE", "").split(",")
