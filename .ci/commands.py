@@ -14,12 +14,12 @@ from pathlib import Path
 Path("long.toml").write_text("pitch_to_foot = 0.6138")
 Path("mine.py").write_text("""
 import numpy as np
-from spidar_gym.envs.hover.flights import FlightTask
+from spidar_gym.tasks.hover import HoverTask
 
-class Circle(FlightTask):
-    def reference(self, flights):
-        wanted = super().reference(flights)
-        wanted["position_w"][:, 0] += 0.2 * np.sin(flights.time)
+class Circle(HoverTask):
+    def reference(self, robots):
+        wanted = super().reference(robots)
+        wanted["position_w"][:, 0] += 0.2 * np.sin(robots.time)
         return wanted
 
 class Damper:

@@ -291,7 +291,7 @@ class SpidarEnv(
         observation, info = self._shown()
         if self.render_mode == "human":
             self.render()
-        reward = self._judged(observation, float(fleet.rewards[0]))
+        reward = self._rewarded(observation, float(fleet.rewards[0]))
         return observation, reward, bool(fleet.terminated[0]), self.is_over, info
 
     def _shown(self) -> tuple[Any, dict[str, Any]]:

@@ -298,7 +298,7 @@ class Observed(Rewarding):
         """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
         return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
 
-    def _judged(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
+    def _rewarded(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
         """The reward of what is shown: that of its goal, if it has one."""
         if not isinstance(self.sight, GoalSight):
             return reward

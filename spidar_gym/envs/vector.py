@@ -57,7 +57,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """Build the robots.
 
         Args:
-            name: `spidar_gym/Hover-v0`, `spidar_gym/Path-v0` or `spidar_gym/Crawl-v0`.
+            name: `spidar_gym/Hover-v0`, `spidar_gym/Path-v0`, `spidar_gym/Crawl-v0` or `spidar_gym/Course-v0`.
             num_envs: How many robots.
             num_threads: How many threads, the caller's included.
             autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,

@@ -72,7 +72,7 @@ class Reaches(Honest):
     """Looks for the environment, the tally and the parent's memory."""
 
     def cheat(self, observation):
-        kinds = {"SpidarEnv", "HoverEnv", "Fleet", "Tally", "Scenario", "FleetWatch", "EnvWatch"}
+        kinds = {"SpidarEnv", "HoverEnv", "Fleet", "Tally", "Scenario", "FleetWatch"}
         if any(type(each).__name__ in kinds for each in gc.get_objects()):
             raise RuntimeError("found an environment")
         from spidar_gym.policies.confine import landlock
