@@ -16,23 +16,22 @@ from spidar_gym.benchmark.statistics import (
     on_one_track,
     stratified_bootstrap,
 )
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import TRACKS, by_group
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.text import format_table
 
-COMPARED: dict[str, dict[str, tuple[str, float, str]]] = {
+_ON_THE_GROUND = {
+    "duration_s": ("time", 1.0, "s"), "energy_wh": ("energy", 1.0, "Wh"), "error": ("error", 1.0, ""),
+}  # fmt: skip
+COMPARED: dict[str, dict[str, tuple[str, float, str]]] = by_group({
     "flight": {
         "position_rms_m": ("position", 1e3, "mm"),
         "attitude_rms_rad": ("attitude", 1e3, "mrad"),
         "error": ("error", 1.0, ""),
     },
-    "ground": {
-        "duration_s": ("time", 1.0, "s"),
-        "energy_wh": ("energy", 1.0, "Wh"),
-        "error": ("error", 1.0, ""),
-    },
-}
-COMPARED["path"], COMPARED["course"], COMPARED["steps"] = COMPARED["flight"], COMPARED["ground"], COMPARED["ground"]
+    "ground": _ON_THE_GROUND,
+    "course": _ON_THE_GROUND,
+})  # fmt: skip
 """What is compared by group: metric → heading, factor, unit."""
 
 

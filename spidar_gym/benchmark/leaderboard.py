@@ -20,11 +20,11 @@ from spidar_gym.benchmark.statistics import (
     ratio_score,
     stratified_bootstrap,
 )
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import TRACKS, by_group
 
 GROUPS = {group: [name for name, track in TRACKS.items() if track.group == group] for group in ("flight", "ground")}
 """Tracks that are summed up in one score; a track of another group stands for itself."""
-SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = {
+SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = by_group({
     "flight": (
         ("position_rms_m", "pos. mm", 1e3, 1), ("attitude_rms_rad", "att. mrad", 1e3, 1),
         ("joint_rms_rad", "joints mrad", 1e3, 1), ("energy_wh", "Wh", 1.0, 2), ("endurance_min", "endur. min", 1.0, 2),
@@ -39,14 +39,13 @@ SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = {
         ("thrust_mean", "Σλ/mg", 1.0, 3), ("torque_share", "τ share", 1.0, 2), ("violations", "violated %", 1e2, 1),
         ("unsolved", "unsolved", 1.0, 2),
     ),
-}  # fmt: skip
-SHOWN["path"], SHOWN["steps"] = SHOWN["flight"], SHOWN["ground"]
-SHOWN["course"] = (
-    ("duration_s", "s", 1.0, 1), ("flown_s", "flown s", 1.0, 1), ("crawled_s", "crawled s", 1.0, 1),
-    ("energy_wh", "Wh", 1.0, 2), ("final_error_m", "final mm", 1e3, 1), ("final_yaw_rad", "yaw mrad", 1e3, 1),
-    ("attitude_rms_rad", "tilt mrad", 1e3, 1), ("hit_n", "contact N", 1.0, 1), ("thrust_mean", "Σλ/mg", 1.0, 3),
-    ("torque_share", "τ share", 1.0, 2), ("unsolved", "unsolved", 1.0, 2),
-)  # fmt: skip
+    "course": (
+        ("duration_s", "s", 1.0, 1), ("flown_s", "flown s", 1.0, 1), ("crawled_s", "crawled s", 1.0, 1),
+        ("energy_wh", "Wh", 1.0, 2), ("final_error_m", "final mm", 1e3, 1), ("final_yaw_rad", "yaw mrad", 1e3, 1),
+        ("attitude_rms_rad", "tilt mrad", 1e3, 1), ("hit_n", "contact N", 1.0, 1), ("thrust_mean", "Σλ/mg", 1.0, 3),
+        ("torque_share", "τ share", 1.0, 2), ("unsolved", "unsolved", 1.0, 2),
+    ),
+})  # fmt: skip
 """Metrics of the tables by group: name, heading, factor, digits; medians over runs and scenarios."""
 COUNTED = ("unsolved", "violations")
 """Metrics of `SHOWN` that are means, not medians."""

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.errors import require_name
 
+ValueT = TypeVar("ValueT")
 CAP = 5.0
 """Error of a failed scenario, and the largest one of any other."""
 SCENARIOS = 50
@@ -168,6 +169,13 @@ def find_track(name: str) -> Track:
     """Track by id (`UnknownNameError` lists the valid ones)."""
     require_name("track", name, TRACKS)
     return TRACKS[name]
+
+
+def by_group(of_worlds: Mapping[str, ValueT]) -> dict[str, ValueT]:
+    """Something of each group of tracks, from that of its world: a group of its own needs no entry elsewhere."""
+    return {
+        group: next(of_worlds[track.world] for track in TRACKS.values() if track.group == group) for group in REFERENCES
+    }
 
 
 def flight_error(position_rms: float, attitude_rms: float, *, failed: bool) -> float:

@@ -22,7 +22,7 @@ TaskT = TypeVar("TaskT", bound=Task[Any])
 OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps")
 """Arguments that only a vector has."""
 OF_ONE = ("control", "allocator", "law")
-"""Arguments that only a single robot's environment has: the core flies a vector."""
+"""Arguments that only a single robot's environment has: the core controls every robot of a vector."""
 
 
 def option_names(shared: type, env: type, task: type) -> list[str]:
@@ -95,10 +95,10 @@ def find_task(task: object, built_in: type[TaskT]) -> TaskT | type[TaskT]:
 
 def require_vector_options(shared: type, env: type, task: type, options: Collection[str]) -> None:
     """Raise `UnknownArgumentError` for what is no argument of a vector of this environment."""
-    valid = [*OF_VECTORS, *(name for name in option_names(shared, env, task) if name not in OF_ONE)]
+    valid = [*dict.fromkeys([*OF_VECTORS, *(n for n in option_names(shared, env, task) if n not in OF_ONE)])]
     for name in OF_ONE:
         if name in options:
-            raise UnknownArgumentError(name, valid, "the core flies")
+            raise UnknownArgumentError(name, valid, "the core controls every robot of a vector")
     require_arguments(options, valid)
 
 

@@ -70,5 +70,5 @@ class Message:
     """The robot's clock [s]."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """By field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat` (w, x, y,
-    z), and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand); `data` (numbers, text); `cmd`
+    z), and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand's `base_thrust`); `data` (numbers, text); `cmd`
     (FlightConfigCmd)."""

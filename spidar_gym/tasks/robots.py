@@ -113,12 +113,12 @@ class HoverRobots(HoverQuantities, Robots):
 
     @cached_property
     def error(self) -> np.ndarray:
-        """True errors against the reference: `position_w`, `velocity_w`, `attitude`, `omega_b`, each (N, 3)."""
+        """True errors, reference less state: `position_w`, `velocity_w`, `attitude`, `omega_b`, each (N, 3)."""
         return self.records["truth"]["error"]
 
     @cached_property
     def position_error(self) -> np.ndarray:
-        """Position error of the CoG, world (N, 3) [m]."""
+        """Position error of the CoG, desired less actual, world (N, 3) [m]."""
         return self.records["position_error"]
 
     @cached_property

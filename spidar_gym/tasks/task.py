@@ -33,7 +33,7 @@ class Task(ABC, Generic[R]):
     reward_terms: ClassVar[Mapping[str, tuple[float, str]]]
     """Weight and formula of each term; the weights add up to 1."""
     failures: ClassVar[Mapping[str, str]]
-    """Why an episode may be over, and what the words mean; `diverged` is the engine's own."""
+    """Why an episode may be over: words in the order of their codes, and what they mean; `diverged` is the engine's."""
     memory: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """What the task keeps of a robot, as numpy has it: name, kind, shape; zero when an episode begins."""
     fields: ClassVar[tuple[Field, ...]] = ()

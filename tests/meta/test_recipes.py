@@ -39,6 +39,9 @@ scenario = draw_scenario("flight-gusts", "test", 0)
 assert 2.0 <= scenario.disturbances["wind"] <= 4.0
 played = play_scenario(QP(), "flight-gusts", scenario)
 assert not played["metrics"]["failed"], played
+from spidar_gym.benchmark.comparison import COMPARED
+from spidar_gym.benchmark.leaderboard import SHOWN
+assert (COMPARED["gusts"], SHOWN["gusts"]) == (COMPARED["flight"], SHOWN["flight"])
 """,
 }
 
