@@ -213,7 +213,7 @@ def test_what_cannot_be_built_is_refused():
         with pytest.raises(InvalidValueError, match="at least 1"):
             NativeVectorEnv(HOVER, **bad)
     with pytest.raises(
-        UnknownArgumentError, match=r"'control'; valid: num_threads, .*; the core controls every robot of a vector$"
+        UnknownArgumentError, match=r"'control'; valid: num_threads, .*; .* every robot of a vector$"
     ):
         NativeVectorEnv(HOVER, 2, control="python")
     env = NativeVectorEnv(HOVER, 2)
