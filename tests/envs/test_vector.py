@@ -212,9 +212,7 @@ def test_what_cannot_be_built_is_refused():
     for bad in ({"num_envs": 0}, {"num_envs": 2, "num_threads": 0}, {"num_envs": 2, "max_episode_steps": 0}):
         with pytest.raises(InvalidValueError, match="at least 1"):
             NativeVectorEnv(HOVER, **bad)
-    with pytest.raises(
-        UnknownArgumentError, match=r"'control'; valid: num_threads, .*; .* every robot of a vector$"
-    ):
+    with pytest.raises(UnknownArgumentError, match=r"'control'; valid: num_threads, .*; .* every robot of a vector$"):
         NativeVectorEnv(HOVER, 2, control="python")
     env = NativeVectorEnv(HOVER, 2)
     with pytest.raises(SpidarError, match="call reset"):

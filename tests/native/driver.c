@@ -18,8 +18,8 @@
 #define OVERFLOW 2
 #define UNDEFINED 3
 
-enum { ROBOTS, TICKS, KIND, STRIDE, COPY_BYTES, OWN_COPIES, ACTION, OBSERVATION, INFO_BYTES, GOAL_ROOM, STATE,
-       CONTACT_OFF, NUMBERS };
+enum { ROBOTS, TICKS, KIND, STRIDE, COPY_BYTES, OWN_COPIES, ACTION, OBSERVATION, INFO_BYTES, QUANTITY_BYTES, GOAL_ROOM,
+       STATE, CONTACT_OFF, NUMBERS };
 enum { OF_DATA, OF_MODEL, ITSELF }; /* what a member of sp_sim is counted from */
 
 /* ---- threads ---- */
@@ -113,6 +113,7 @@ int main(int argc, char **argv)
     member *members = part(file, &member_count);
     int64_t *parts = part(file, &piece_count);
     double *actions = part(file, &bytes);
+    const int32_t *call = part(file, NULL); /* which job of which robots, as Python called them; −1 behind those of a tick */
     member_count /= (int64_t)sizeof *members;
     piece_count /= 3 * (int64_t)sizeof *parts;
     fclose(file);
@@ -149,23 +150,25 @@ int main(int argc, char **argv)
     e.stride = number[STRIDE], e.copy_bytes = number[COPY_BYTES], e.own_copies = number[OWN_COPIES];
     e.thread_count = 2, e.piece_count = piece_count, e.goal_room = number[GOAL_ROOM];
     e.goals = calloc((size_t)(robots * number[GOAL_ROOM]) + 1, sizeof(sp_goal));
-    e.observations = calloc((size_t)seen, sizeof(float)), e.final_observations = calloc((size_t)seen, sizeof(float));
-    e.rewards = calloc((size_t)robots, sizeof(double));
-    e.terminated = calloc((size_t)robots, 1), e.truncated = calloc((size_t)robots, 1), e.begun = calloc((size_t)robots, 1);
-    e.infos = calloc((size_t)robots, (size_t)number[INFO_BYTES]);
-    e.final_infos = calloc((size_t)robots, (size_t)number[INFO_BYTES]);
+    e.observations = calloc((size_t)seen, sizeof(float)), e.observation_size = number[OBSERVATION];
+    e.begun = calloc((size_t)robots, 1), e.infos = calloc((size_t)robots, (size_t)number[INFO_BYTES]);
+    e.quantities = calloc((size_t)robots, (size_t)number[QUANTITY_BYTES]);
     double *action = malloc((size_t)(acted - (BROKEN == OVERFLOW)) * sizeof *action);
     e.actions = action;
 
-    int (*const resets[])(sp_engine *, const int32_t *, int) = {sp_reset_hover_robots, sp_reset_crawl_robots, sp_reset_course_robots};
-    int (*const steps[])(sp_engine *, const int32_t *, int) = {sp_step_hover_robots, sp_step_crawl_robots, sp_step_course_robots};
+    int (*const jobs[][4])(sp_engine *, const int32_t *, int) = {
+        {sp_reset_hover_robots, sp_step_hover_robots, sp_show_hover_robots, NULL},
+        {sp_reset_crawl_robots, sp_step_crawl_robots, sp_show_crawl_robots, NULL},
+        {sp_reset_course_robots, sp_step_course_robots, sp_show_course_robots, sp_hold_course_robots},
+    };
     uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a */
-    resets[number[KIND]](&e, NULL, (int)robots);
     for (int64_t tick = 0; tick <= number[TICKS]; tick++) {
+        for (; *call >= 0; call += 2 + call[1]) /* none chosen: all */
+            jobs[number[KIND]][call[0]](&e, call[1] ? call + 2 : NULL, call[1] ? call[1] : (int)robots);
+        call++;
         for (int64_t k = 0; k < 4 * seen; k++) hash = (hash ^ ((unsigned char *)e.observations)[k]) * 0x100000001b3u;
         if (tick == number[TICKS]) break;
         memcpy(action, actions + tick * acted, (size_t)(acted - (BROKEN == OVERFLOW)) * sizeof *action);
-        steps[number[KIND]](&e, NULL, (int)robots);
     }
     if (BROKEN == UNDEFINED) printf("%d ", 1 << (int)(number[ROBOTS] + 40));
     printf("%016llx\n", (unsigned long long)hash);

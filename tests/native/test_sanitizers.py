@@ -1,5 +1,6 @@
 """Pins the engine under sanitizers: no access outside, nothing undefined, no race, and the bits of Python's own run."""
 
+import ctypes
 import json
 import os
 import subprocess
@@ -34,6 +35,8 @@ CASES = {
 }  # fmt: skip
 KINDS = (HOVER, CRAWL, COURSE)
 """In the order of the driver's functions."""
+JOBS = ("reset", "step", "show", "hold")
+"""In the order of its jobs."""
 ROBOTS, TICKS = 5, 40
 OF_DATA, OF_MODEL, ITSELF = range(3)
 RACE, OVERFLOW, UNDEFINED = range(1, 4)
@@ -116,6 +119,26 @@ def written(tmp_path_factory):
     return get
 
 
+class Called:
+    """The library, and which jobs of which robots Python had it do: the page says whose episodes begin anew."""
+
+    def __init__(self, library):
+        self.library, self.calls, self.resets = library, [], 0
+
+    def __getattr__(self, name):
+        function, (_, job, *_) = getattr(self.library, name), f"{name}_".split("_")
+        if not name.endswith("_robots"):
+            return function
+
+        def call(engine, ids, count, *more):
+            chosen = () if ids is None else np.ctypeslib.as_array((ctypes.c_int32 * count).from_address(ids.value))
+            self.resets += job == "reset"
+            self.calls += [JOBS.index(job), len(chosen), *chosen]
+            return function(engine, ids, count, *more)
+
+        return call
+
+
 def write(case, folder):
     name, options = CASES[case]
     env = NativeVectorEnv(name, ROBOTS, autoreset_mode="SameStep", max_episode_steps=15, **options)
@@ -130,25 +153,32 @@ def write(case, folder):
     actions = np.random.default_rng(9).normal(0.0, 0.4, (TICKS, *fleet.actions.shape))
     numbers = [
         ROBOTS, TICKS, KINDS.index(name), engine.robots.itemsize, engine.copies.shape[1], engine.record["own_copies"],
-        fleet.actions.shape[1], fleet.observations.shape[1], fleet.infos.itemsize, engine.record["goal_room"],
+        fleet.actions.shape[1], fleet.observations.shape[1], fleet.infos.itemsize, fleet.quantities.itemsize,
+        engine.record["goal_room"],
         int(STATE), int(mujoco.mjtDisableBit.mjDSBL_CONTACT),
     ]  # fmt: skip
     parts = [
         np.array(numbers, np.int64), engine._world, robot(), fleet.rules, engine.robots, engine.copies,
         members(), pieces, actions,
     ]  # fmt: skip
+    parts = [(part.nbytes, part.tobytes()) for part in parts]  # as they are before the first tick
     assert len(members()) == len(engine.simulations[0].record) - 3
-    with (folder / "data").open("wb") as file:
-        for part in parts:
-            file.write(part.nbytes.to_bytes(8, "little") + part.tobytes())
     mujoco.mj_saveModel(engine.simulations[0].model, str(folder / "model.mjb"))
+    engine.library = library = Called(engine.library)
     fleet.reset()
+    library.calls.append(-1)
     seen = [fleet.observations.tobytes()]
     for action in actions:
         fleet.actions[:] = action
         fleet.step()
+        library.calls.append(-1)
         seen.append(fleet.observations.tobytes())
     env.close()
+    assert library.resets > 1
+    calls = np.array(library.calls, np.int32)
+    with (folder / "data").open("wb") as file:
+        for size, content in [*parts, (calls.nbytes, calls.tobytes())]:
+            file.write(size.to_bytes(8, "little") + content)
     value = 0xCBF29CE484222325
     for byte in b"".join(seen):
         value = (value ^ byte) * 0x100000001B3 & 0xFFFFFFFFFFFFFFFF

@@ -319,7 +319,7 @@ def test_the_seed_decides_over_the_noise():
         rows = []
         with pytest.MonkeyPatch.context() as patch:
             keep = HoverTask.failed
-            patch.setattr(HoverTask, "failed", lambda *a: rows.append(a[1].copy()) or keep(*a))
+            patch.setattr(HoverTask, "failed", lambda *a: rows.append(a[1].position_error.copy()) or keep(*a))
             with pytest.raises(KeyboardInterrupt):
                 fly_paper(noise=True, seed=seed, on_tick=stop)
         return np.array(rows)

@@ -1,6 +1,7 @@
-"""Holds the engine to the readable path, state by state: readable controllers, air, sensors, actuators and contacts.
+"""Holds the core to the controllers in Python, state by state: commands, and all that is shown, told and rewarded.
 
-Some of the states in CI; `SPIDAR_STATES=10000 pytest -n0 -s tests/envs/test_old_path.py` looks at all (minutes).
+Some of the states in CI; all, in minutes: `SPIDAR_STATES=10000 pytest -n0 -s tests/envs/test_controllers_agree.py`.
+The plant itself is held to a readable one in `tests/native/test_plant.py`.
 """
 
 import os
@@ -9,17 +10,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-import reference.plant
 from support.vectors import expected
 
-from spidar_gym.envs import env as module
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.native.mujoco import STATE
-from spidar_gym.native.plant import Plant
-from spidar_gym.sim import violations
 from spidar_gym.tasks.crawl import CrawlTask
 from spidar_gym.tasks.hover import HoverTask
 
@@ -30,7 +27,7 @@ EPISODE = 400
 FLIGHT = (HoverEnv, HOVER, HoverTask.reward_terms, HoverTask.failures, 0.3)
 GROUND = (CrawlEnv, CRAWL, CrawlTask.reward_terms, CrawlTask.failures, 0.2)
 REAL: dict[str, Any] = {"randomization": 1.0, "sensors": True}
-TOLERANCE = 1e-9
+TOLERANCE = 1e-11
 """Of 1 or the number itself, whichever is more; what contacts amplify in a tick included."""
 KINDS = {
     "flights": (*FLIGHT, {}),
@@ -40,45 +37,10 @@ KINDS = {
 }
 
 
-COSTS = ("cost", *(f"cost_{name}" for name in violations.COSTS))
-"""What the engine's plant alone counts; `tests/sim/test_violations.py` holds it."""
-
-
-class ReadablePlant(reference.plant.Plant, Plant):
-    """The readable plant, where an environment that Python runs has the engine's, and of its type."""
-
-    config = model = data = memory = None
-    diverged = False
-
-    def __init__(self, config=None, engine=None):
-        """Compile the scene; there is no engine."""
-        assert engine is None
-        reference.plant.Plant.__init__(self, config)
-
-    violated = 0
-
-    def close(self):
-        """There are no threads."""
-
-    def forgive(self):
-        """Nothing is counted."""
-
-    @property
-    def power(self):
-        """As the engine's has it."""
-        return self.memory.power
-
-    @property
-    def energy_wh(self):
-        """As the engine's has it."""
-        return self.memory.energy_wh
-
-
 @pytest.mark.parametrize("kind", KINDS)
-def test_from_the_same_state_both_ways_lead_to_the_same_next_one(kind, monkeypatch):
+def test_from_the_same_state_both_controllers_lead_to_the_same_next_one(kind):
     make, name, terms, failures, size, options = KINDS[kind]
     vector = NativeVectorEnv(name, 1, autoreset_mode="Disabled", **options)
-    monkeypatch.setattr(module, "Plant", ReadablePlant)
     env = make(control="python", **options)
     rng, worst = np.random.default_rng(8), {}
 
@@ -103,8 +65,7 @@ def test_from_the_same_state_both_ways_lead_to_the_same_next_one(kind, monkeypat
         look("reward", reward, rewards[0])
         look("terminated", terminated, ended[0])
         for title, value in expected(info, terms, failures).items():
-            if title not in COSTS:
-                look(title, value, told[title][0])
+            look(title, value, told[title][0])
         ticks = EPISODE if terminated else ticks + 1
         # What the next tick begins with.
         mujoco.mj_setState(env.plant.model, env.plant.data, vector.robots[0]["plant"]["row"], STATE)
