@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.cli import bench
-from spidar_gym.cli.bench import CROWDS, KINDS, PAIRS, bench_table, hard_demands, measure, run_bench
+from spidar_gym.cli.bench import KINDS, PAIRS, bench_table, hard_demands, measure, run_bench
 from spidar_gym.cli.main import main
 
 
@@ -12,6 +12,7 @@ from spidar_gym.cli.main import main
 def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
     monkeypatch.setattr(bench, "ROUNDS", 1)
     monkeypatch.setattr(bench, "TURNS", 2)
+    monkeypatch.setattr(bench, "CROWDS", crowds := ((1, 1), (3, 2)))
     result = run_bench(seconds=0.02)
     for preset in ("as_flown", "paper"):
         for form in ("form1", "form2", "form3"):
@@ -20,7 +21,7 @@ def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
                 assert 0.0 < timing["best"] <= timing["median"] <= timing["p99"]
     engine = result["engine"]
     assert {(row["environment"], row["robots"], row["threads"]) for row in engine} == {
-        (name, *crowd) for name in KINDS for crowd in CROWDS
+        (name, *crowd) for name in KINDS for crowd in crowds
     }
     assert all(row[name] > 0.0 for row in engine for name in ("engine_cpu_us", "bare_wall_us", "of_bare", "of_hot"))
     assert sum(result["hard_states"]["statuses"].values()) == 400
