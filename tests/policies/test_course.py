@@ -104,7 +104,7 @@ def test_every_number_is_the_rules_at_zero_and_a_bound_at_one():
 def test_every_number_decides_something():
     places = [
         (x, y, z, q, phase)
-        for x in np.arange(0.0, 14.0, 0.05)
+        for x in np.arange(0.0, 14.0, 0.1)
         for y, z, q, phase in (
             (0.0, 0.15, FORMS["form1"], "lie"), (0.0, 1.5, FORMS["form1"], "fly"), (0.28, 1.4, FORMS["form3"], "fly"),
             (0.3, 1.4, FORMS["form3"] + 0.1, "fly"),

@@ -234,9 +234,10 @@ def test_the_margins_are_where_the_loop_becomes_unstable(axis):
 # The walk
 
 
-def walk(distance=0.3):
-    """A walk straight on: every tick's mode, allocation, demand, torso's height and feet that swing; the last info."""
-    env = gymnasium.make(CRAWL, distance=distance, **rival("walking").Walking.presets[CRAWL])
+@pytest.fixture(scope="module")
+def walk():
+    """A walk of 0.3 m straight on: every tick's mode, allocation, demand, torso's height and feet that swing; the last info."""
+    env = gymnasium.make(CRAWL, distance=0.3, **rival("walking").Walking.presets[CRAWL])
     env.reset(seed=0)
     crawler, ticks, done = env.unwrapped.controller, [], False
     while not done:
@@ -250,8 +251,8 @@ def walk(distance=0.3):
     return ticks, info
 
 
-def test_a_walk_has_one_foot_in_the_air_which_gives_no_force_and_the_torso_up():
-    ticks, info = walk()
+def test_a_walk_has_one_foot_in_the_air_which_gives_no_force_and_the_torso_up(walk):
+    ticks, info = walk
     assert info["is_success"]
     stepping = [tick for tick in ticks if tick[0].startswith("walk")]
     assert {tick[0] for tick in stepping} == {"walk0", "walk1", "walk2", "walk3"}
@@ -273,8 +274,8 @@ def test_a_walk_has_one_foot_in_the_air_which_gives_no_force_and_the_torso_up():
     assert 0.2 < share < 0.9
 
 
-def test_a_walk_steps_with_each_leg_in_each_cycle_and_moves_on_four_feet_only():
-    ticks, _ = walk()
+def test_a_walk_steps_with_each_leg_in_each_cycle_and_moves_on_four_feet_only(walk):
+    ticks, _ = walk
     modes = [mode for mode, *_ in ticks]
     order = [mode for k, mode in enumerate(modes) if k == 0 or mode != modes[k - 1]]
     steps = [mode for mode in order if mode.startswith("walk")]

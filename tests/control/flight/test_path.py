@@ -164,7 +164,7 @@ def test_what_is_no_path_is_refused(build, match):
 # ---- from motion to rest ----
 
 
-def motions(n=200):
+def motions(n=60):
     """Poses, rates, accelerations, ends and speeds as they come in flights that are steered."""
     rng = np.random.default_rng(4)
     for _ in range(n):
