@@ -236,7 +236,7 @@ def test_the_margins_are_where_the_loop_becomes_unstable(axis):
 
 @pytest.fixture(scope="module")
 def walk():
-    """A walk of 0.3 m straight on: every tick's mode, allocation, demand, torso's height and feet that swing; the last info."""
+    """0.3 m straight on: every tick's mode, allocation, demand, torso's height, feet that swing; the last info."""
     env = gymnasium.make(CRAWL, distance=0.3, **rival("walking").Walking.presets[CRAWL])
     env.reset(seed=0)
     crawler, ticks, done = env.unwrapped.controller, [], False
