@@ -1,8 +1,13 @@
-"""The option of the adversaries, and the compiled runner, which several files drive: made and flown once a process."""
+"""The option of the adversaries, which tests run unchecked, and the compiled runner, made and flown once a process."""
 
 import signal
+from pathlib import Path
 
 import pytest
+
+UNCHECKED = ("adversary", "cli", "meta", "onboard", "sitl", "viz")
+"""Folders whose tests run whole programs: with shapes and types checked they would take a quarter longer, and the parts
+are checked in their own tests."""
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell starts what goes on in its background so, and then no test of Ctrl-C would end.
@@ -12,6 +17,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_addoption(parser):
     """`--whole`, for tests/adversary: every try that was promised, not CI's sample."""
     parser.addoption("--whole", action="store_true", help="adversaries make all of their tries, not a sample")
+
+
+def pytest_collection_modifyitems(items):
+    """Mark what runs whole programs."""
+    tests = Path(__file__).parent
+    for item in items:
+        if item.path.relative_to(tests).parts[0] in UNCHECKED:
+            item.add_marker("unchecked")
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,8 @@ import jaxtyping
 import numpy as np
 import pytest
 
-SAMPLE = 0.1
-"""Share of the tries that CI makes; together the folder takes two to three minutes of one core there."""
+SAMPLE = 0.05
+"""Share of the tries that CI makes; together the folder takes a minute and a half of one core there."""
 
 
 @pytest.fixture(scope="session")
