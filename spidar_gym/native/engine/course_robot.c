@@ -110,13 +110,6 @@ static void build(const sp_course *course, double *boxes)
 
 static double lacking(const sp_plant *p) { return (p->spent_wh + p->energy_wh) / (SP_USABLE * SP_CAPACITY_WH); }
 
-static double total(const double *thrust)
-{
-    double sum = 0.0;
-    for (int i = 0; i < SP_ROTORS; i++) sum += thrust[i];
-    return sum;
-}
-
 /* How far the goal is, whether the robot lies, and what is left of the battery. */
 static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_course_robot *c)
 {
@@ -130,7 +123,7 @@ static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_cour
     c->distance = sqrt(c->error[0] * c->error[0] + c->error[1] * c->error[1]) + rules->turn_length * fabs(c->error[2]);
     double height = position[2] - sp_course_floor(&c->course, position[0]) - robot->peg_depth;
     c->lies = height < rules->lies && sp_norm(c->plant.state.velocity_w) < rules->at_rest &&
-              total(c->plant.state.thrust) < rules->carried * robot->weight;
+              sp_total_thrust(&rules->rules, c->plant.state.thrust) < rules->carried * robot->weight;
     c->charge = 1.0 - lacking(&c->plant);
 }
 
@@ -248,14 +241,14 @@ static void act(const sp_course_rules *rules, sp_room *room, sp_course_robot *c)
     episode->has_command = 1;
 }
 
-static void tell(const sp_world *world, const sp_course_robot *c, sp_course_info *info)
+static void tell(const sp_world *world, const sp_rules *rules, const sp_course_robot *c, sp_course_info *info)
 {
     const sp_episode *episode = &c->episode;
     const sp_plant *plant = &c->plant;
     const sp_manager *m = &c->manager;
     int crawls = c->phase == SP_MANAGER_LIE || c->phase == SP_MANAGER_CRAWL;
     const sp_allocation *allocation = crawls ? &m->crawl.allocation : &m->flight.allocation;
-    sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
+    sp_tell(rules, plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
             (crawls ? m->crawl.ticked : m->flight.ticked) ? allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
     info->distance_m = c->distance;
@@ -266,7 +259,7 @@ static void tell(const sp_world *world, const sp_course_robot *c, sp_course_info
     info->hit_n = c->hit;
     info->most_hit_n = c->most_hit;
     info->tilt_rad = c->tilt;
-    info->thrust_fraction = episode->has_command ? total(episode->command.thrust) / world->weight : 0.0;
+    info->thrust_fraction = episode->has_command ? sp_total_thrust(rules, episode->command.thrust) / world->weight : 0.0;
     info->phase_code = c->phase;
     info->gate = 0;
     for (int k = 0; k < c->course.count; k++) info->gate += plant->state.position_w[0] > c->course.gates[k].end;
@@ -294,7 +287,7 @@ static void show(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_course_rules *rules = sp_rules_of(e, robot);
     sp_course_robot *c = (sp_course_robot *)sp_plant_of(e, robot);
-    tell(e->world, c, (sp_course_info *)e->infos + robot);
+    tell(e->world, &rules->rules, c, (sp_course_info *)e->infos + robot);
     count(rules, c, (sp_course_quantities *)e->quantities + robot);
     observe(rules, thread->room->robot, c, e->observations + (int64_t)robot * e->observation_size);
 }

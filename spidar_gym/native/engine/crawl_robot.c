@@ -209,13 +209,6 @@ static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawl_robot *c)
     episode->has_command = 1;
 }
 
-static double total(const double *thrust)
-{
-    double sum = 0.0;
-    for (int i = 0; i < SP_ROTORS; i++) sum += thrust[i];
-    return sum;
-}
-
 /* Whether torso and legs rest at the goal with the thrust off. */
 static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_crawl_robot *c)
 {
@@ -225,7 +218,7 @@ static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_cr
     for (int j = 0; j < SP_JOINTS; j++)
         if (!(fabs(state->joint_velocity[j]) < rules->rest_joint_speed)) return 0;
     return lies && sp_norm(state->velocity_w) < rules->rest_speed && sp_norm(state->omega_b) < rules->rest_turn &&
-           total(c->episode.command.thrust) < rules->rest_thrust * robot->weight &&
+           sp_total_thrust(&rules->rules, c->episode.command.thrust) < rules->rest_thrust * robot->weight &&
            length(c->error[0], c->error[1]) <= rules->success_position && fabs(c->error[2]) <= rules->success_yaw;
 }
 
@@ -246,7 +239,7 @@ static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl
     c->duct_contact = c->duct_contact || c->touch.ducts;
     if (c->finished == 0.0) {
         double limit = sp_min(rules->controller.joint_torque_limit, c->plant.config.actuators.max_joint_torque);
-        double share = total(c->episode.command.thrust) / robot->weight;
+        double share = sp_total_thrust(&rules->rules, c->episode.command.thrust) / robot->weight;
         int saturated = 0;
         for (int j = 0; j < SP_JOINTS; j++)
             saturated += fabs(c->plant.state.joint_torque[j]) >= limit - rules->saturated;
@@ -299,14 +292,14 @@ static void count(const sp_crawl_rules *rules, const sp_crawl_robot *c, sp_crawl
     q->foot_slip = largest(c->foot_slip, SP_LEGS);
 }
 
-static void tell(const sp_world *world, const sp_crawl_robot *c, sp_crawl_info *info)
+static void tell(const sp_world *world, const sp_rules *rules, const sp_crawl_robot *c, sp_crawl_info *info)
 {
     const sp_episode *episode = &c->episode;
     const sp_plant *plant = &c->plant;
     double time = c->crawled / SP_CONTROL_RATE;
     double counted = sp_max(1.0, c->finished > 0.0 ? rint(c->finished * SP_CONTROL_RATE) : c->crawled);
     double way = sp_max(c->initial_distance - c->distance, 1e-3);
-    sp_tell(plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
+    sp_tell(rules, plant, episode, episode->has_command ? episode->command.vectoring : plant->state.vectoring,
             c->crawl.ticked ? &c->crawl.allocation : NULL, SP_ON_THE_FLOOR, &info->info);
     sp_copy(info->goal_error, c->error, 3);
     info->phase_code = c->phase;
@@ -319,7 +312,7 @@ static void tell(const sp_world *world, const sp_crawl_robot *c, sp_crawl_info *
     info->peg_slip_m = largest(c->peg_slip, SP_LEGS);
     info->duct_clearance_m = sp_min(c->touch.duct_clearance, c->duct_clearance);
     info->saturation_share = c->saturation / counted;
-    info->thrust_fraction = episode->has_command ? total(episode->command.thrust) / world->weight : 0.0;
+    info->thrust_fraction = episode->has_command ? sp_total_thrust(rules, episode->command.thrust) / world->weight : 0.0;
     info->thrust_fraction_mean = c->thrust / counted;
     info->thrust_fraction_peak = c->thrust_peak;
     info->tilt_rad = c->tilt;
@@ -345,7 +338,7 @@ static void show(sp_engine *e, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
-    tell(e->world, c, (sp_crawl_info *)e->infos + robot);
+    tell(e->world, &rules->rules, c, (sp_crawl_info *)e->infos + robot);
     count(rules, c, (sp_crawl_quantities *)e->quantities + robot);
     observe(rules, c, e->observations + (int64_t)robot * e->observation_size);
 }

@@ -94,10 +94,18 @@ static void charge(int32_t violated, int32_t touching, sp_info *info)
     info->cost = info->cost_contact + info->cost_torque + info->cost_duct + info->cost_blown;
 }
 
+double sp_total_thrust(const sp_rules *rules, const double *t)
+{
+    if (rules->is_commanded) return ((t[0] + t[1]) + (t[2] + t[3])) + ((t[4] + t[5]) + (t[6] + t[7]));
+    double sum = 0.0;
+    for (int i = 0; i < SP_ROTORS; i++) sum += t[i];
+    return sum;
+}
+
 /* What is told of the robot and its controller, whatever the task. `allocation` is NULL where there is no answer yet,
  * `touching` are the parts (of sp_constraint) that had better touch nothing. */
-void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vectoring, const sp_allocation *allocation,
-             int32_t touching, sp_info *info)
+void sp_tell(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, const double *vectoring,
+             const sp_allocation *allocation, int32_t touching, sp_info *info)
 {
     const sp_robot_state *state = &plant->state;
     double mean = plant->energy_wh > 0.0 ? 3600.0 * plant->energy_wh / state->time : plant->power;
@@ -108,9 +116,9 @@ void sp_tell(const sp_plant *plant, const sp_episode *episode, const double *vec
     sp_copy(info->vectoring[0], state->vectoring, 2 * SP_ROTORS);
     sp_copy(info->joint_torque, state->joint_torque, SP_JOINTS);
     for (int i = 0; i < SP_ROTORS; i++) {
-        info->total_thrust += state->thrust[i];
         info->thrust_factor[i] = 0.5 * (plant->air_factor[2 * i] + plant->air_factor[2 * i + 1]);
     }
+    info->total_thrust = sp_total_thrust(rules, state->thrust);
     info->qp_status_code = -1;
     if (allocation != NULL) {
         sp_copy(info->joint_torque_allocated, allocation->joint_torques, SP_JOINTS);

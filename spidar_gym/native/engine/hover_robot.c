@@ -398,10 +398,10 @@ static void count(const sp_hover_rules *rules, const sp_goal *goals, const sp_ho
     q->overdue = overdue(rules, goals, h);
 }
 
-static void tell(sp_hover_robot *h, sp_hover_info *info)
+static void tell(const sp_rules *rules, sp_hover_robot *h, sp_hover_info *info)
 {
     const sp_flight *flight = &h->flight;
-    sp_tell(&h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL,
+    sp_tell(rules, &h->plant, &h->episode, flight->memory.vectoring, flight->ticked ? &flight->allocation : NULL,
             SP_IN_THE_AIR, &info->info);
     sp_copy(info->position_error, h->position_error, 3);
     sp_copy(info->attitude_error, h->attitude_error, 3);
@@ -441,7 +441,7 @@ static void show(sp_engine *e, int robot)
     const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     const sp_goal *goals = goals_of(e, robot);
-    tell(h, (sp_hover_info *)e->infos + robot);
+    tell(&rules->rules, h, (sp_hover_info *)e->infos + robot);
     count(rules, goals, h, (sp_hover_quantities *)e->quantities + robot);
     if (!rules->rules.is_referred) preview(goals, knots_of(e, robot), h);
     observe(rules, h, e->observations + (int64_t)robot * e->observation_size);
