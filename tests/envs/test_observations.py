@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from support.copies import actions_for, copied, pickled
 from support.episodes import same
-from support.moments import actions_for, copied, pickled
 
 from spidar_gym.envs.goals import CrawlGoal, HoverGoal
 from spidar_gym.envs.observations import MOST, privileged_layout

@@ -11,8 +11,8 @@ import jaxtyping
 import mujoco
 import numpy as np
 import pytest
+from support.copies import actions_for, assert_side_by_side, copied, pickled
 from support.episodes import same
-from support.moments import actions_for, assert_side_by_side, copied, pickled
 from support.vectors import speed_share
 
 from spidar_gym.control.flight.observation import Field

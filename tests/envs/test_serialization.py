@@ -11,8 +11,7 @@ import gymnasium
 import jaxtyping
 import numpy as np
 import pytest
-from support.episodes import same
-from support.moments import (
+from support.copies import (
     CONTROLS,
     HARDEST,
     ROUGH,
@@ -31,6 +30,7 @@ from support.moments import (
     taken,
     went,
 )
+from support.episodes import same
 
 from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
@@ -292,9 +292,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkey
     foreign = {
         "another environment: 'CrawlEnv'; valid here: HoverEnv": begun(gymnasium.make(CRAWL), 0),
         "another controller: 'core'; valid here: python, FlightController, Allocator": begun(HoverEnv(), 0),
-        "another controller: 'python, support.moments.Braced, Allocator'": begun(
-            HoverEnv(law=Braced, forms="form1"), 0
-        ),
+        "another controller: 'python, support.copies.Braced, Allocator'": begun(HoverEnv(law=Braced, forms="form1"), 0),
         "another set of options": begun(HoverEnv(joint_speed=0.5, **options), 0),
         "another set of options: ": begun(HoverEnv(sensors=True, **options), 0),
         "another set of options: .* valid": begun(HoverEnv(preset="tuned", **options), 0),

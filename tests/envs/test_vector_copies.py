@@ -9,8 +9,8 @@ import gymnasium
 import jaxtyping
 import numpy as np
 import pytest
+from support.copies import HARDEST, ROUGH, copied, pickled
 from support.episodes import same
-from support.moments import HARDEST, ROUGH, copied, pickled
 
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.envs.vector import NativeVectorEnv

@@ -1,4 +1,4 @@
-"""Pins a vector's single robots: pictures over their own floor, and bytes that go on in another lane or process."""
+"""Pins a vector's single robots: pictures over their own floor, and bytes that go on in another place or process."""
 
 import hashlib
 import subprocess
@@ -54,7 +54,7 @@ def content(record):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_restored_robot_goes_on_bit_for_bit_in_another_lane_of_another_vector(case):
+def test_a_restored_robot_goes_on_bit_for_bit_in_another_place_of_another_vector(case):
     name, options = CASES[case]
     first = NativeVectorEnv(name, 3, max_episode_steps=30, **options)
     first.reset(seed=5)

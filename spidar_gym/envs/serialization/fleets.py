@@ -1,4 +1,4 @@
-"""Robots of a fleet as bytes, and back: into another lane, another vector, another process, where they go on."""
+"""Robots of a fleet as bytes, and back: into another place, another vector, another process, where they go on."""
 
 import hashlib
 import json

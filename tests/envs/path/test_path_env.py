@@ -139,7 +139,7 @@ def test_references_that_python_says_again_as_they_are_change_nothing(mode):
             expected, _ = built_in.reset(options={"reset_mask": over})
 
 
-def test_a_robot_in_a_vector_flies_what_a_single_one_does_and_goes_on_in_another_lane():
+def test_a_robot_in_a_vector_flies_what_a_single_one_does_and_goes_on_in_another_place():
     vector, single = NativeVectorEnv(PATH, 3, num_threads=2, **FAST, **DRAWN), make(**FAST, **DRAWN)
     vector.reset(seed=5)
     single.reset(seed=6)
