@@ -70,16 +70,16 @@ FULL = (
     Stage(
         "tests, shapes and types checked",
         {"pytest": [*TIMED, "-m", "not (ros or slow or train or unchecked)"]},
-        8.0,
+        5.5,
     ),
     # The same code for longer: the checks at run time would double its time, and have been made above.
     Stage(
         "whole programs, long tests",
         {"pytest": [*TIMED, "-o", f"addopts={UNCHECKED}", "-m", "(slow or train or unchecked) and not ros"]},
-        12.0,
+        10.0,
     ),
     # In real time: nothing else runs beside them.
-    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 5.8),
+    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 3.0),
     Stage(
         "rows of the leaderboard, played again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.2
     ),
@@ -137,7 +137,8 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=f"everything:\n{plan(FULL)}\n\n--fast:\n{plan(FAST)}\n\n"
-        "adversaries make a sample of their tries; all of them: pytest tests/adversary --whole",
+        "adversaries make a sample of their tries, ROS flies some missions; all: pytest tests/adversary --whole, "
+        "pytest -n0 -m ros --whole",
     )
     parser.add_argument("--fast", action="store_true", help="what a contributor needs between two commits")
     fast = parser.parse_args(arguments).fast

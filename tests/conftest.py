@@ -1,11 +1,11 @@
-"""The option of the adversaries, which tests run unchecked, and the compiled runner, made and flown once a process."""
+"""The option `--whole`, which tests run unchecked, and the compiled runner, made and flown once a process."""
 
 import signal
 from pathlib import Path
 
 import pytest
 
-UNCHECKED = ("adversary", "cli", "meta", "onboard", "sitl", "viz")
+UNCHECKED = ("adversary", "cli", "meta", "onboard", "paper", "policies", "sitl", "tune", "viz")
 """Folders whose tests run whole programs: with shapes and types checked they would take a quarter longer, and the parts
 are checked in their own tests."""
 
@@ -15,8 +15,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_addoption(parser):
-    """`--whole`, for tests/adversary: every try that was promised, not CI's sample."""
-    parser.addoption("--whole", action="store_true", help="adversaries make all of their tries, not a sample")
+    """`--whole`: every try of the adversaries and every mission through ROS, not CI's sample."""
+    parser.addoption(
+        "--whole",
+        action="store_true",
+        help="adversaries make all of their tries, and all missions are flown through ROS",
+    )
 
 
 def pytest_collection_modifyitems(items):
