@@ -46,6 +46,9 @@ class Check:
     """Metrics that are not equal: by how much, as a share of what rounding may do."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
     """What came out, exactly."""
+    fell: bool = False
+    """Whether the scenario failed then and fails now for the same reason, at the same error: the cap. How a robot falls
+    is chaotic, so under other conditions no other metric of it is held to a tolerance."""
 
     @property
     def equal(self) -> bool:
@@ -54,8 +57,8 @@ class Check:
 
     @property
     def passes(self) -> bool:
-        """Equal, or every metric within its tolerance where something is otherwise."""
-        return self.equal or (bool(self.conditions) and max(self.moved.values()) <= 1.0)
+        """Equal, or where something is otherwise every metric within its tolerance, but for how a robot falls."""
+        return self.equal or (bool(self.conditions) and (self.fell or max(self.moved.values()) <= 1.0))
 
 
 def require_own_policies(row: Row, *, trust: bool) -> None:
@@ -183,9 +186,12 @@ def _compare(row: Row, pick: Pick, metrics: dict[str, Any], conditions: str) -> 
     then = {name: values[k] for name, values in row.part(track).content["tracks"][track]["runs"][run].items()}
     moved = differences(then, metrics, world=TRACKS[track].world)
     where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
-    check = Check(row.name, f"{where}, equal", conditions, moved, metrics)
+    fell = bool(then["failed"]) and all(then[name] == metrics[name] for name in ("failed", "failure", "error"))
+    check = Check(row.name, f"{where}, equal", conditions, moved, metrics, fell)
     if check.equal:
         return check
+    if check.passes and fell:
+        return replace(check, line=f"{where}, within tolerance (fails as it did: {metrics['failure']})")
     if check.passes:
         worst = max(moved, key=lambda name: moved[name])
         return replace(check, line=f"{where}, within tolerance ({worst} {moved[worst]:.1%} of it)")
@@ -205,9 +211,9 @@ def measures(checks: Sequence[Check]) -> list[str]:
 
 
 def largest_differences(checks: Sequence[Check]) -> str:
-    """How far every metric that is not equal everywhere has moved at most, in words."""
+    """How far every metric that is not equal everywhere has moved at most, falls left out, in words."""
     moved: dict[str, float] = {}
-    for check in checks:
+    for check in (each for each in checks if not each.fell):
         moved |= {name: max(share, moved.get(name, 0.0)) for name, share in check.moved.items()}
     return ", ".join(f"{name} {moved[name]:.2%}" for name in METRICS if name in moved)
 

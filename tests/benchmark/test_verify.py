@@ -317,6 +317,18 @@ def test_no_version_turns_a_failure_into_none_or_none_into_one(tmp_path, replay,
         require_verified([check])
 
 
+def test_how_a_robot_falls_is_held_on_the_same_processor_only(tmp_path, replay):
+    """Rounding grows to centimetres within a fall; what it costs is the cap, and why it ended stays."""
+    fall = flight(CAP)
+    for row, passes in ((fall, False), (elsewhere(fall, tmp_path), True)):
+        replay(row, lambda metrics: metrics.update(energy_wh=2.0 * metrics["energy_wh"]))
+        assert check_of(row).passes == passes
+    replay(row, lambda metrics: metrics.update(failure="another"))
+    assert not check_of(row).passes
+    replay(elsewhere(flight(0.5), tmp_path), lambda metrics: metrics.update(energy_wh=2.0 * metrics["energy_wh"]))
+    assert not check_of(elsewhere(flight(0.5), tmp_path)).passes
+
+
 def test_one_wrong_scenario_among_many_is_enough():
     good = Check("qp", "a", "", {})
     near, wrong = Check("qp", "b", "another", {"error": 0.5}), Check("qp", "this one", "", {"error": 0.5})
