@@ -95,8 +95,11 @@ class Commander(ABC):
         return self._see(state)
 
     def _see(self, state: RobotState) -> RobotState:
-        self.seen = state
-        fill(self._record["episode"]["seen"], state)
+        record, self.seen = self._record, state
+        if record["plant"]["senses"]:
+            fill(record["episode"]["seen"], state)
+        else:  # all of the true state at once
+            record["episode"]["seen"] = record["plant"]["state"]
         return state
 
     def act(self) -> None:
@@ -227,10 +230,12 @@ class FlightCommander(Commander):
             flight["memory"]["interference"]["restricted"] = last.restricted
 
     def _take_note(self, *, begins: bool) -> None:
-        reference, state = self.reference(), self._plant.state()
+        reference = self.reference()
         self.control_state = control_state = self.controller.compute_state(self.seen, reference)
-        senses = self._record["plant"]["senses"]
-        self.truth = truth = self.controller.compute_state(state, reference) if senses else control_state
+        truth = control_state
+        if self._record["plant"]["senses"]:
+            truth = self.controller.compute_state(self._plant.state(), reference)
+        self.truth = truth
         quat = reference.quat_wb
         R_error = truth.R_wb.T @ quat_to_matrix(quat) if quat[1:].any() else truth.R_wb.T
         # The CoG is the one that the description gives at the true state.

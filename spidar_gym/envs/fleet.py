@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -333,11 +334,14 @@ class Fleet:
                 self._rate(rows)  # it may have come between the two, and a second time changes nothing
                 raise
             return
-        with whole():  # the engine ends its part for all robots before Ctrl-C is answered, and so does the task
+        # The engine ends its part for all robots before Ctrl-C is answered, and so does the task. A controller in Python
+        # commands one robot, and may take long.
+        with whole() if self.commander is None else nullcontext():
             if self._starts and self._autoreset.flat[0] == _NEXT_STEP:
                 self._say_starts(np.flatnonzero(self._episode["over"]))
             self._move(ids)
-            with np.errstate(over="ignore", invalid="ignore"):  # a sum of terms that is no number is refused in words
+            # Terms of a user's whose sum is no number are refused in words.
+            with np.errstate(over="ignore", invalid="ignore") if self.task.is_own else nullcontext():
                 self._rate(rows)
             if self.commander is not None:
                 self.commander.observe()
@@ -497,8 +501,7 @@ class Fleet:
             self._run("refer", None)
 
     def _refer(self) -> None:
-        """Say what the robots are to do now where Python has a part in it: the schedule first, then the task."""
-        self.refer()
+        """Say what the robots are to do now where the task has a part in it: the schedule first, then the task."""
         if not self._refers:
             return
         task: Any = self.task

@@ -175,21 +175,28 @@ def dtypes(structs: Iterable[CStruct], known: Mapping[str, np.dtype] | None = No
 
 def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and a dataclass
     """Write a dataclass into a numpy record of its struct."""
-    struct = snake(type(value).__name__)
-    for field in dataclasses.fields(value):
-        own = getattr(value, field.name)
-        if isinstance(own, RobotSpec):
+    struct, names = _members(type(value))
+    for name in names:
+        own = getattr(value, name)
+        if type(own) is np.ndarray and own.ndim and (struct, name) not in OPTIONAL:
+            record[name] = own.reshape(-1)  # in the core arrays are flat
+        elif isinstance(own, RobotSpec):
             continue
-        if (struct, field.name) in OPTIONAL:
-            record[f"has_{field.name}"] = own is not None
-            record[field.name][...] = 0.0 if own is None else np.reshape(own, -1)
+        elif (struct, name) in OPTIONAL:
+            record[f"has_{name}"] = own is not None
+            record[name][...] = 0.0 if own is None else np.reshape(own, -1)
         elif dataclasses.is_dataclass(own):
-            fill(record[field.name], own)
+            fill(record[name], own)
         elif isinstance(own, str):
-            record[field.name] = WORDS[struct, field.name].index(own)
+            record[name] = WORDS[struct, name].index(own)
         else:
-            # In the core arrays are flat.
-            record[field.name] = np.reshape(own, -1) if np.ndim(own) else own
+            record[name] = np.reshape(own, -1) if np.ndim(own) else own
+
+
+@cache
+def _members(kind: type) -> tuple[str, tuple[str, ...]]:
+    """The struct that a dataclass becomes, and the names of its fields."""
+    return snake(kind.__name__), tuple(field.name for field in dataclasses.fields(kind))
 
 
 def read(kind: type[T], record: Any) -> T:  # noqa: ANN401 - a numpy record

@@ -277,6 +277,7 @@ static void observe(const sp_course_rules *rules, const sp_robot *robot, const s
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
         return;
     }
+    if (rules->rules.is_commanded) return; /* a controller in Python says what a policy sees */
     sp_make_command(seen->thrust, seen->vectoring, seen->joint_position, 0.0, &still);
     sp_observe_course(robot, &c->manager, &c->pilot, &c->course, seen, episode->has_command ? &episode->command : &still,
                       c->charge, 1.0 - (double)episode->ticks / rules->rules.horizon, episode->action,

@@ -328,7 +328,7 @@ static void observe(const sp_crawl_rules *rules, const sp_crawl_robot *c, float 
     const double goal[3] = {c->goal.x, c->goal.y, c->goal.yaw};
     if (c->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-    else
+    else if (!rules->rules.is_commanded) /* a controller in Python says what a policy sees */
         sp_observe_crawl(&c->crawl, &episode->seen, goal,
                          episode->has_command ? episode->command.thrust : episode->seen.thrust, episode->action,
                          rules->rules.mode.size, rules->rules.bound, observation);

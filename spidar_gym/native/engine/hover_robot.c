@@ -429,7 +429,7 @@ static void observe(const sp_hover_rules *rules, const sp_hover_robot *h, float 
     const sp_preview *next = &h->preview;
     if (h->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-    else
+    else if (!rules->rules.is_commanded) /* a controller in Python says what a policy sees */
         sp_observe(&h->flight, &episode->seen, &h->percept,
                    episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
                    h->leg_momentum, h->leg_momentum_rate, next, rules->path != SP_PATHS_NONE, episode->action,
@@ -466,6 +466,14 @@ static void regard(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
+static void refer_robot(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
+    (void)thread;
+    refer(sp_rules_of(e, robot), goals_of(e, robot), knots_of(e, robot), h);
+    preview(goals_of(e, robot), knots_of(e, robot), h);
+}
+
 /* What follows upon a tick's physics. Where references or commands are Python's, it goes on before this does. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
@@ -476,8 +484,9 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
         h->flown++;
         follow_schedule(rules, goals_of(e, robot), h);
     }
-    if (!rules->rules.is_commanded && !rules->rules.is_referred) regard(e, thread, robot);
-    else count(rules, goals_of(e, robot), h, (sp_hover_quantities *)e->quantities + robot);
+    if (rules->rules.is_referred) count(rules, goals_of(e, robot), h, (sp_hover_quantities *)e->quantities + robot);
+    else if (rules->rules.is_commanded) refer_robot(e, thread, robot);
+    else regard(e, thread, robot);
 }
 
 static void step_robot(sp_engine *e, sp_thread *thread, int robot)
@@ -501,14 +510,6 @@ static void step_robot(sp_engine *e, sp_thread *thread, int robot)
     sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
     sp_leave(&thread->sim, &h->plant);
     conclude(e, thread, robot);
-}
-
-static void refer_robot(sp_engine *e, sp_thread *thread, int robot)
-{
-    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
-    (void)thread;
-    refer(sp_rules_of(e, robot), goals_of(e, robot), knots_of(e, robot), h);
-    preview(goals_of(e, robot), knots_of(e, robot), h);
 }
 
 static void lose_robot(sp_engine *e, sp_thread *thread, int robot)
