@@ -334,8 +334,8 @@ class Fleet:
                 self._rate(rows)  # it may have come between the two, and a second time changes nothing
                 raise
             return
-        # The engine ends its part for all robots before Ctrl-C is answered, and so does the task. A controller in Python
-        # commands one robot, and may take long.
+        # Ctrl-C is answered when engine and task have done their part for all robots; at once where a controller in
+        # Python commands the only one: it may take long.
         with whole() if self.commander is None else nullcontext():
             if self._starts and self._autoreset.flat[0] == _NEXT_STEP:
                 self._say_starts(np.flatnonzero(self._episode["over"]))
