@@ -1,9 +1,9 @@
-"""The air, readable: what native/engine/air.c does, in NumPy, with the equations beside the lines.
+"""NumPy reference of the aerodynamics in native/engine/air.c, with the equations beside the lines.
 
-Sixteen ducted jets, what they do to other rotors, links and torso, ram drag, ground effect, wind. A module's two ducts
-lie side by side. Each jet is the momentum-conserving two-zone jet of a round nozzle; a duct that stands in it loses
-lift by blade-element and momentum theory at fixed motor speed. The forces are evaluated at a fixed rate and held in
-between.
+Models sixteen ducted jets, their effect on other rotors, links and the torso, ram drag, ground effect and wind. A
+module's two ducts lie side by side. Each jet is the momentum-conserving two-zone jet of a round nozzle. A duct inside
+another jet loses lift by blade-element and momentum theory at fixed motor speed. The forces are evaluated at a fixed
+rate and held in between.
 """
 
 import math
@@ -33,16 +33,16 @@ from spidar_gym.sim.air import (
 def jet_profile(
     s: np.ndarray, r: np.ndarray, w: np.ndarray | float, *, core_length: float, radius: float = ROBOT.propeller_radius
 ) -> np.ndarray:
-    """Speed of the air in a ducted jet [m/s]; zero upstream of `NEAR`.
+    """Air speed in a ducted jet [m/s]; zero upstream of `NEAR`.
 
-    A core of the exit speed w shrinks to a point over `core_length` diameters inside a Gaussian shear layer, whose
-    width follows from ∫ρ u² dA = T at every s; beyond the core the jet spreads and slows down with 1/s.
+    A core with the exit speed w shrinks to a point over `core_length` diameters inside a Gaussian shear layer. The
+    layer's width follows from ∫ρ u² dA = T at every s. Beyond the core the jet spreads and its speed decays with 1/s.
 
     Args:
         s: Distance from the exit along the jet [m].
         r: Distance from the axis [m].
         w: Speed at the exit, √(T / (ρ A)) [m/s].
-        core_length: In diameters.
+        core_length: Length of the core, in exit diameters.
         radius: Radius R of the exit [m].
     """
     core = 2.0 * core_length * radius
@@ -56,13 +56,13 @@ def jet_profile(
 
 
 def thrust_factor(inflow: np.ndarray, *, zero_thrust_speed: float) -> np.ndarray:
-    """Thrust over the thrust at rest, of a duct whose motor keeps its speed, within 0 … 1.3.
+    """Thrust of a duct at fixed motor speed over its thrust without inflow, clipped to 0 … 1.3.
 
     Linear-lift blade element T = K (V_z − V_d) with the duct's momentum balance T = ρ A V_e (V_e − V): with
     μ = V / w, ε = V_e / w, χ = V_z / w: ε = ½ [(μ − g) + √((μ − g)² + 4 χ g)], g = 1 / (χ − 1), τ = ε (ε − μ).
 
     Args:
-        inflow: μ, mean axial speed of the air that comes down on the disc over the jet speed w at rest.
+        inflow: μ, mean axial speed of the air flowing down onto the disc over the jet speed w without inflow.
         zero_thrust_speed: χ.
     """
     g = 1.0 / (zero_thrust_speed - 1.0)
@@ -74,7 +74,7 @@ def thrust_factor(inflow: np.ndarray, *, zero_thrust_speed: float) -> np.ndarray
 
 @dataclass(frozen=True, slots=True)
 class AirForces:
-    """What the air did at one evaluation."""
+    """Forces of the air at one evaluation."""
 
     generalized: Float[np.ndarray, " nv"]
     """Generalised force [N, Nm] for `qfrc_applied`."""
@@ -90,7 +90,7 @@ _YZX, _ZXY, _SUM = np.array([1, 2, 0]), np.array([2, 0, 1]), np.ones(3)
 _SUM_6 = np.ones(6)
 _DISC = math.sqrt(2.0 / 3.0) * ROBOT.propeller_radius
 DISC_POINTS = np.array([[0, 0, 0], [_DISC, 0, 0], [0, _DISC, 0], [-_DISC, 0, 0], [0, -_DISC, 0]])
-"""Points of a duct's disc: with the weights below exact for the mean of any polynomial of degree three [m]."""
+"""Points on a duct's disc [m]. With the weights below, the mean of any polynomial of degree three is exact."""
 DISC_WEIGHTS = np.array([4, 3, 3, 3, 3]) / 16
 TORSO_STATIONS = 0.7 * ROBOT.torso_radius * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
 """Stations on the torso's disc [m]."""
@@ -101,19 +101,19 @@ TORSO_EDGE = 2.0 * ROBOT.torso_radius * ROBOT.torso_height
 
 
 class Aero:
-    """Forces of the air on one robot; it keeps where the air is looked at, and nothing that changes.
+    """Forces of the air on one robot; stores the stations where the air is evaluated, and no changing state.
 
-    The stations are the sixteen duct centres, three on each link and five on the torso. The wake is averaged over the
-    disc of a duct and taken at a point elsewhere.
+    The stations are the sixteen duct centres, three points on each link and five on the torso. The wake is averaged
+    over the disc of a duct and sampled at a single point elsewhere.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-        """Place the stations and note how each is carried by the tree of bodies."""
+        """Place the stations and record which degrees of freedom move each of them."""
         self.config = config or AeroConfig()
         modules = [model.body(f"gimbal{i}_pitch_module").id for i in range(1, N_ROTORS + 1)]
         links = [model.body(f"link{i}").id for i in range(1, N_LINKS + 1)]
         torso = model.body("torso").id
-        # Views into MuJoCo's memory, made once: every access to an attribute of MjData makes a new one.
+        # Views into MuJoCo's memory, created once, because every access to an attribute of MjData creates a new view.
         self._xpos, self._xmat, self._cvel, self._cdof = data.xpos, data.xmat, data.cvel, data.cdof
         self._origin, self._torso_xmat = data.subtree_com[torso], data.xmat[torso].reshape(3, 3)
         n_links, n_torso = len(links) * len(LINK_STATIONS), len(TORSO_STATIONS)
@@ -127,7 +127,7 @@ class Aero:
         self._offsets, self._weights = np.zeros((n, 3, len(DISC_POINTS))), np.zeros((n, len(DISC_POINTS)))
         self._offsets[:N_DUCTS], self._weights[:N_DUCTS] = DISC_POINTS.T, DISC_WEIGHTS
         self._weights[N_DUCTS:, 0] = 1.0
-        # A jet acts neither on its own module nor on the rod that carries it: both stand beside it.
+        # A jet acts neither on its own module nor on that module's link: both are beside the jet.
         owner = np.concatenate(
             [np.arange(N_DUCTS) // 2, np.repeat(np.arange(N_LINKS), len(LINK_STATIONS)), [-1] * n_torso]
         )
@@ -137,10 +137,10 @@ class Aero:
         widths = np.tile([width for _, width in LINK_STATIONS], len(links))
         self._link_drag = half * BLUFF * LINK_SEGMENT * widths
         self._torso_drag = half * BLUFF / n_torso * np.array([TORSO_EDGE, TORSO_EDGE, TORSO_FACE])
-        # The thrust factor as a table: a single look-up is five times as fast and right to 1e-6.
+        # The thrust factor as a table: one look-up is five times as fast and accurate to 1e-6.
         self._inflows = np.arange(-2000, round(1200 * self.config.zero_thrust_speed)) / 1000.0
         self._factors = thrust_factor(self._inflows, zero_thrust_speed=self.config.zero_thrust_speed)
-        # Which degree of freedom moves which station.
+        # 1 where a degree of freedom (row) moves a station (column).
         self._moves = np.zeros((model.nv, n))
         for k, body in enumerate(self._body.tolist()):
             while body > 0:
@@ -152,8 +152,8 @@ class Aero:
         """Forces of the air at the positions and velocities of the latest kinematics (one physics step old).
 
         Args:
-            thrust: What the modules' motors deliver in still air [N].
-            wind_w: Velocity of the air far away, world [m/s].
+            thrust: Thrust of the modules in still air [N].
+            wind_w: Velocity of the undisturbed air, world [m/s].
             noise: Thrust noise of each module [N].
             push_w: Force of a push at the torso's centre, world [N].
         """
@@ -165,10 +165,10 @@ class Aero:
         points[links] += self._along * rod
         points[plate] += TORSO_STATIONS @ self._torso_xmat.T
         points -= origin
-        # p × a, component by component: np.cross costs five times as much.
+        # p × a, component by component: np.cross is five times slower.
         p_yzx, p_zxy = points.take(_YZX, axis=1), points.take(_ZXY, axis=1)
         omega = self._cvel.take(self._body, axis=0)
-        # The air that a station meets: wind − (v + ω × p) = wind − v + p × ω.
+        # Air velocity relative to a station: wind − (v + ω × p) = wind − v + p × ω.
         air = wind_w - omega[:, 3:]
         air += p_yzx * omega.take(_ZXY, axis=1) - p_zxy * omega.take(_YZX, axis=1)
         duct_thrust = 0.5 * np.repeat(np.maximum(thrust, 2.0 * LEAST_THRUST), 2)
@@ -178,8 +178,8 @@ class Aero:
         elif not wind_w.any():
             air[:] = 0.0
         F = np.empty_like(air)
-        # Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, since the air that a duct swallows
-        # leaves along its axis.
+        # Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, because the ingested air leaves
+        # along the duct's axis.
         V = air[ducts]
         axial, ram = (V * up) @ _SUM, (AIR_DENSITY * DUCT_AREA) * w
         factor = np.interp(-axial / w, self._inflows, self._factors)
@@ -187,7 +187,7 @@ class Aero:
             factor = self._ground(factor, points[ducts, 2] + origin[2], up)
         lift = duct_thrust * (factor - 1.0) + 0.5 * np.repeat(noise, 2) - ram * axial
         F[ducts] = (self._duct_drag * np.sqrt((V * V) @ _SUM) + ram)[:, None] * V + lift[:, None] * up
-        # Links: a rod feels no flow along itself.
+        # Links: the flow along a rod exerts no force.
         V = air[links]
         V = V - ((V * rod) @ _SUM)[:, None] * rod
         F[links] = (self._link_drag * np.sqrt((V * V) @ _SUM))[:, None] * V
@@ -203,8 +203,8 @@ class Aero:
     def _add_wake(
         self, air: np.ndarray, points: np.ndarray, exits: np.ndarray, up: np.ndarray, w: np.ndarray, R: np.ndarray
     ) -> None:
-        """Add to `air` the velocity that the jets of other modules give it at each station [m/s]."""
-        # Which stations a jet can reach at all: few, so the profile is computed for those only.
+        """Add the velocity [m/s] induced at each station by the jets of other modules to `air`."""
+        # The profile is computed only for the few stations within reach of a jet.
         products = points @ np.concatenate((up, exits)).T
         s = (exits * up) @ _SUM - products[:, :N_DUCTS]
         square = ((points * points) @ _SUM)[:, None] + (exits * exits) @ _SUM - 2.0 * products[:, N_DUCTS:]
@@ -222,14 +222,14 @@ class Aero:
         speeds = np.zeros((len(points), N_DUCTS))
         speeds[stations, jets] = (u * self._weights.take(stations, axis=0)) @ np.ones(len(DISC_POINTS))
         flow = speeds @ up
-        # Jets that meet add up, but blow no faster than the fastest of them by more than a fifth: on one line they
-        # would otherwise count twice.
+        # Overlapping jets add up, but to at most 1.2 times the fastest of them: jets on one line would otherwise count
+        # twice.
         total = np.sqrt((flow * flow) @ _SUM)
         flow *= np.minimum(1.0, 1.2 * speeds.max(axis=1) / np.maximum(total, 1e-9))[:, None]
         air -= flow
 
     def _ground(self, factor: np.ndarray, centre_z: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """`factor` with ground effect: within four radii of the floor along the jet, tilted by less than 60°."""
+        """Apply the ground effect to ducts within four radii of the floor along the jet, tilted by less than 60°."""
         height = centre_z + ROBOT.duct_z[0] * up[:, 2]
         R = ROBOT.propeller_radius
         if height.min() > 4.0 * R:

@@ -1,4 +1,4 @@
-"""Masses, friction and actuators, readable: what native/engine/body.c writes into MuJoCo's model."""
+"""NumPy reference of native/engine/body.c: writes masses, friction and actuators into MuJoCo's model."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -29,12 +29,12 @@ def delay_steps(c: ActuatorConfig) -> tuple[int, int]:
 
 
 def is_asymmetric(c: ActuatorConfig) -> bool:
-    """Whether anything depends on a direction: falling thrusts lag otherwise, or joints have play."""
+    """Whether an actuator is direction-dependent: falling thrusts have another lag, or joints have play."""
     return c.backlash > 0.0 or c.spin_down != 1.0
 
 
 def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float) -> None:  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-    """Write everything that MuJoCo can do by itself into the model; nothing of an earlier configuration stays."""
+    """Write all actuator parameters that MuJoCo models; every value of an earlier configuration is overwritten."""
     rotors, joints, gimbals = (
         np.array([model.actuator(name).id for name in names]) for names in (ROTOR_SITES, JOINT_NAMES, GIMBAL_NAMES)
     )
@@ -42,7 +42,7 @@ def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float
     x, y = c.thrust_offset.T
     gear = np.zeros((N_ROTORS, 6))
     gear[:, :3] = np.stack([np.sin(tilt_y), -np.sin(tilt_x) * np.cos(tilt_y), np.cos(tilt_x) * np.cos(tilt_y)], 1)
-    # Torque of the force at (x, y, 0), and of two ducts at ± d on the y axis that do not pull alike.
+    # Torque of the force at (x, y, 0), and of two ducts at ± d on the y axis with unequal thrusts.
     gear[:, 3:] = np.cross(np.stack([x, y, np.zeros(N_ROTORS)], 1), gear[:, :3])
     gear[:, 3] += ROBOT.duct_offset_y * c.duct_imbalance
     model.actuator_gear[rotors] = gain(c)[:, None] * gear

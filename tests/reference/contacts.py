@@ -1,4 +1,4 @@
-"""What touches the floor, readable: what native/engine/floor.c looks at."""
+"""NumPy reference of native/engine/floor.c: contacts between the robot and the floor."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -11,10 +11,10 @@ from spidar_gym.sim.ground import GroundConfig, Touch
 
 
 class GroundWatch:
-    """Looks at the contacts of one simulation, and has MuJoCo look for them or not."""
+    """Reads the contacts of one simulation, and enables or disables MuJoCo's collision detection."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Look up what may touch."""
+        """Look up the geometries that may touch the floor."""
         self._model, self._data = model, data
         names = [f"foot{leg}" for leg in range(1, N_LEGS + 1)] + list(PEG_SITES)
         self._balls = [model.geom(name).id for name in names]
@@ -36,17 +36,17 @@ class GroundWatch:
         self._root = int(model.body_rootid[self._carriers[0]])
 
     def clearance(self, ground: GroundConfig) -> float:
-        """Height of everything over the highest tile at least [m]."""
+        """Lower bound of the height of all geometries above the highest tile [m]."""
         return float((self._x @ ground.R_wf[:, 2] - self._reach).min()) - ground.highest_tile
 
     def enable(self, enabled: bool) -> None:
-        """Look for contacts, or save the time: with the floor far below the result is the same."""
+        """Enable or disable collision detection; far above the floor the result is the same without it."""
         if enabled != self._enabled:
             self._options.disableflags ^= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
             self._enabled = enabled
 
     def look(self, ground: GroundConfig) -> Touch:
-        """What touches the floor now."""
+        """Contacts of feet, pegs and ducts with the floor in the present state."""
         data, n, R_wf = self._data, len(self._balls), ground.R_wf
         touching = np.zeros(n + 2, bool)
         if data.ncon:
@@ -71,12 +71,12 @@ class GroundWatch:
         )
 
     def forces(self) -> np.ndarray:
-        """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
+        """Position and force of each contact with the floor, world: (k, 6) [m, N]."""
         data, wrench = self._data, np.zeros(6)
         rows = np.zeros((data.ncon, 6))
         for k in range(data.ncon):
             mujoco.mj_contactForce(self._model, data, k, wrench)
             force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
-            # MuJoCo gives the force on the second geom; the floor only pushes.
+            # MuJoCo returns the force on the second geom; the floor can only push.
             rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if force[2] >= 0.0 else -force
         return rows

@@ -1,4 +1,4 @@
-"""Electrical power and voltage, readable: what native/engine/energy.c computes."""
+"""NumPy reference of native/engine/energy.c: electrical power and voltage."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def electrical_power(thrust: RotorVector, joint_torque: JointVector, joint_veloc
     """Electrical power [W]: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ².
 
     Args:
-        thrust: What the motors work for, in still air [N].
+        thrust: Thrust of the modules in still air [N].
         joint_torque: Torque of the joint servos [Nm].
         joint_velocity: q̇ [rad/s].
     """

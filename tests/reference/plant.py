@@ -1,4 +1,4 @@
-"""The owner of MuJoCo: `step(Command) → RobotState`, with exact saving and restoring."""
+"""Python reference of the plant on MuJoCo: `step(Command) → RobotState`, with exact saving and restoring."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -27,13 +27,13 @@ from spidar_gym.sim.scene import TIMESTEP, quieten, scene
 from spidar_gym.state import Command, Measurement, RobotState
 
 AIR_STEPS = 10
-"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/air.md tells what the hold costs."""
+"""Physics steps between two evaluations of the air: 25 ms; docs/concepts/air.md reports the error of the hold."""
 SERVO_STEPS = 5
-"""Physics steps between two looks at which way thrusts go and where joints are in their play: 12.5 ms."""
+"""Physics steps between two updates of falling thrusts and of the joints' positions in their play: 12.5 ms."""
 IMU_STEPS = 2
 """Physics steps between two samples of the sensors: 5 ms, 200 Hz."""
 FASTEST = 12.0
-"""Contacts are looked for only where something that falls as fast as this could touch the floor in time [m/s]."""
+"""Assumed largest fall speed [m/s]: contacts are detected only if it suffices to reach the floor within a period."""
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _ROTORS, _JOINTS = slice(N_ROTORS), slice(N_ROTORS, N_ROTORS + N_JOINTS)
 _GIMBALS = slice(N_ROTORS + N_JOINTS, N_ROTORS + 2 * N_JOINTS)
@@ -42,8 +42,8 @@ _GIMBALS = slice(N_ROTORS + N_JOINTS, N_ROTORS + 2 * N_JOINTS)
 class Plant:
     """One simulated robot over a floor.
 
-    Its joint servos run τ = k_{j,p} (q^d − q) − k_{j,d} q̇ [Zhao2025, Eq. 17] at every physics step, on a setpoint that
-    moves no faster than the joint speed, within their torque limit.
+    Its joint servos apply τ = k_{j,p} (q^d − q) − k_{j,d} q̇ [Zhao2025, Eq. 17] at every physics step, within their
+    torque limit. The setpoint is slewed at the joint speed at most.
     """
 
     def __init__(self, config: PlantConfig | None = None) -> None:
@@ -51,7 +51,7 @@ class Plant:
         config = config or PlantConfig()
         self.model = copy.copy(scene(visual=False, uneven=config.ground.uneven))
         self.data = mujoco.MjData(self.model)
-        # Views into MuJoCo's memory, made once: every access to an attribute of MjData makes a new one.
+        # Views into MuJoCo's memory, created once, because every access to an attribute of MjData creates a new view.
         self._q, self._v, self._a = self.data.qpos, self.data.qvel, self.data.act
         self._control, self._force, self._applied = self.data.ctrl, self.data.actuator_force, self.data.qfrc_applied
         joints = [self.model.joint(name) for name in (*JOINT_NAMES, *GIMBAL_NAMES)]
@@ -68,20 +68,20 @@ class Plant:
         self.memory = PlantMemory()
         self._events: tuple[Event[Plant], ...] = ()
         self.diverged = False
-        """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
+        """Whether the state is no longer finite, or beyond 10⁶ (m, m/s, rad/s)."""
         self.config = config
-        """What was chosen about the robot."""
+        """Configuration of the robot."""
         self._aero, self._sensors = self._write_config()
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot from the next reset on (`InvalidValueError` for tiles where there were none)."""
+        """Change the configuration from the next reset on (`InvalidValueError` for tiles where there were none)."""
         if config.ground.uneven != self.config.ground.uneven:
             raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
         self.config = config
         self._aero, self._sensors = self._write_config()
 
     def _write_config(self) -> tuple[Aero, Sensors]:
-        """Write what MuJoCo can do by itself into its model; the air and the sensors of this robot."""
+        """Write the configuration into MuJoCo's model; returns the air and the sensors of this robot."""
         config = self.config
         write_actuators(config.actuators, self.model, config.joint_speed)
         write_body(config.body, self.model, scene(visual=False, uneven=config.ground.uneven))
@@ -107,21 +107,21 @@ class Plant:
         spent_wh: float = 0.0,
         motion: np.ndarray | None = None,
     ) -> RobotState:
-        """Put the robot somewhere at rest, servos at their setpoints.
+        """Place the robot with all servos at their setpoints, by default at rest.
 
         Args:
             position_w: Origin of the torso [m].
             quat_wb: Attitude (w, x, y, z).
             joint_position: q [rad]; zero by default.
             vectoring: (φ, θ) [rad]; zero by default.
-            thrust: Thrust that the modules already deliver [N]; zero by default.
-            disturbances: What happens to it; nothing by default.
+            thrust: Initial thrust of the modules [N]; zero by default.
+            disturbances: Disturbances of the episode; none by default.
             rng: Source of noise, wind and pushes.
-            spent_wh: Nothing: its battery is full.
+            spent_wh: Ignored: the battery is full.
             motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s].
 
         Raises:
-            InvalidValueError: When something random is to happen and there is no generator.
+            InvalidValueError: If noise, wind or pushes are configured without a generator.
         """
         disturbances = disturbances or Disturbances()
         random = self.config.sense or self.config.actuators.thrust_noise
@@ -160,14 +160,14 @@ class Plant:
         return state
 
     def step(self, command: Command) -> RobotState:
-        """Advance by one control period: physics, and `EVENTS` where they are due.
+        """Advance by one control period: the physics, and each of `EVENTS` when it is due.
 
         Args:
-            command: Thrusts are clipped to idle … what the module gives (λ̄, its gain, the battery); joint setpoints to
-                ± 90°, and slewed by the servos.
+            command: Thrusts are clipped to the idle thrust … the largest available thrust (λ̄, gain, battery); joint
+                setpoints are clipped to ± 90° and slewed by the servos.
 
         Returns:
-            The true state at the end of the period; where it has `diverged`, air, power and energy stay as before.
+            The true state at the end of the period. If the state has `diverged`, air, power and energy are unchanged.
         """
         memory, config, events = self.memory, self.config, self._events
         before = memory.air, memory.power, memory.energy_wh
@@ -208,7 +208,7 @@ class Plant:
         )
 
     def measure(self) -> Measurement:
-        """What the sensors have said since the last call (`InvalidValueError` where `sense` is off)."""
+        """Sensor measurements since the last call (`InvalidValueError` where `sense` is off)."""
         if self.memory.sensors is None:
             raise InvalidValueError("sense", self.config.sense, "True at the reset")
         return self._sensors.read(self.memory.sensors, self.data.time)
@@ -219,11 +219,11 @@ class Plant:
         return self.memory.in_contact
 
     def touch(self) -> Touch:
-        """What touches the floor, and how it slides."""
+        """Contacts with the floor, and their sliding speeds."""
         return self._watch.look(self.config.ground)
 
     def contact_forces(self) -> np.ndarray:
-        """Where the floor touches the robot and what it gives there, world: (k, 6) [m, N]."""
+        """Position and force of each contact with the floor, world: (k, 6) [m, N]."""
         return self._watch.forces()
 
     @property
@@ -234,7 +234,7 @@ class Plant:
 
     @property
     def air_force(self) -> Vector3:
-        """Force of the air on the whole robot besides its thrust in still air, world [N]."""
+        """Force of the air on the whole robot, without the thrust in still air, world [N]."""
         return np.zeros(3) if self.memory.air is None else self.memory.air.generalized[:3].copy()
 
     @property
@@ -246,21 +246,21 @@ class Plant:
     def net_wrench(self) -> tuple[Vector3, Vector3]:
         """Force, world [N], and torque about the torso's origin, torso axes [Nm], of rotors and weight on the robot.
 
-        At rest, and without the air: what keeps the robot from hovering where it is.
+        Excludes the air. At rest both are zero in an exact hover.
         """
         data: Any = self.data  # one of its arrays is declared without a type
         net = data.qfrc_actuator - data.qfrc_bias
         return net[:3], net[3:6]
 
     def save(self) -> Saved:
-        """This moment, all of it; `restore` continues from it bit for bit."""
+        """Save the complete state; `restore` continues from it bit for bit."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
         return Saved(np.concatenate([state, self.data.actuator_force]), copy.deepcopy(self.memory))
 
     def restore(self, saved: Saved) -> RobotState:
-        """Return to a saved moment of a robot of this configuration (`InvalidValueError` for another simulation's)."""
+        """Restore a state saved with this configuration (`InvalidValueError` for a state of another simulation)."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         sizes = mujoco.mj_stateSize(self.model, kind), self.model.nu
         if saved.state.shape != (sum(sizes),):
@@ -274,16 +274,16 @@ class Plant:
         self._limit_torque(self.memory.torque_limit)
         self._write_asymmetry()
         mujoco.mj_forward(self.model, self.data)
-        # The forward pass looks at the present instant; a step leaves what it saw at the start of its last substep.
+        # The forward pass computes the forces of the present instant; a step leaves those of its last substep's start.
         self.data.actuator_force[:] = force
         return self.state()
 
     def _choose_events(self) -> None:
-        """Keep those of `EVENTS` that this robot and this episode need."""
+        """Select those of `EVENTS` that this robot and this episode need."""
         self._events = tuple(event for event in EVENTS if event.needed(self))
 
     def _dispatch_command(self, command: Command) -> None:
-        """Send a command on its way to the actuators, within what they can."""
+        """Queue a command for the actuators, clipped to their limits."""
         config, actuators, memory, targets = self.config, self.config.actuators, self.memory, self._targets
         targets[_ROTORS] = command.thrust
         targets[_JOINTS] = command.joint_position
@@ -312,14 +312,14 @@ class Plant:
             self._limit_torque(command.joint_torque_limit.copy())
 
     def _deliver_due_commands(self) -> None:
-        """Hand over the commands whose delay is over."""
+        """Write the commands whose delay has elapsed to the actuators."""
         memory = self.memory
         for due, part, values in memory.pending:
             if due <= memory.clock:
                 self._control[self._ctrl[part]] = values
         memory.pending = [entry for entry in memory.pending if entry[0] > memory.clock]
         if memory.stuck is not None:
-            # A vectoring servo that has failed stays where it is, whatever it is told.
+            # A failed vectoring servo holds its angle and ignores commands.
             first = _GIMBALS.start + 2 * (memory.disturbances.lost_rotor - 1)
             self._control[self._ctrl[first : first + 2]] = memory.stuck
 
@@ -330,7 +330,7 @@ class Plant:
         return self.config.aero.wake or disturbances.has_weather or actuators.thrust_noise > 0.0
 
     def _update_air(self) -> None:
-        """Let noise, wind and pushes go on, and evaluate the air."""
+        """Advance noise, wind and pushes, and evaluate the air."""
         memory, actuators = self.memory, self.config.actuators
         weather, windy = memory.weather, memory.disturbances.has_weather
         if memory.rng is not None:
@@ -348,7 +348,7 @@ class Plant:
         self._applied[:] = memory.air.generalized
 
     def _update_asymmetry(self) -> None:
-        """Look which thrusts fall and where the joints are in their play."""
+        """Update which thrusts are falling and where the joints are in their play."""
         memory, play = self.memory, self.config.actuators.backlash
         memory.falling = self._control.take(self._ctrl[_ROTORS]) < self._a.take(self._act[_ROTORS])
         gap = self._a.take(self._act[_JOINTS]) - self._q.take(self._qpos[:N_JOINTS])
@@ -356,9 +356,9 @@ class Plant:
         self._write_asymmetry()
 
     def _write_asymmetry(self) -> None:
-        """Tell MuJoCo what depends on a direction: the lag of thrusts, and the play of joints.
+        """Write the direction-dependent parameters into MuJoCo's model: the lag of thrusts and the play of joints.
 
-        Inside its play a servo's spring has no grip, outside it starts from the play's edge.
+        A servo's spring exerts no torque within the play; outside, its deflection is measured from the play's edge.
         """
         memory, actuators = self.memory, self.config.actuators
         if actuators.spin_down != 1.0:
@@ -369,7 +369,7 @@ class Plant:
             self.model.actuator_biasprm[self._joint_servos, 0] = -stiffness * memory.loose
 
     def _sample_sensors(self) -> None:
-        """Let the sensors measure."""
+        """Sample the sensors."""
         memory = self.memory
         assert memory.sensors is not None
         assert memory.rng is not None
@@ -398,6 +398,6 @@ EVENTS: tuple[Event[Plant], ...] = (
     ),
     Event("sensors", every(IMU_STEPS), Plant._sample_sensors, lambda plant: plant.memory.sensors is not None),
 )
-"""What runs between the physics steps, in order: commands that arrive late at 400 Hz at most, the air at 40 Hz, falling
-thrusts and play at 80 Hz, sensors at 200 Hz. Around them, once a control period: the command is sent before the first
-physics step, and contacts, power and energy are read after the last."""
+"""Events between the physics steps, in order: delayed commands at 400 Hz at most, the air at 40 Hz, falling thrusts and
+play at 80 Hz, sensors at 200 Hz. Once a control period, the command is sent before the first physics step, and
+contacts, power and energy are read after the last."""

@@ -1,4 +1,4 @@
-"""What changes about the simulated robot besides MuJoCo's own state; with it a moment can be kept and continued."""
+"""State of the simulated robot outside MuJoCo; saving both makes a simulation resumable."""
 
 from dataclasses import dataclass, field
 
@@ -14,12 +14,12 @@ from spidar_gym.sim.disturbances import Disturbances
 
 @dataclass
 class PlantMemory:
-    """What changes besides MuJoCo's state."""
+    """State outside MuJoCo."""
 
     clock: int = 0
     """Physics steps since the reset."""
     pending: list[tuple[int, slice, np.ndarray]] = field(default_factory=list)
-    """Commands on their way: when they arrive, to which actuators, and what they say."""
+    """Pending commands: arrival step, actuators, values."""
     torque_limit: JointVector = field(default_factory=lambda: np.full(N_JOINTS, ROBOT.max_joint_torque))
     """Torque that the joint servos may use [Nm]."""
     in_contact: bool = False
@@ -27,32 +27,32 @@ class PlantMemory:
     noise: RotorVector = field(default_factory=lambda: np.zeros(N_ROTORS))
     """Thrust noise [N]."""
     disturbances: Disturbances = field(default_factory=Disturbances)
-    """What happens to the robot."""
+    """Disturbances of the episode."""
     weather: Weather = field(default_factory=Weather)
     """Wind and pushes."""
     air: AirForces | None = None
-    """What the air did when it was evaluated last; None where there is none."""
+    """Forces of the air at the last evaluation; None without air."""
     falling: RotorMask = field(default_factory=lambda: np.zeros(N_ROTORS, bool))
-    """Modules whose thrust falls."""
+    """Modules with a falling thrust."""
     loose: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """Where each joint is within its play [rad]."""
+    """Position of each joint within its play [rad]."""
     stuck: np.ndarray | None = None
-    """Vectoring angles of a module whose servos have failed [rad]."""
+    """Vectoring angles of the module with failed servos [rad]; None without such a failure."""
     power: float = 0.0
     """Electrical power at the end of the last control period [W]."""
     energy_wh: float = 0.0
     """Energy drawn since the reset [Wh]."""
     sensors: SensorMemory | None = None
-    """The sensors'."""
+    """State of the sensors; None where they are off."""
     rng: np.random.Generator | None = None
     """Source of noise, wind and pushes."""
 
 
 @dataclass(frozen=True)
 class Saved:
-    """A moment of the simulation; `Plant.restore` continues from it bit for bit."""
+    """A saved state of the simulation; `Plant.restore` continues from it bit for bit."""
 
     state: np.ndarray
     """MuJoCo's state and actuator forces."""
     memory: PlantMemory
-    """The rest."""
+    """State outside MuJoCo."""

@@ -1,4 +1,4 @@
-"""The sensors, readable: what native/engine/sensors.c measures, draw for draw."""
+"""NumPy reference of the sensors in native/engine/sensors.c, with the same sequence of random numbers."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Measurement, RobotState
 
 @dataclass
 class SensorMemory:
-    """Everything about the sensors that changes during an episode."""
+    """State of the sensors during an episode."""
 
     gyro_bias: np.ndarray
     """Bias of the gyroscope [rad/s]."""
@@ -35,30 +35,30 @@ class SensorMemory:
     silent_until: float = 0.0
     """End of the drop-out of the motion capture [s]."""
     next_pose: float = 0.0
-    """When the next frame is taken [s]."""
+    """Time of the next motion-capture frame [s]."""
     next_encoder: float = 0.0
-    """When the servos are read next [s]."""
+    """Time of the next servo reading [s]."""
     frames: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
-    """Frames on their way: time, position, attitude."""
+    """Frames that have not arrived yet: time, position, attitude."""
     imu: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     """Samples since the last control tick: time, gyroscope, accelerometer."""
     encoder_time: float = 0.0
-    """When the servos were read last [s]."""
+    """Time of the last servo reading [s]."""
     angles: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS + 2 * N_ROTORS))
-    """What the servos indicated [rad]."""
+    """Angles indicated by the servos [rad]."""
     torque: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """The torque that the servos reported [Nm]."""
+    """Torque reported by the joint servos [Nm]."""
 
 
 class Sensors:
-    """Measures one robot; `sample` is called at every instant of the inertial unit."""
+    """Sensors of one robot; `sample` is called at every sampling instant of the inertial unit."""
 
     def __init__(self, config: SensorConfig, offset: np.ndarray | float = 0.0) -> None:
-        """Take the noise's sizes, and true minus indicated angles of joints, then vectoring servos (32,) [rad]."""
+        """Store the noise levels, and the true minus indicated angles of joints, then vectoring servos (32,) [rad]."""
         self.config, self._offset = config, offset
 
     def start(self, state: RobotState, rng: np.random.Generator) -> SensorMemory:
-        """Switch the sensors on in a state; biases and drifts are drawn."""
+        """Switch the sensors on in a state; samples biases and drifts."""
         c = self.config
         scale = c.factor * np.repeat([c.position_drift, c.rotation_drift], 3)
         memory = SensorMemory(
@@ -68,12 +68,12 @@ class Sensors:
             velocity_w=_imu_velocity(state, quat_to_matrix(state.quat_wb)),
         )
         self.sample(memory, state, rng)
-        # The robot has stood there for a while: its first frame has arrived.
+        # The robot is assumed to have rested in this state: its first frame has arrived.
         memory.frames = [(state.time - c.latency, p, q) for _, p, q in memory.frames]
         return memory
 
     def sample(self, memory: SensorMemory, state: RobotState, rng: np.random.Generator) -> None:
-        """Measure a true state, every 5 ms; what the sensors remember is written."""
+        """Measure a true state, every 5 ms; updates `memory`."""
         c, time = self.config, state.time
         R = quat_to_matrix(state.quat_wb)
         velocity = _imu_velocity(state, R)
@@ -107,7 +107,7 @@ class Sensors:
             memory.encoder_time = time
 
     def read(self, memory: SensorMemory, time: float) -> Measurement:
-        """What has arrived by a control tick at `time` [s]; it is handed out once."""
+        """Return the measurements that have arrived by a control tick at `time` [s]; each is returned once."""
         due = [frame for frame in memory.frames if frame[0] + self.config.latency <= time + 1e-9][-POSE_FRAMES:]
         memory.frames = [frame for frame in memory.frames if frame[0] + self.config.latency > time + 1e-9]
         imu, memory.imu = memory.imu, []

@@ -1,4 +1,4 @@
-"""Wind, pushes and thrust noise, readable: what native/engine/weather.c does, draw for draw."""
+"""NumPy reference of wind, pushes and thrust noise in native/engine/weather.c, with the same random numbers."""
 
 import math
 from dataclasses import dataclass, field
@@ -12,22 +12,22 @@ from spidar_gym.sim.disturbances import INTENSITY, LENGTH, PUSH_EVERY, PUSH_SECO
 
 @dataclass
 class Weather:
-    """Wind and pushes of an episode as they unfold; everything that changes is in here."""
+    """State of the wind and pushes of an episode."""
 
     mean_w: Vector3 = field(default_factory=lambda: np.zeros(3))
     """Mean wind [m/s]."""
     gust_w: Vector3 = field(default_factory=lambda: np.zeros(3))
     """Turbulence [m/s]."""
     push_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Force of the push that is on now [N]."""
+    """Force of the present push [N]; zero between pushes."""
     next_push: float = math.inf
-    """When the next push begins [s]."""
+    """Begin of the next push [s]."""
     push_end: float = 0.0
-    """When the present one ends [s]."""
+    """End of the present push [s]."""
 
     @classmethod
     def draw(cls, disturbances: Disturbances, rng: np.random.Generator) -> "Weather":
-        """The weather at the start of an episode."""
+        """Sample the weather at the start of an episode."""
         azimuth = rng.uniform(-math.pi, math.pi)
         mean = disturbances.wind * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
         gust = disturbances.wind * INTENSITY * rng.standard_normal(3)
@@ -35,7 +35,7 @@ class Weather:
         return cls(mean, gust, np.zeros(3), first)
 
     def advance(self, disturbances: Disturbances, time: float, dt: float, rng: np.random.Generator) -> None:
-        """Let `dt` [s] pass until `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
+        """Advance by `dt` [s] to `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
         if disturbances.wind > 0.0:
             decay = np.exp(-max(disturbances.wind, 1.0) * dt / LENGTH)
             spread = disturbances.wind * INTENSITY * np.sqrt(1.0 - decay * decay)
