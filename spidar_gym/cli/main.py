@@ -7,35 +7,27 @@ from pathlib import Path
 import tyro
 
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.cli.ablations import ablations
-from spidar_gym.cli.arguments import FlightPresetArg, JsonArg
+from spidar_gym.cli.arguments import JsonArg
 from spidar_gym.cli.assets import assets
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
-from spidar_gym.cli.console import goes_on, kept, named_steps, progress, published, run_cli, studied
+from spidar_gym.cli.console import goes_on, kept, named_steps, progress, run_cli
 from spidar_gym.cli.docs import docs
 from spidar_gym.cli.evaluate import BASELINES, board_app, eval_, scenarios
 from spidar_gym.cli.export import export_
-from spidar_gym.cli.gates import gates
 from spidar_gym.cli.paper import paper_app
 from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
-from spidar_gym.cli.steps import steps
 from spidar_gym.cli.view import view
 from spidar_gym.committed import artifact_patterns
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
-from spidar_gym.errors import require_above, require_least, require_name
+from spidar_gym.errors import require_above
 from spidar_gym.files import json_text, output_folder
-from spidar_gym.paper import flight_studies as studies
-from spidar_gym.paper import hops as hopping
 from spidar_gym.policies.provenance import versions
 from spidar_gym.processes import cpu_count
-from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.robot.description import CAMERAS
-from spidar_gym.sim.disturbances import FAULTS, Disturbances
-from spidar_gym.sim.randomize import check_strength
 from spidar_gym.tasks.hover import SEQUENCES
 from spidar_gym.text import format_table
 from spidar_gym.tune import search as tuning
@@ -50,56 +42,6 @@ app.command(scenarios)
 app.command(name="export")(export_)
 app.command(docs)
 app.command(sitl_app, name="sitl", help="The runner drives the simulated robot through ROS 1 or a socket.")
-
-
-@app.command
-def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: JsonArg = False) -> None:
-    """Lose each rotor in each form, its thrust or its vectoring: what statics allows and what flight shows.
-
-    Args:
-        preset: Controller.
-        out: Folder for lost.json.
-    """
-    require_name("preset", preset, PRESETS)
-    folder = output_folder(out)
-    with progress(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost") as bar:
-        rows = studies.lost_rotors(preset, on_flight=bar.update)
-    print(published(folder, "lost", {"lost_rotors": rows}, format_table(studies.lost_lines(rows)), json))
-
-
-app.command(gates)
-app.command(steps)
-app.command(ablations)
-
-
-@app.command
-def hops(
-    robots: int = 100,
-    strength: float = hopping.STRENGTH,
-    wind: float = hopping.WIND,
-    out: Path = Path("out/hops"),
-    workers: int = cpu_count(),
-    json: JsonArg = False,
-) -> None:
-    """Take off to 1 m and land again, noisy nominal robots and drawn ones in wind; goes on where it stopped.
-
-    Args:
-        robots: How many of either kind; a hop takes 11 s of the robot, some half a second here.
-        strength: Of the drawn ones' randomisation, 0 … 1.
-        wind: Mean wind that the drawn ones fly in [m/s].
-        out: Folder for hops.json.
-        workers: Processes.
-    """
-    require_least(1, robots=robots, workers=workers)
-    check_strength(strength)
-    Disturbances(wind=wind)  # refuses what no weather is
-    studied(
-        output_folder(out), "hops", "hop", 2 * robots, json=json,
-        play=lambda unfinished, on_hop: hopping.hop_study(
-            robots, strength=strength, wind=wind, workers=workers, folder=unfinished, on_hop=on_hop
-        ),
-        table=lambda rows: format_table(hopping.hop_lines(rows)),
-    )  # fmt: skip
 
 
 @app.command

@@ -18,15 +18,16 @@ from spidar_gym.cli.bench import engine_lines
 from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.paper.ablation_study import ablation_lines
 from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
-from spidar_gym.paper.flight_studies import lost_lines, speed_lines
-from spidar_gym.paper.gate_study import gate_lines
-from spidar_gym.paper.hops import hop_lines
-from spidar_gym.paper.step_study import step_lines
+from spidar_gym.paper.flight_studies import speed_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
+from spidar_gym.studies.ablations import ablation_lines
+from spidar_gym.studies.gates import gate_lines
+from spidar_gym.studies.hops import hop_lines
+from spidar_gym.studies.lost import lost_lines
+from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
 

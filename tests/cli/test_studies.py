@@ -1,4 +1,4 @@
-"""Pins the studies at the command line: speeds and ablation, lost rotors, and the search for gains."""
+"""Pins `spidar paper flight` with speeds and ablation, and `spidar tune`, at the command line."""
 
 import functools
 import json
@@ -10,10 +10,8 @@ from spidar_gym import viz
 from spidar_gym.benchmark import statistics
 from spidar_gym.cli.main import main
 from spidar_gym.errors import MissingDependencyError
-from spidar_gym.paper import ablation_study, gate_study, step_study
 from spidar_gym.paper import flight_studies as studies
 from spidar_gym.paper.trial import Outcome
-from spidar_gym.robot import FORMS
 from spidar_gym.tune import search
 
 
@@ -65,61 +63,6 @@ def test_the_study_of_speed_prints_a_line_for_every_controller_and_cell(quick, h
     lines = [line for line in out.splitlines() if line.startswith(("nominal", "randomised"))]
     assert len(lines) == len(rows)
     assert "pip install something" in err
-
-
-def test_ablations_play_every_track_and_write_what_they_print(here, capfd, monkeypatch):
-    made = {"error": [1.0], "success": [True]}
-    monkeypatch.setattr(ablation_study, "finish", lambda call, items, **_: [made for _ in items])
-    monkeypatch.setattr(viz, "ablation_figure", lambda rows, path: path.write_bytes(b"drawn"))
-    main(["ablations", "--scenarios", "1", "--workers", "1", "--json", "--out", "o"])
-    rows = json.loads(capfd.readouterr().out)["ablations"]
-    assert sorted(files(here)) == ["o/ablations.json", "o/ablations.png"]
-    assert {row["factor"] for row in rows} == {1.0}
-    assert {row["group"] for row in rows} == {"flight", "ground"}
-
-
-def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypatch):
-    flight = {
-        "position_m": 0.01, "attitude_rad": 0.02, "commands_in_bounds": True, "failure": "", "seconds": 12.0,
-    }  # fmt: skip
-    monkeypatch.setattr(studies, "_fly_lost", lambda preset, form, disturbances: flight)
-    main(["lost", "--json", "--out", "o"])
-    rows = json.loads(capfd.readouterr().out)["lost_rotors"]
-    assert sorted(files(here)) == ["o/lost.json"]
-    assert {(row["fault"], row["form"], row["rotor"]) for row in rows} == {
-        (fault, form, rotor) for fault in ("thrust", "vectoring") for form in FORMS for rotor in range(1, 9)
-    }
-    assert len(rows) == 2 * 8 * len(FORMS)
-    # What statics allows of form ②: seven rotors carry the robot whichever is lost.
-    assert all(row["feasible"] for row in rows if row["form"] == "form2")
-    main(["lost"])
-    assert sum(line.startswith(("thrust", "vectoring")) for line in capfd.readouterr().out.splitlines()) == len(rows)
-
-
-def test_gates_plays_every_gait_before_every_gate_and_writes_what_it_prints(here, capfd, monkeypatch):
-    run = {"arrived": True, "failure": "", "time_s": 20.0, "off_m": 0.0}
-    monkeypatch.setattr(gate_study, "play", lambda case: run)
-    monkeypatch.setattr(viz, "gate_figure", lambda rows, path: path.write_bytes(b"drawn"))
-    main(["gates", "--seeds", "2", "--workers", "1", "--json", "--out", "o"])
-    rows = json.loads(capfd.readouterr().out)["gates"]
-    assert sorted(files(here)) == ["o/gates.json", "o/gates.png"]
-    assert json.loads((here / "o/gates.json").read_text(encoding="utf-8")) == {"gates": rows}
-    assert [(row["kind"], row["size"], row["gait"]) for row in rows] == gate_study.cells()
-    assert all((row["runs"], row["arrived"]) == (2, 2) for row in rows)
-    main(["gates", "--seeds", "1", "--workers", "1"])
-    assert "all arrive" in capfd.readouterr().out
-
-
-def test_steps_plays_every_gait_on_every_floor_and_writes_what_it_prints(here, capfd, monkeypatch):
-    monkeypatch.setattr(step_study, "play", lambda case: {"failure": "", "slip_m": 0.02, "time_s": 20.0})
-    monkeypatch.setattr(viz, "step_figure", lambda rows, path: path.write_bytes(b"drawn"))
-    main(["steps", "--gaits", "robust", "overlapped", "--seeds", "2", "--workers", "1", "--json", "--out", "o"])
-    rows = json.loads(capfd.readouterr().out)["steps"]
-    assert sorted(files(here)) == ["o/steps.json", "o/steps.png"]
-    assert {row["gait"] for row in rows} == {"robust", "overlapped"}
-    assert all((row["runs"], row["successes"]) == (2, 2) for row in rows)
-    main(["steps", "--seeds", "1", "--workers", "1"])
-    assert "what the others lack" in capfd.readouterr().out
 
 
 def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(monkeypatch, here, capfd):

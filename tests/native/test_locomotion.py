@@ -9,8 +9,8 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.constants import MAX_WAYPOINTS
 from spidar_gym.native.core_manager import CoreManager
-from spidar_gym.paper.hops import CONFIG, HOP, Trip
 from spidar_gym.robot import FORMS
+from spidar_gym.studies.hops import CONFIG, HOP, Trip
 
 COURSE = (
     CrawlTo(Pose2(0.2, 0.1, 0.4)), TakeOff(1.0), FlyTo((1.0, 0.5, 1.5), FORMS["form3"], 0.8, along=True),

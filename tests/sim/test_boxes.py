@@ -17,7 +17,6 @@ from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.plant import Plant
 from spidar_gym.native.structs import fill
-from spidar_gym.paper.hops import CONFIG, Trip
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.robot.description import mjcf_path
 from spidar_gym.sim.config import PlantConfig
@@ -25,6 +24,7 @@ from spidar_gym.sim.ground import BOXES, TILES, GroundConfig, with_boxes
 from spidar_gym.sim.renderer import OffscreenRenderer
 from spidar_gym.sim.scene import scene
 from spidar_gym.state import Command
+from spidar_gym.studies.hops import CONFIG, Trip
 
 LYING = lying_pose(GaitConfig())
 STILL = Command(np.zeros(8), np.zeros((8, 2)), LYING, np.full(16, ROBOT.max_joint_torque))

@@ -1,4 +1,4 @@
-"""The command line called in this process: how it refuses, and what it leaves in a folder."""
+"""Calls of the command line in this process: the messages of refused commands, and the files of a folder."""
 
 from pathlib import Path
 
@@ -11,27 +11,27 @@ LEARNED = str(ROOT / "baselines" / "learned" / "supervised_paper" / "seed0.npz")
 """A committed policy."""
 
 
-def _refused(capfd, arguments) -> list[str]:
+def _refused(capfd, arguments, command=main, prog="spidar") -> list[str]:
     """The lines on stderr of a command that ends with status 2 and nothing on stdout."""
     with pytest.raises(SystemExit) as stop:
-        main(list(arguments))
+        command(list(arguments))
     out, err = capfd.readouterr()
     assert stop.value.code == 2
     assert out == ""
     assert err.endswith("\n")
     lines = err.splitlines()
-    assert lines[-1].startswith("spidar: ")
+    assert lines[-1].startswith(f"{prog}: ")
     return lines
 
 
-def refused(capfd, *arguments) -> str:
+def refused(capfd, *arguments, command=main, prog="spidar") -> str:
     """The one line on stderr with which a command is refused."""
-    (line,) = _refused(capfd, arguments)
+    (line,) = _refused(capfd, arguments, command, prog)
     return line
 
 
 def refused_after_a_bar(capfd, *arguments) -> str:
-    """The last line on stderr of a command that is refused when its progress bar is there already."""
+    """The last line on stderr of a command that is refused after its progress bar has appeared."""
     return _refused(capfd, arguments)[-1]
 
 

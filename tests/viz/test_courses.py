@@ -8,7 +8,7 @@ from spidar_gym import viz
 from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.locomotion.orders import PHASES
-from spidar_gym.paper.gate_study import cells
+from spidar_gym.studies.gates import cells
 from spidar_gym.tasks.course import SIZES
 from spidar_gym.viz.courses import MEASURES, WAYS, way_of
 

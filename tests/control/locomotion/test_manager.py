@@ -14,11 +14,11 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, form_radius
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.paper.hops import CONFIG, HOP, NEAR_FLOOR, Trip
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.so3 import exp
 from spidar_gym.state import Command
+from spidar_gym.studies.hops import CONFIG, HOP, NEAR_FLOOR, Trip
 
 FLOORS = {
     "flat": GroundConfig(),

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from spidar_gym.paper import hops
-from spidar_gym.paper.hops import BARS, LARGEST_STEP, Hop, Seen, fly_hop, hop_lines, hop_study
 from spidar_gym.robot import ROBOT
+from spidar_gym.studies import hops
+from spidar_gym.studies.hops import BARS, LARGEST_STEP, Hop, Seen, fly_hop, hop_lines, hop_study
 
 
 def test_changes_are_those_of_every_tick_of_a_phase_and_of_the_tick_that_follows():

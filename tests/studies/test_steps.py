@@ -8,9 +8,9 @@ import pytest
 from spidar_gym.benchmark import TRACKS
 from spidar_gym.control.presets import CRAWL_PRESETS
 from spidar_gym.errors import InvalidValueError, UnknownNameError
-from spidar_gym.paper import step_study
-from spidar_gym.paper.step_study import FEET, GAITS, HEIGHTS, OPTIONS, Case, cells, controller_of, higher, play
 from spidar_gym.policies.source import PolicyError
+from spidar_gym.studies import steps as step_study
+from spidar_gym.studies.steps import FEET, GAITS, HEIGHTS, OPTIONS, Case, cells, controller_of, higher, play
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from spidar_gym.control.course.gates import KINDS
-from spidar_gym.paper import gate_study
-from spidar_gym.paper.gate_study import GAITS, SWEPT, Case, cells, course_of, gate_lines, play
+from spidar_gym.studies import gates as gate_study
+from spidar_gym.studies.gates import GAITS, SWEPT, Case, cells, course_of, gate_lines, play
 from spidar_gym.tasks.course import SIZES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,8 +6,8 @@ import pytest
 
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.paper import ablation_study
-from spidar_gym.paper.ablation_study import BEST, OVERALL, PARTS, WHOLE, Job, ablation_lines, jobs, play_job, study
+from spidar_gym.studies import ablations as ablation_study
+from spidar_gym.studies.ablations import BEST, OVERALL, PARTS, WHOLE, Job, ablation_lines, jobs, play_job, study
 
 
 def changed(one, other):
