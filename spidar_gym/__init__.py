@@ -1,7 +1,7 @@
 """SPIDAR in simulation: Gymnasium environments whose zero action is the paper's controller.
 
-Importing this package registers the environments: `gymnasium.make("spidar_gym/Hover-v0")`; a process that has not
-imported it does so by `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")`.
+Importing this package registers the environments: `gymnasium.make("spidar_gym/Hover-v0")`. In a process that has not
+imported the package, `gymnasium.make("spidar_gym:spidar_gym/Hover-v0")` imports it first.
 """
 
 import copy
@@ -16,16 +16,16 @@ __version__ = "0.1.0"
 
 
 class _Registration(MetaPathFinder):
-    """Registers the environments once Gymnasium is executed: thrust allocation on a robot never imports it."""
+    """Import hook that registers the environments when Gymnasium is imported, so that spidar_gym does not import it."""
 
     def find_spec(
         self, fullname: str, _path: Iterable[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Gymnasium's own specification, whose execution registers the environments; a look at it changes nothing."""
+        """Return Gymnasium's specification, with a loader that also registers the environments when it executes."""
         finders = [*sys.meta_path]
         if fullname != "gymnasium" or self not in finders:
             return None
-        # The finders behind this one: another of its kind, left by a reload of this package, may be among them.
+        # The finders after this one; a reload of this package may have left another `_Registration` among them.
         found = (finder.find_spec(fullname, None, target) for finder in finders[finders.index(self) + 1 :])
         spec = next(filter(None, found), None)
         if spec is not None and spec.loader is not None:

@@ -1,4 +1,4 @@
-"""Array types with their shape in the name: what the signatures of this package mean by their annotations.
+"""Array types for the annotations of this package, each with its shape.
 
 With jaxtyping's import hook (switched on in the tests) every call is checked against these shapes.
 """
@@ -31,7 +31,7 @@ Vectoring = Float[np.ndarray, "8 2"]
 
 
 def constant(value: float | bool, *shape: int) -> np.ndarray:
-    """An array of one number, or truth value, that nobody can write: a default for dataclasses."""
+    """Return a read-only array filled with one number or truth value, for defaults of dataclasses."""
     array = np.full(shape, value)
     array.flags.writeable = False
     return array

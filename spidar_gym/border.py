@@ -1,7 +1,7 @@
-"""The border: what lies in files is read within bounds and held to a form before anything is built of it.
+"""Validation of input files: limits of size and structure, checked before the content is used.
 
-Two kinds of files cross it: JSON, and bundles. A bundle is what numpy opens as `.npz`, stored and not compressed, with
-one part in JSON beside the arrays; a sealed one ends in the SHA-256 of everything before. Nothing in them is code.
+There are two kinds of files: JSON and bundles. A bundle is an uncompressed `.npz` file that numpy can open, with one
+JSON part beside the arrays. A sealed bundle ends in the SHA-256 of everything before it. Bundles contain no code.
 """
 
 import hashlib
@@ -23,20 +23,20 @@ import numpy as np
 from spidar_gym.errors import SpidarError
 
 MOST_DEPTH = 32
-"""Objects and lists in each other."""
+"""Largest nesting depth of objects and lists."""
 MOST_INTEGER = 2**63
-"""Whole numbers are nearer to 0 than this."""
+"""Upper limit (exclusive) of the absolute value of whole numbers."""
 MOST_PARTS = 256
-"""Parts of a bundle."""
+"""Largest number of parts of a bundle."""
 MOST_WORDS = 2**20
-"""Bytes of a bundle's JSON."""
+"""Largest size of a bundle's JSON [byte]."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Date of everything in a bundle, so that the same content gives the same bytes."""
+"""Date of every part of a bundle, so that the same content gives the same bytes."""
 
 _SEAL = 2 * hashlib.sha256().digest_size
 _ENTRY = b"PK\x01\x02"
-# What numpy writes before an array in C order. Its own reader evaluates the text as Python and lets through whatever
-# tokenizer and parser raise.
+# The header that numpy writes before an array in C order. Numpy's reader is not used: it evaluates the text as Python
+# and does not catch the errors of tokenizer and parser.
 _HEADER = re.compile(
     rb"\x93NUMPY\x01\x00([\s\S]{2})\{'descr': '(<[fiu][248]|\|[iu]1)', 'fortran_order': False, "
     rb"'shape': \(([0-9, ]{0,64})\), \} *\n"
@@ -44,11 +44,11 @@ _HEADER = re.compile(
 
 
 class BorderError(SpidarError):
-    """A file that cannot be read, is larger than it may be, damaged, or of another form; says which of them."""
+    """A file that cannot be read, is too large, is damaged, or has another structure; the message states which."""
 
 
 def read_file(path: Path, most: int) -> bytes:
-    """A file's bytes.
+    """Read a file's bytes.
 
     Raises:
         BorderError: When it cannot be read, is no regular file, or has more than `most` bytes.
@@ -66,10 +66,10 @@ def read_file(path: Path, most: int) -> bytes:
 
 
 def parse_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
-    """A JSON value whose numbers are finite, whose text can be written again, and that is not too deep.
+    """Parse a JSON value; numbers must be finite, text must be valid Unicode, and the nesting depth is limited.
 
     Raises:
-        BorderError: When it is not.
+        BorderError: When the data is not JSON or violates one of these conditions.
     """
     try:
         value = json.loads(data.decode("utf-8"))
@@ -94,7 +94,7 @@ def parse_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
 
 
 def read_toml(path: Path, most: int) -> dict[str, Any]:
-    """What a TOML file of at most `most` bytes says (`BorderError` when it cannot be read, or is none)."""
+    """Read a TOML file of at most `most` bytes (`BorderError` when it cannot be read or is not TOML)."""
     try:
         return tomllib.loads(read_file(path, most).decode())
     except (ValueError, RecursionError) as error:
@@ -102,17 +102,18 @@ def read_toml(path: Path, most: int) -> dict[str, Any]:
 
 
 def require_form(value: object, form: Any, name: str) -> None:  # noqa: ANN401 - a recursive description
-    """Hold a JSON value to a form.
+    """Check that a JSON value has a given structure.
 
     Args:
         value: From `parse_json`.
-        form: A type (`float` takes whole numbers too, no number is a `bool`), `(form, None)` for what may be null,
-            `[form]` for a list, `[form, form]` for one with just these, `{"name": form}` for an object with these
-            names and no others, `{str: form}` for one with any names.
-        name: What it is called.
+        form: The structure: a type (`float` accepts whole numbers too, no number is a `bool`), `(form, None)` for a
+            value that may be null, `[form]` for a list of any length, `[form, form]` for a list of exactly these
+            entries, `{"name": form}` for an object with exactly these names, `{str: form}` for an object with any
+            names.
+        name: Name of the value in error messages.
 
     Raises:
-        BorderError: For the first part that has another form.
+        BorderError: For the first part that has another structure.
     """
     if isinstance(form, tuple):
         if value is not None:
@@ -153,21 +154,21 @@ def _require(fits: bool, name: str, value: object, expected: str) -> None:
 
 
 def pack(title: str, words: object, arrays: Mapping[str, np.ndarray], *, sealed: bool = False) -> bytes:
-    """A bundle; the same content gives the same bytes.
+    """Build a bundle; the same content gives the same bytes.
 
     Args:
         title: Name of the JSON part.
         words: The JSON part.
-        arrays: Numbers by name.
-        sealed: Whether it ends in its SHA-256.
+        arrays: Arrays of numbers by name.
+        sealed: Whether the bundle ends in its SHA-256.
     """
     buffer = io.BytesIO()
-    # Stored, not compressed: another version of the compressor would give other bytes.
+    # Not compressed: another version of the compressor would give other bytes.
     with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr(zipfile.ZipInfo(title, EPOCH), json.dumps(words, indent=1, ensure_ascii=False))
         for name, array in arrays.items():
             data = io.BytesIO()
-            # `ascontiguousarray` would make a vector of a single number.
+            # `ascontiguousarray` would turn a scalar into a vector.
             np.lib.format.write_array(data, np.asarray(array, order="C"), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy", EPOCH), data.getvalue())
         archive.comment = bytes(_SEAL) if sealed else b""
@@ -176,19 +177,19 @@ def pack(title: str, words: object, arrays: Mapping[str, np.ndarray], *, sealed:
 
 
 def _digest(data: bytes) -> bytes:
-    """The seal that belongs at the end."""
+    """Compute the seal of a bundle that has room for the seal at its end."""
     return hashlib.sha256(memoryview(data)[:-_SEAL]).hexdigest().encode()
 
 
 def unpack(title: str, data: bytes, *, sealed: bool = False) -> tuple[Any, dict[str, np.ndarray]]:
-    """JSON part and arrays of a bundle that `pack` wrote.
+    """Read JSON part and arrays of a bundle that `pack` wrote.
 
     Raises:
-        BorderError: When it is none, or its seal is not that of its content.
+        BorderError: When the data is no such bundle, or its seal does not match its content.
     """
     if sealed and data[-_SEAL:] != _digest(data):
         raise BorderError("its checksum is not that of its content")
-    # Every part has an entry in the directory: they are counted before `zipfile` makes an object of each.
+    # Every part has an entry in the directory. The entries are counted before `zipfile` creates an object for each.
     if data.count(_ENTRY) > MOST_PARTS:
         raise BorderError(f"more than {MOST_PARTS} parts")
     try:
@@ -196,7 +197,7 @@ def unpack(title: str, data: bytes, *, sealed: bool = False) -> tuple[Any, dict[
             parts = archive.infolist()
             if any(part.compress_type != zipfile.ZIP_STORED or part.file_size != part.compress_size for part in parts):
                 raise BorderError("compressed")
-            # Parts that lie over each other could be larger than the whole.
+            # Overlapping parts could be larger in total than the file.
             if sum(part.file_size for part in parts) > len(data):
                 raise BorderError("parts larger than the file")
             content = {part.filename: archive.read(part) for part in parts}
@@ -216,15 +217,15 @@ def unpack(title: str, data: bytes, *, sealed: bool = False) -> tuple[Any, dict[
 
 
 def _array(name: str, data: bytes) -> np.ndarray:
-    """An array of numbers, where what it says of itself is what is there."""
+    """Read an array of numbers whose header matches its data."""
     head = _HEADER.match(data)
     if head is None or int.from_bytes(head[1], "little") != head.end() - 10:
         raise BorderError(f"{name[:40]} is no array of numbers as numpy writes them")
     dtype = np.dtype(head[2].decode())
     shape = tuple(map(int, head[3].replace(b",", b" ").split()))
     if math.prod(shape) * dtype.itemsize != len(data) - head.end():
-        raise BorderError(f"{name[:40]} has another size than it says")
+        raise BorderError(f"{name[:40]} has another size than its header states")
     try:
         return np.ndarray(shape, dtype, data, head.end()).copy()
-    except ValueError as error:  # none of it there, in 10³⁰ columns
+    except ValueError as error:  # no entries, but a dimension such as 10³⁰
         raise BorderError(f"{name[:40]} has no shape of an array") from error

@@ -1,19 +1,19 @@
-"""Where what is committed lies: beside the package in a checkout, in the package where a wheel was installed."""
+"""Paths of committed files: beside the package in a checkout, inside the package in an installed wheel."""
 
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
 """Folder of the package."""
 ROOT = PACKAGE if (PACKAGE / "assets").is_dir() else PACKAGE.parent
-"""Folder that `assets` and `baselines` lie in."""
+"""Folder that contains `assets` and `baselines`."""
 BASELINES = "baselines"
-"""Folder of committed policies, their artifacts and rows, and the package that its modules are in."""
+"""Folder of committed policies, their artifacts and rows; also the name of the package of its modules."""
 LEARNED = f"{BASELINES}/learned"
-"""Folder of the committed artifacts, a folder a policy, a file a training run."""
+"""Folder of the committed artifacts, with one folder per policy and one file per training run."""
 
 
 def committed(path: Path) -> Path:
-    """What a path leads to: the working folder first, then, for `baselines/…`, what is committed; else as it is."""
+    """Resolve a path: if it does not exist and begins with `baselines/`, return the committed file of that name."""
     if path.exists() or path.parts[:1] != (BASELINES,):
         return path
     found = ROOT / path
@@ -21,10 +21,10 @@ def committed(path: Path) -> Path:
 
 
 def committed_artifacts() -> list[str]:
-    """The paths by which every command knows the committed artifacts, in a checkout and anywhere else."""
+    """Return the paths of the committed artifacts as every command accepts them, in a checkout and elsewhere."""
     return sorted(str(path.relative_to(ROOT)) for path in (ROOT / LEARNED).glob("*/*.npz"))
 
 
 def artifact_patterns() -> list[str]:
-    """The same, the runs of a policy as one pattern, for people to read."""
+    """Return the paths of the committed artifacts with one pattern for all runs of a policy, for messages."""
     return list(dict.fromkeys(str(Path(name).with_name("seed*.npz")) for name in committed_artifacts()))

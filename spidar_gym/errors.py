@@ -1,4 +1,4 @@
-"""Every error that the tools raise: one base class, each message is a line that says what would have been valid."""
+"""Error classes with one base class, and checks of arguments; each message is one line that names valid input."""
 
 import difflib
 import math
@@ -10,21 +10,21 @@ from typing import Any, TypeGuard
 import numpy as np
 
 SHOWN = 200
-"""No more characters of a refused value are shown."""
+"""Largest number of characters of a refused value in a message."""
 REAL = "?bBhHiIlLqQefd"
-"""Kinds of array that a float64 can hold: no text, no objects, nothing complex, nothing longer."""
+"""Type codes of arrays that convert to float64: no text, objects, complex numbers or longer floats."""
 
 
 class SpidarError(Exception):
     """Base of every error that this package raises on purpose."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Cross processes with the finished message, which the classes below compose."""
+        """Pickle the finished message, because the constructors of the subclasses take other arguments."""
         return _with_message, (type(self), str(self))
 
 
 def closed() -> SpidarError:
-    """The error of everything that is called on an environment, a vector or a controller that is closed."""
+    """Return the error for any call on a closed environment, vector or controller."""
     return SpidarError("this environment is closed; valid: a new one")
 
 
@@ -38,7 +38,7 @@ class UnknownNameError(SpidarError, ValueError):
     """A name (form, preset, action mode, camera, id) that does not exist."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
-        """Say which `kind` of name is unknown, list the `valid` ones, and point at the one that is most like it."""
+        """State the `kind` of the unknown name, list the `valid` names, and suggest the most similar one."""
         valid = list(valid)
         alike = difflib.get_close_matches(name, valid, n=1) if isinstance(name, str) and len(name) < SHOWN else []
         meant = f"; did you mean {alike[0]}?" if alike else ""
@@ -46,13 +46,13 @@ class UnknownNameError(SpidarError, ValueError):
 
 
 class UnknownArgumentError(UnknownNameError, TypeError):
-    """A keyword argument that does not exist, in Python's own words, by which clients find out what there is."""
+    """A keyword argument that does not exist; worded like Python's own error, which clients parse."""
 
     def __init__(self, name: str, valid: Iterable[str] | None = None, why: str = "") -> None:
-        """Say which `name` is no argument, list the `valid` ones, point at the one that is most like it, and say `why`.
+        """State that `name` is no argument, list the `valid` ones, suggest the most similar one, and append `why`.
 
-        Gymnasium makes such an error anew from its message, after which it tells of every argument: that is left out,
-        because it may be long and of many lines.
+        Gymnasium re-creates such an error from its message and appends all arguments of the environment. That part is
+        removed, because it may be long and span many lines.
         """
         if valid is None:
             SpidarError.__init__(self, name.partition(" was raised from the environment creator for ")[0])
@@ -66,19 +66,19 @@ class InvalidValueError(SpidarError, ValueError):
     """A value outside its range, or an array of the wrong shape."""
 
     def __init__(self, name: str, value: object, expected: str) -> None:
-        """Say which argument has which `value` and what was `expected`."""
+        """State the argument's name, its `value` and what was `expected`."""
         super().__init__(f"{name} = {shown(value)} is not valid; expected {expected}")
 
 
 class NoGoalError(SpidarError, AttributeError):
-    """A function of goals, asked of an environment without one: to clients that look for it, it is not there."""
+    """A goal function of an environment without goals; an `AttributeError`, so that `hasattr` returns False."""
 
 
 class StaleAssetError(SpidarError, RuntimeError):
     """A generated file that differs from what the robot description generates."""
 
     def __init__(self, path: object, command: str = "spidar assets", cause: str = "") -> None:
-        """Name the file, the command that writes it anew, and the `cause` where it is known."""
+        """Name the file, the command that regenerates it, and the `cause` if it is known."""
         cause = (
             cause
             or "is missing or differs from what the code generates (edited by hand, or written by another version)"
@@ -90,21 +90,21 @@ class MissingDependencyError(SpidarError, ImportError):
     """An optional package or system library that is not installed."""
 
     def __init__(self, what: str, install: str) -> None:
-        """Say `what` is missing and how to `install` it."""
+        """State `what` is missing and how to `install` it."""
         super().__init__(f"{what} is not available; install it with: {install}")
 
 
 def shown(value: object) -> str:
-    """A value in one line of at most `SHOWN` characters, whatever it is."""
+    """Format any value in one line of at most `SHOWN` characters."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # how a value shows itself is foreign code
+    except Exception:  # `__repr__` may be foreign code
         text = f"<{type(value).__name__}>"
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"
 
 
 def is_finite(value: object) -> TypeGuard[float]:
-    """Whether it is a number that a float can hold, neither NaN nor infinite."""
+    """Whether the value is a finite number that a float can hold."""
     try:
         return isinstance(value, int | float | np.integer | np.floating) and math.isfinite(value)
     except OverflowError:
@@ -126,16 +126,16 @@ def require_arguments(given: Iterable[str], valid: Iterable[str]) -> None:
 
 
 def require_keys(argument: str, kind: str, value: object, valid: Iterable[str]) -> Mapping[str, Any]:
-    """The value of an argument, where it is a mapping from valid names.
+    """Return an argument's value after checking that it is a mapping with valid keys.
 
     Args:
-        argument: Its name.
-        kind: What its keys are called.
-        value: Its value.
-        valid: Every key that it may have.
+        argument: Name of the argument.
+        kind: Kind of the keys, for messages.
+        value: Value of the argument.
+        valid: The allowed keys.
 
     Raises:
-        InvalidValueError: When it is no mapping.
+        InvalidValueError: When the value is no mapping.
         UnknownNameError: For the first key that is not valid.
     """
     valid = list(valid)
@@ -147,10 +147,10 @@ def require_keys(argument: str, kind: str, value: object, valid: Iterable[str]) 
 
 
 def require_array(name: str, value: object, expected: str) -> np.ndarray:
-    """A copy of the value as float64 (`InvalidValueError` where it is none, with what was `expected`)."""
+    """Return a copy of the value as float64 (`InvalidValueError` with what was `expected` if it cannot be one)."""
     try:
         array = np.asarray(value)
-    except Exception:  # `__array__` is foreign code
+    except Exception:  # `__array__` may be foreign code
         array = np.array(None)
     if array.dtype.char not in REAL:
         raise InvalidValueError(name, value, expected)
@@ -158,10 +158,10 @@ def require_array(name: str, value: object, expected: str) -> np.ndarray:
 
 
 def require_windows(name: str, value: object) -> tuple[tuple[float, float], ...]:
-    """Windows of time as a tuple of pairs, whether they come as tuples or, from JSON, as lists.
+    """Return time windows as a tuple of pairs; tuples and, from JSON, lists are accepted.
 
     Raises:
-        InvalidValueError: For what is none.
+        InvalidValueError: When the value is not a list of valid windows.
     """
     expected = "pairs (start, end) of times [s], 0 ≤ start < end"
     windows = require_array(name, value, expected)
@@ -174,7 +174,7 @@ def require_windows(name: str, value: object) -> tuple[tuple[float, float], ...]
 
 
 def require_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
-    """Refuse a dataclass of numbers with one that is not finite, or an array of another shape than its default."""
+    """Raise `InvalidValueError` if a dataclass of numbers has a value that is not finite or has a wrong shape."""
     for f in fields(config):
         value = getattr(config, f.name)
         if isinstance(value, bool):
@@ -204,7 +204,7 @@ def require_flag(**flags: object) -> None:
 
 
 def require_instance(kind: type, **values: object) -> None:
-    """Raise `InvalidValueError` for the first of the named values that is not of that class."""
+    """Raise `InvalidValueError` for the first of the named values that is not an instance of `kind`."""
     _require(values, lambda value: isinstance(value, kind), f"a {kind.__name__}")
 
 
@@ -219,6 +219,6 @@ def require_above(unit: str = "s", **numbers: object) -> None:
 
 
 def require_least(least: int, **numbers: object) -> None:
-    """Raise `InvalidValueError` for the first of the named numbers that is no whole number or below `least`."""
+    """Raise `InvalidValueError` for the first of the named numbers that is not a whole number or is below `least`."""
     expected = f"a whole number of at least {least}"
     _require(numbers, lambda value: isinstance(value, Integral) and int(value) >= least, expected)

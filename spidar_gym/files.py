@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing of files and folders: a file appears complete or not at all."""
 
 import contextlib
 import errno
@@ -15,30 +15,30 @@ from typing import Any
 from spidar_gym.errors import SpidarError, StaleAssetError
 
 BEFORE, AFTER = ".spidar.", ".part"
-"""How the name of a writer's own folder begins and ends."""
+"""Prefix and suffix of the names of writers' temporary folders."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
-"""What a disk says that takes nothing more."""
+"""Error numbers of a disk that cannot be written to any more."""
 
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A path to write to, whose file or folder appears under its own name when the context ends without an error.
+    """Yield a path to write to; its file or folder is moved to `path` when the context ends without an error.
 
-    Until then it lies in a folder of the writer's own beside the target, on the same disk, and no two writers share
-    one: each may write as it likes, with any library or compiler, and the last to finish is read. A target that is a
-    link is replaced itself, not what it points at.
+    Until then it lies in a temporary folder beside the target, on the same disk. Each writer has its own folder, so
+    several may write at once, with any library or compiler; the last one to finish wins. If the target is a link, the
+    link itself is replaced, not the file that it points to.
 
     Args:
-        path: The target; its folders are made if needed.
+        path: The target; its folders are created if needed.
 
     Raises:
-        SpidarError: Where the disk refuses something.
+        SpidarError: If writing to the disk fails.
     """
     try:
         with own_folder(output_folder(path.parent)) as folder:
             made = folder / path.name
             yield made
-            # On the disk, and not only in memory.
+            # Written to the disk, not only to the operating system's cache.
             for inner in made.rglob("*"):
                 _sync(inner)
             _sync(made)
@@ -50,7 +50,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """A new folder among the temporary ones, gone afterwards (`SpidarError` where they have no room for it)."""
+    """Yield a new temporary folder, removed afterwards (`SpidarError` if the disk is full or not writable)."""
     made = False
     try:
         with own_folder(Path(tempfile.gettempdir())) as folder:
@@ -58,7 +58,7 @@ def scratch_folder() -> Iterator[Path]:
             yield folder
     except OSError as error:
         if made and error.errno not in FULL and not isinstance(error, shutil.Error):
-            raise  # of something else that was done meanwhile
+            raise  # caused by the body of the context, not by the folder
         raise SpidarError(
             f"no room for temporary files: {_reason(error)}; valid: a TMPDIR that is writable and has room"
         ) from error
@@ -66,12 +66,12 @@ def scratch_folder() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def own_folder(parent: Path) -> Iterator[Path]:
-    """A new folder in another for one writer, gone afterwards; what killed writers have left there goes as well.
+    """Yield a new folder inside `parent` for one writer, removed afterwards; folders of killed writers are removed too.
 
-    It is locked while its writer lives: that is how a folder without one is known.
+    The folder is locked while its writer runs. A folder that is not locked belongs to a writer that was killed.
 
     Raises:
-        OSError: Where it cannot be made.
+        OSError: If the folder cannot be created.
     """
     _sweep(parent.absolute())
     folder, lock = _locked_folder(parent)
@@ -85,7 +85,7 @@ def own_folder(parent: Path) -> Iterator[Path]:
 def _locked_folder(parent: Path) -> tuple[Path, int]:
     while True:
         folder = Path(tempfile.mkdtemp(AFTER, BEFORE, parent))
-        with contextlib.suppress(FileNotFoundError):  # swept before it was locked: another one
+        with contextlib.suppress(FileNotFoundError):  # swept before it was locked: try again
             lock = os.open(folder, os.O_RDONLY)
             with contextlib.suppress(OSError):  # a disk without locks, where nothing is swept
                 fcntl.flock(lock, fcntl.LOCK_EX)
@@ -96,9 +96,9 @@ def _locked_folder(parent: Path) -> tuple[Path, int]:
 
 @cache
 def _sweep(parent: Path) -> None:
-    """Remove writers' folders that nobody has locked; once in a process, for it lists all of `parent`."""
+    """Remove writers' folders that are not locked; once per process, because it lists all of `parent`."""
     for folder in parent.glob(f"{BEFORE}*{AFTER}"):
-        with contextlib.suppress(OSError):  # somebody else's, a link, locked, or already gone
+        with contextlib.suppress(OSError):  # another user's, a link, locked, or already removed
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -108,7 +108,7 @@ def _sweep(parent: Path) -> None:
 
 
 def _replace(target: Path, made: Path) -> None:
-    """Move what was made into its place; a folder that is there makes way first, for none is replaced that is full."""
+    """Move the new file or folder to the target; an existing target is moved away first if a folder replaces it."""
     old = made.with_name(f".{made.name}")
     try:
         if made.is_dir() and target.exists():
@@ -126,28 +126,28 @@ def _sync(path: Path) -> None:
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.EBADF):  # shared disks that cannot sync a folder
+        if error.errno not in (errno.EINVAL, errno.EBADF):  # some network disks cannot sync a folder
             raise
     finally:
         os.close(handle)
 
 
 def cannot_write(path: Path, error: OSError) -> SpidarError:
-    """What to raise where the disk refuses a file or folder."""
+    """Return the error to raise when a file or folder cannot be written."""
     return SpidarError(
         f"cannot write {path}: {_reason(error)}; valid: a path in a writable folder, on a disk with room"
     )
 
 
 def _reason(error: OSError) -> str:
-    """What the system said, without the paths."""
+    """Return the system's error text without the paths."""
     if isinstance(error, shutil.Error) and error.args and error.args[0]:
-        return str(error.args[0][0][-1]).partition("] ")[2].partition(": ")[0]  # of many files the first
+        return str(error.args[0][0][-1]).partition("] ")[2].partition(": ")[0]  # that of the first of many files
     return error.strerror or str(error)
 
 
 def output_folder(path: Path) -> Path:
-    """The folder, made if needed (`SpidarError` where it cannot be)."""
+    """Return the folder, creating it if needed (`SpidarError` if that fails)."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -156,20 +156,20 @@ def output_folder(path: Path) -> Path:
 
 
 def json_text(result: dict[str, Any]) -> str:
-    """One JSON object as text."""
+    """Format one JSON object as text."""
     return json.dumps(result, indent=2, ensure_ascii=False)
 
 
 def refresh(files: Mapping[Path, str], command: str, *, check: bool) -> int:
-    """Write the generated files that are missing or differ, and say how many they are.
+    """Write the generated files that are missing or differ, and return their number.
 
     Args:
-        files: File → the text that it should hold.
-        command: What writes them.
-        check: Write nothing, and raise instead.
+        files: Expected text of each file.
+        command: The command that writes the files, for the message.
+        check: Whether to write nothing and raise instead.
 
     Raises:
-        StaleAssetError: With `check`, names the files that are stale.
+        StaleAssetError: With `check`, if files are missing or differ; names them.
     """
     stale = [p for p, text in files.items() if not (p.is_file() and p.read_text(encoding="utf-8") == text)]
     if stale and check:
@@ -180,11 +180,11 @@ def refresh(files: Mapping[Path, str], command: str, *, check: bool) -> int:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
+    """Write a text file atomically."""
     write_bytes(path, (text if text.endswith("\n") else text + "\n").encode())
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
+    """Write a file atomically."""
     with whole_file(path) as part:
         part.write_bytes(data)

@@ -1,4 +1,4 @@
-"""Work in processes: Ctrl-C ends it at once, what is finished is handed over, and no worker outlives its parent."""
+"""Parallel work in processes: Ctrl-C stops it, finished results are still returned, no worker outlives its parent."""
 
 import contextlib
 import os
@@ -17,33 +17,33 @@ from typing import Any
 from spidar_gym.errors import SpidarError, require_least
 
 GRACE = 2.0
-"""How long workers that have nothing left to do may take to end by themselves [s]."""
+"""Time that a worker without further jobs has to exit before it is killed [s]."""
 STOPS = (signal.SIGINT, signal.SIGTERM)
-"""Ctrl-C, and the polite request to end."""
+"""Signals that stop the work: Ctrl-C and the request to terminate."""
 
 
 def cpu_count() -> int:
-    """Processors that this process may use: the workers of a command by default."""
+    """Return the number of processors that this process may use, the default number of workers of a command."""
     try:
         return len(os.sched_getaffinity(0))
-    except AttributeError:  # a system that does not say which ones
+    except AttributeError:  # not available on every system
         return os.cpu_count() or 1
 
 
 class LostWorkerError(SpidarError):
-    """A worker process that ended in the middle of its work."""
+    """A worker process that ended before it finished its job."""
 
 
 class Patience:
-    """Ctrl-C and SIGTERM wait while something finished is handed over, and are answered where nothing can be lost."""
+    """Defers Ctrl-C and SIGTERM while a result is handed over, and handles them when no result can be lost."""
 
     def __init__(self) -> None:
-        """Hold nothing yet."""
+        """Prepare; no signal is deferred yet."""
         self._handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
         self._holding, self._late = False, 0
 
     def __enter__(self) -> "Patience":
-        """Stand before the handlers that are in charge; a signal without one in Python ends the process as before."""
+        """Replace the installed Python handlers; a signal without one still ends the process."""
         if threading.current_thread() is threading.main_thread():
             self._handlers = {number: h for number in STOPS if callable(h := signal.getsignal(number))}
         for number in self._handlers:
@@ -51,7 +51,7 @@ class Patience:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the handlers as they were."""
+        """Restore the handlers."""
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
 
@@ -63,7 +63,7 @@ class Patience:
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Signals wait; what has come in the meantime is answered in the end, unless an error has ended it before."""
+        """Defer signals; a deferred signal is handled at the end of the context, unless the context raises an error."""
         self._holding = True
         try:
             yield
@@ -74,7 +74,7 @@ class Patience:
 
     @contextlib.contextmanager
     def released(self) -> Iterator[None]:
-        """Signals are answered, those that have waited first."""
+        """Handle signals immediately, a deferred one first."""
         self._holding, late = False, self._late
         try:
             if late:
@@ -86,14 +86,14 @@ class Patience:
 
 
 class _Worker:
-    """A process that does one job after the other, and the line to it."""
+    """A process that executes one job after the other, and the connection to it."""
 
     def __init__(self, life: tuple[Connection, Connection]) -> None:
-        """Start it; `life` are the two ends of a pipe, of which the second one is open in the parent alone."""
+        """Start the process; `life` are the two ends of a pipe whose second end is open only in the parent."""
         context = get_context()
         self.line, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(target=_work, args=(theirs, *life))
-        # Nobody is there to answer a signal before the worker has said what it does with it.
+        # Signals stay blocked until the worker has installed its handlers.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
         try:
             self.process.start()
@@ -102,14 +102,14 @@ class _Worker:
         theirs.close()
 
     def end(self, patience: float = 0.0) -> None:
-        """End the process, by force when it does not end by itself in time [s]."""
+        """End the process; kill it if it has not exited after `patience` [s]."""
         self.line.close()
         self.process.join(patience)
         self.process.kill()
         self.process.join()
 
     def answer(self, name: str) -> tuple[Any, Exception | None]:
-        """Result and error of its job; `name` is what the job is called when it went with the worker."""
+        """Receive result and error of the job; `name` is the job's name in the error of a lost worker."""
         try:
             return pickle.loads(self.line.recv_bytes())
         except (EOFError, ConnectionError):
@@ -122,15 +122,15 @@ class _Worker:
 
 
 def _work(line: Connection, life: Connection, parents_end: Connection) -> None:
-    """What a worker does: jobs, until there are no more, or until the parent is gone."""
-    # Both reach every process of a terminal, or of a job; the parent decides what becomes of its workers. They are
-    # heard and not ignored: a process that is started here would inherit deafness.
+    """Execute jobs in a worker until there are no more, or until the parent has ended."""
+    # A terminal sends the signals to all of its processes, but only the parent decides when workers end. The handlers
+    # do nothing instead of being SIG_IGN, because a process started here would inherit SIG_IGN.
     for number in STOPS:
         signal.signal(number, lambda *_: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
     parents_end.close()
     if torch := sys.modules.get("torch"):
-        # A fork has none of the threads that its parent's products were shared among, and would wait for them for ever.
+        # A fork has none of its parent's threads for matrix products, and would wait for them for ever.
         torch.set_num_threads(1)
     threading.Thread(target=_end_with, args=(life,), daemon=True).start()
     with contextlib.suppress(EOFError, ConnectionError):
@@ -138,43 +138,43 @@ def _work(line: Connection, life: Connection, parents_end: Connection) -> None:
             try:
                 call, item = pickle.loads(job)
                 answer = pickle.dumps((call(item), None))
-            except Exception as error:  # the work is anybody's, a policy for example
+            except Exception as error:  # the job may be foreign code, for example a policy
                 answer = pickle.dumps((None, _portable(error)))
             line.send_bytes(answer)
 
 
 def _end_with(life: Connection) -> None:
-    """End this process when the other end of a pipe is closed: by the parent, or by its death, however it died."""
+    """End this process when the other end of the pipe is closed, by the parent or because the parent has died."""
     life.poll(None)
     os._exit(1)
 
 
 def _portable(error: Exception) -> Exception:
-    """An error that arrives as it is, with the place where it was raised; else its words."""
+    """Return the error with its traceback as a note, or its text as a `RuntimeError` if it cannot be pickled."""
     error.add_note("".join(traceback.format_exception(error)))
     try:
         pickle.loads(pickle.dumps(error))
-    except Exception:  # whatever its class does
+    except Exception:  # pickling runs foreign code
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
 
 
 class Pool:
-    """Processes that share work, for as long as the context lasts.
+    """Pool of worker processes, used as a context.
 
-    Ctrl-C, SIGTERM (where it has a handler), an error of the work and the loss of a worker all end it in the same way:
-    no job is begun any more, results that are finished are still handed over, the workers are killed, and the error is
-    raised. While the consumer has a result in its hands, signals wait.
+    Ctrl-C, SIGTERM (if it has a handler), an error in a job and the loss of a worker all end the work in the same way:
+    no further job is started, finished results are still yielded, the workers are killed, and the error is raised.
+    While the consumer processes a result, signals are deferred.
     """
 
     def __init__(self, workers: int) -> None:
-        """Prepare for `workers` processes, which start when there is work; one works here, in this process."""
+        """Prepare for `workers` processes, which start with the first job; with one, jobs run in this process."""
         require_least(1, workers=workers)
         self._limit, self._workers, self._patience = workers, list[_Worker](), Patience()
         self._life: tuple[Connection, Connection] = get_context().Pipe(duplex=False)
 
     def __enter__(self) -> "Pool":
-        """Take care of signals."""
+        """Install the signal handlers."""
         self._patience.__enter__()
         return self
 
@@ -197,7 +197,7 @@ class Pool:
         self._workers = [worker for worker in self._workers if worker.process.is_alive()]
 
     def map(self, call: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-        """Results in the order of the items, each as soon as it and all before it are there."""
+        """Yield results in the order of the items, each as soon as it and all earlier ones are finished."""
         early, due = {}, 0
         for k, result in self.as_done(call, items):
             early[k] = result
@@ -208,18 +208,18 @@ class Pool:
     def as_done(
         self, call: Callable[[Any], Any], items: Iterable[Any], name: Callable[[int], str] = lambda k: f"piece {k + 1}"
     ) -> Iterator[tuple[int, Any]]:
-        """Results as they come.
+        """Yield results as they finish.
 
         Args:
-            call: The work; like items and results it must be picklable.
-            items: What it is done on, one after the other.
-            name: What the work on the item of an index is called when it is lost.
+            call: Function of an item; function, items and results must be picklable.
+            items: The items, started in this order.
+            name: Returns the name of the job with a given index, for the error of a lost worker.
 
         Yields:
             Index of an item and its result.
 
         Raises:
-            LostWorkerError: When a worker has been killed.
+            LostWorkerError: When a worker process has ended unexpectedly.
         """
         items = list(items)
         with self._patience.held():
@@ -234,7 +234,7 @@ class Pool:
     def _share(
         self, call: Callable[[Any], Any], items: Sequence[Any], name: Callable[[int], str]
     ) -> Iterator[tuple[int, Any]]:
-        """Results as they come from the workers, each of which has one job at a time."""
+        """Yield results as they finish; each worker has one job at a time."""
         while len(self._workers) < min(self._limit, len(items)):
             self._workers.append(_Worker(self._life))
         idle, busy = list(self._workers), dict[Connection, tuple[_Worker, int]]()
@@ -244,7 +244,7 @@ class Pool:
                 while rest and idle and stop is None:
                     worker, k = idle.pop(), rest.pop()
                     busy[worker.line] = worker, k
-                    with contextlib.suppress(ConnectionError):  # a dead one's line is heard of below
+                    with contextlib.suppress(ConnectionError):  # the loss of a worker is handled below
                         worker.line.send_bytes(pickle.dumps((call, items[k])))
                 ready: list[Any] = []
                 try:
@@ -266,5 +266,5 @@ class Pool:
             if stop is not None:
                 raise stop
         finally:
-            # Of what is still at work nobody will take the result.
+            # Results of unfinished jobs are no longer needed.
             self._dismiss(worker for worker, _ in busy.values())

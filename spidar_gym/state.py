@@ -1,4 +1,4 @@
-"""The structs that cross every border: what the robot is, what is measured, what it should do, what it is told.
+"""Structs shared by all parts: state of the robot, measurement, reference, command, residual.
 
 Field order is part of the interface: the onboard core's structs follow it.
 """
@@ -11,15 +11,15 @@ import numpy as np
 from spidar_gym.arrays import JointVector, Quaternion, RotorMask, RotorVector, Vector3, Vectoring, constant
 
 POSE_FRAMES, IMU_SAMPLES = 4, 8
-"""Most frames of the motion capture and samples of the inertial unit in a measurement."""
+"""Largest numbers of motion capture frames and of inertial unit samples in a measurement."""
 LEAST_QUATERNION = 0.25
-"""A quaternion whose squared norm is not above this is no attitude."""
+"""A quaternion is a valid attitude only if its squared norm is above this."""
 _NONE_LOST, _STEADY = constant(False, 8), constant(0.0, 3)
 
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """What is known of the robot at one instant."""
+    """State of the robot at one instant, true or estimated."""
 
     time: float
     """Time since the start [s]."""
@@ -40,13 +40,13 @@ class RobotState:
     vectoring_velocity: Vectoring
     """Rates of (φ, θ) [rad/s]."""
     thrust: RotorVector
-    """λ [N]: what the modules deliver in the simulator, what they were last told on the robot."""
+    """λ [N]: delivered by the modules in the simulator, last commanded on the robot."""
     joint_torque: JointVector
     """Torque of the joint servos [Nm]."""
 
     @classmethod
     def at_rest(cls, joint_position: JointVector, vectoring: Vectoring | None = None) -> "RobotState":
-        """A level robot at rest at the world's origin, its rotors idle.
+        """Return the state of a level robot at rest at the world's origin, its rotors idle.
 
         Args:
             joint_position: q [rad].
@@ -60,39 +60,39 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What the sensors of the real robot have said since the last control tick; counts say how much of it is new."""
+    """Sensor data received since the last control tick; the counts give the number of valid rows."""
 
     time: float
     """Time of the control tick [s]."""
     pose_count: int
-    """Frames of the motion capture that have arrived: the first rows of the three arrays below."""
+    """Number of received motion capture frames, which are the first rows of the three arrays below."""
     pose_time: np.ndarray
-    """When each frame was taken, shape (4,) [s]."""
+    """Time at which each frame was taken, shape (4,) [s]."""
     pose_position_w: np.ndarray
     """Origin of the flight controller in the world, shape (4, 3) [m]."""
     pose_quat_wb: np.ndarray
     """Attitude of the torso (w, x, y, z), shape (4, 4)."""
     imu_count: int
-    """Samples of the flight controller's inertial unit, oldest first."""
+    """Number of samples of the flight controller's inertial unit, oldest first."""
     imu_time: np.ndarray
-    """Shape (8,) [s]."""
+    """Time of each sample, shape (8,) [s]."""
     gyro_b: np.ndarray
     """Angular velocity, torso axes, shape (8, 3) [rad/s]."""
     specific_force_b: np.ndarray
     """Acceleration minus gravity at the flight controller, torso axes, shape (8, 3) [m/s²]."""
     encoder_time: float
-    """When the servos were read last [s]."""
+    """Time at which the servos were read last [s]."""
     joint_position: JointVector
     """Indicated q [rad]."""
     joint_torque: JointVector
-    """Torque that the joint servos report [Nm]."""
+    """Torque reported by the joint servos [Nm]."""
     vectoring: Vectoring
     """Indicated (φ, θ) [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What the robot should do at one instant."""
+    """Desired motion of the robot at one instant."""
 
     position_w: Vector3
     """Desired position of the CoG in the world, r^d [m]."""
@@ -103,25 +103,25 @@ class Reference:
     omega_b: Vector3
     """Desired angular velocity, in the desired torso axes [rad/s]."""
     joint_target: JointVector
-    """Form to move to [rad]; the controller moves the commanded joints there at the joint speed."""
+    """Target form [rad]; the controller moves the commanded joints there at the joint speed."""
     mode: str = "flight"
     """Name of the allocation mode, see `spidar_gym.control.allocation.modes`."""
     lost_thrust: RotorMask = field(default_factory=lambda: _NONE_LOST)
-    """Modules declared lost, whose thrust is gone: the allocation does without them."""
+    """Modules reported to have no thrust; the allocation sets their forces to zero."""
     lost_vectoring: RotorMask = field(default_factory=lambda: _NONE_LOST)
-    """Modules whose φ and θ no longer move: the allocation uses their thrust where it points."""
+    """Modules whose φ and θ no longer move; the allocation uses their thrust in its present direction."""
     acceleration_w: Vector3 = field(default_factory=lambda: _STEADY)
     """Desired acceleration of the CoG in the world [m/s²]."""
     alpha_b: Vector3 = field(default_factory=lambda: _STEADY)
     """Desired angular acceleration, in the desired torso axes [rad/s²]."""
     support: float = 0.0
-    """Share of the robot that the floor carries, 0 … 1: the rotors give as much less, and neither integrals nor the
-    observer learn from what happens."""
+    """Share of the weight that the floor carries, 0 … 1: the rotor forces are scaled by 1 − support. Above 0 the
+    integrals and the observer are not updated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the actuators are told for one control period."""
+    """Setpoints of the actuators for one control period."""
 
     thrust: RotorVector
     """λ^d [N]."""
@@ -138,7 +138,7 @@ _NO_WRENCH, _NO_OFFSET = constant(0.0, 6), constant(0.0, 16)
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """What a learned policy adds to the controller: the only door it gets. All zero changes nothing, bit for bit."""
+    """Additions of a learned policy to the controller. A zero residual changes nothing, bit for bit."""
 
     wrench: np.ndarray = field(default_factory=lambda: _NO_WRENCH)
     """Added to the desired wrench before the allocation, force [N] and torque [Nm], shape (6,)."""
@@ -149,13 +149,13 @@ class Residual:
     forces_l: np.ndarray | None = None
     """Added to the allocated rotor forces, link axes [N], shape (8, 3); the sum is moved to the nearest valid point."""
     leg_forces_b: np.ndarray | None = None
-    """On the ground the same by leg, torso axes [N], shape (4, 3); the two rotors of a leg share it."""
+    """On the ground: force added to each leg, torso axes [N], shape (4, 3); the two rotors of a leg share it."""
     raise_scale: float = 1.0
-    """On the ground: factor on how far the next step raises the legs."""
+    """On the ground: factor on the height to which the next step raises the legs."""
     stride_scale: float = 1.0
     """On the ground: factor on the next stride, within the reach."""
     lift_scale: float = 1.0
-    """On the ground: factor on how high the next torso motion lifts it."""
+    """On the ground: factor on the lift of the next torso motion."""
 
 
 NO_RESIDUAL = Residual()
@@ -163,7 +163,7 @@ NO_RESIDUAL = Residual()
 
 
 def valid_state(state: RobotState) -> bool:
-    """Whether every number that the controller reads of the state is finite, and the attitude is one."""
+    """Whether every number of the state that the controller reads is finite and the attitude is valid."""
     numbers = np.concatenate(
         (
             state.position_w, state.quat_wb, state.velocity_w, state.omega_b, state.joint_position,
@@ -175,7 +175,7 @@ def valid_state(state: RobotState) -> bool:
 
 
 def valid_reference(reference: Reference) -> bool:
-    """Whether every number is finite and the attitude is one."""
+    """Whether every number is finite and the attitude is valid."""
     numbers = np.concatenate(
         (
             reference.position_w, reference.quat_wb, reference.velocity_w, reference.omega_b, reference.joint_target,

@@ -1,16 +1,16 @@
-"""Tables and words as text: for terminals, and for Markdown."""
+"""Formatting of tables and text for terminals and for Markdown."""
 
 import re
 from collections.abc import Iterable, Sequence
 
 
 def format_table(lines: Sequence[Sequence[str]], *, left: int | None = None, markdown: bool = False) -> str:
-    """A table, for a terminal or in Markdown.
+    """Format a table for a terminal or for Markdown.
 
     Args:
         lines: Cells, line by line; the first line is the heading.
-        left: How many columns stand at the left; the others, of numbers, stand at the right. All of them if None.
-        markdown: Whether it is for Markdown, where the columns need not have a width.
+        left: Number of left-aligned columns; the others, of numbers, are right-aligned. All are left-aligned if None.
+        markdown: Whether to write Markdown, without padding.
     """
     if markdown:
         rows = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
@@ -22,12 +22,12 @@ def format_table(lines: Sequence[Sequence[str]], *, left: int | None = None, mar
 
 
 def markdown_rows(heading: str, rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown; the cells of its heading are parted by bars."""
+    """Format a table in Markdown; the cells of `heading` are separated by ` | `."""
     return format_table([heading.split(" | "), *rows], markdown=True)
 
 
 def escaped(text: str) -> str:
-    """Words for Markdown that stay words: one line, no HTML, no links or pictures; code in backticks stays code."""
+    """Escape text for Markdown: one line, no HTML, no links or pictures; code in backticks stays code."""
     parts = re.split(r"(`[^`]*`)", " ".join(text.split()))
     for k in range(0, len(parts), 2):
         parts[k] = re.sub(r"[\\`\[\]<>&]", lambda found: f"&#{ord(found[0])};", parts[k])
@@ -35,7 +35,7 @@ def escaped(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Words as code in Markdown, whatever backticks they have in them."""
+    """Format text as code in Markdown; it may contain backticks."""
     words = " ".join(text.split())
     fence = "`" * (1 + max(map(len, re.findall("`+", words)), default=0))
     space = " " if "`" in words else ""

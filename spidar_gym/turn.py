@@ -1,4 +1,4 @@
-"""A lock by which calls from several threads take turns, and which a forked process finds free."""
+"""A lock that serialises calls from several threads and is free in a forked process."""
 
 import os
 import threading
@@ -7,9 +7,9 @@ import weakref
 from typing import Any
 
 FORK_WAIT = 2.0
-"""How long a fork waits at most for the calls that other threads have begun [s]: the child then finds them done."""
+"""Longest time that a fork waits for running calls of other threads to finish [s]."""
 process = os.getpid()
-"""The process that this is: threads that another one has started do not exist here."""
+"""Id of this process, updated after a fork; the threads of the parent do not exist in the child."""
 _TURNS: weakref.WeakSet["Turn"] = weakref.WeakSet()
 
 
@@ -17,27 +17,27 @@ class Turn:
     """A reentrant lock: `with turn.lock:`; a copy is a new one."""
 
     def __init__(self) -> None:
-        """Make one that is free."""
+        """Create a free lock."""
         self.lock = threading.RLock()
-        """Shared with no other turn; a forked process has another."""
+        """Not shared with other turns; replaced in a forked process if another thread holds it."""
         _TURNS.add(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Nothing: a copy is free."""
+        """Return no state: a copy is free."""
         return {}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a lock that is free."""
+        """Create a free lock."""
         del state
         self.__init__()
 
 
 _forking = threading.local()
-"""Per thread, the turns that it holds while it forks."""
+"""Turns that the current thread holds while it forks."""
 
 
 def _before_fork() -> None:
-    """Wait for calls that are going on, so that what they write is whole in the child."""
+    """Wait for running calls, so that the data they write is complete in the child."""
     until = time.monotonic() + FORK_WAIT
     _forking.turns = [
         turn for turn in list(_TURNS) if turn.lock.acquire(timeout=max(0.0, until - time.monotonic()))
@@ -45,14 +45,14 @@ def _before_fork() -> None:
 
 
 def _after_in_parent() -> None:
-    """Go on."""
+    """Release the locks that were acquired before the fork."""
     for turn in _forking.turns:
         turn.lock.release()
     _forking.turns = []
 
 
 def _after_in_child() -> None:
-    """Where a call had not ended, its thread does not exist here: that turn gets a lock that is free."""
+    """Replace locks that are held by threads of the parent, which do not exist in the child."""
     global process
     process = os.getpid()
     held = {id(turn) for turn in _forking.turns}

@@ -81,7 +81,7 @@ def header(descr="<f8", order="False", shape="(3,)"):
 @pytest.mark.parametrize(
     ("part", "words"),
     [
-        (npy(header(shape="(1000000000000,)"), bytes(24)), "another size than it says"),
+        (npy(header(shape="(1000000000000,)"), bytes(24)), "another size than its header states"),
         (npy(header(shape="(0, 1000000000000000000000)")), "no shape"),
         (npy(header(shape="(9223372036854775807, 9223372036854775807)"), bytes(24)), "another size"),
         (npy(header(shape="(" + "1," * 40 + ")"), bytes(8)), "no array|no shape"),
