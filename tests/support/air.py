@@ -1,4 +1,4 @@
-"""Poses of the robot in the air, what the air does to them, and modules that hang alone."""
+"""Poses of the robot in the air, and the forces of the air on them by the core and by the reference."""
 
 # pyright: reportAttributeAccessIssue=false
 
@@ -21,9 +21,9 @@ HOVER = np.full(8, ROBOT.hover_thrust)
 STILL, NONE = np.zeros(3), np.zeros(8)
 RADIUS = ROBOT.propeller_radius
 SEEN = ("qpos", "qvel", "xpos", "xmat", "cvel", "cdof", "subtree_com")
-"""What the air looks at."""
+"""Fields of `MjData` which the air model reads."""
 LINKS, TORSO = slice(N_DUCTS, N_DUCTS + 24), slice(N_DUCTS + 24, N_DUCTS + 29)
-"""Where the stations of links and torso are among the forces."""
+"""Stations of the links and of the torso among the forces."""
 
 
 @cache
@@ -33,7 +33,7 @@ def world() -> mujoco.MjModel:
 
 
 def posed(q, vectoring, R_wb=LEVEL, position=HIGH, velocity=0.0) -> mujoco.MjData:
-    """The robot somewhere, its kinematics done; `velocity` is that of all degrees of freedom, or the torso's."""
+    """The robot in a pose, after forward kinematics; `velocity` covers all degrees of freedom or the first few."""
     model, data = world(), mujoco.MjData(world())
     data.qpos[:3], data.qpos[3:7] = position, matrix_to_quat(R_wb)
     for names, angles in ((JOINT_NAMES, q), (GIMBAL_NAMES, np.reshape(vectoring, -1))):
@@ -44,7 +44,7 @@ def posed(q, vectoring, R_wb=LEVEL, position=HIGH, velocity=0.0) -> mujoco.MjDat
 
 
 def evaluate(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config) -> AirForces:
-    """What the air does, with parameters of its own."""
+    """Forces of the air by the core; `config` replaces parameters."""
     simulation = Simulation(world())
     for name in SEEN:
         getattr(simulation.data, name)[:] = getattr(data, name)
@@ -53,6 +53,6 @@ def evaluate(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config) -
 
 
 def evaluate_reference(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config):
-    """The same by the readable reference."""
+    """Forces of the air by the Python reference."""
     air = reference.Aero(world(), data, AeroConfig(**config))
     return air.evaluate(thrust, wind_w=np.array(wind, float), noise=noise, push_w=np.array(push, float))

@@ -1,4 +1,4 @@
-"""Allocations of many demands, and what every answer has to obey: for the tests of the allocator."""
+"""Allocations of many demands, and the conditions on every answer, for the tests of the allocator."""
 
 from dataclasses import fields
 from functools import cache
@@ -24,7 +24,7 @@ def demands(hard, seed, n):
 
 @cache
 def ticks(preset, hard, seed=0, n=250):
-    """Random demands with their exact optima within the spheres in N, None where there is none."""
+    """Random demands with their exact optimal forces within the spheres [N]; None where a demand is infeasible."""
     optima = [best(assemble(ALLOCATIONS[preset]["flight"], demand)) for demand in demands(hard, seed, n)]
     forces = [None if x is None else FORCE_SCALE * x.reshape(8, 3) for x in optima]
     return list(zip(demands(hard, seed, n), forces, strict=True))
@@ -35,7 +35,7 @@ def leaves_the_spheres(x):
 
 
 def best(program):
-    """The optimum within the spheres: by an active-set method, and by cones where that one's leaves them."""
+    """The optimum within the spheres: by an active-set method, or by cones if its solution leaves a sphere."""
     x = exact(program)
     return within_spheres(program) if x is not None and leaves_the_spheres(x) else x
 
@@ -45,7 +45,7 @@ def spent(preset, demand, forces):
 
 
 def assert_bounded(demand, preset, allocation):
-    """Finite, in the sphere, and every row holds that no fallback may violate: box, lock, interference."""
+    """Assert finite forces in the spheres, within every row that no fallback may violate: box, lock, interference."""
     assert np.isfinite(allocation.forces_l).all()
     assert np.linalg.norm(allocation.forces_l, axis=1).max() <= ROBOT.max_thrust + 1e-9
     mode = ALLOCATIONS[preset]["flight"]
@@ -56,7 +56,7 @@ def assert_bounded(demand, preset, allocation):
 
 
 def same(a, b):
-    """Equal bit for bit, but for the time it took."""
+    """Whether two allocations are equal bit for bit, except for `solve_time`."""
     return all(
         np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=f.name != "status")
         for f in fields(a)
@@ -66,7 +66,7 @@ def same(a, b):
 
 @cache
 def answers(preset, hard, seed=0, n=250):
-    """Demands that have an optimum, the optimum, and what the allocator answers."""
+    """Feasible demands, each with its optimum and the allocator's answer."""
     allocator, found = Allocator(ALLOCATIONS[preset]), []
     for demand, optimum in ticks(preset, hard, seed, n):
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
@@ -82,7 +82,7 @@ EACH_PRESET = pytest.mark.parametrize("preset", ALLOCATIONS)
 
 
 def restricted_demand():
-    """A tick in which the allocation reads every field."""
+    """A demand of which the allocation reads every field."""
     demand = demand_of(FORMS["form3"], np.eye(3), LEVEL_HOVER)
     assert demand.restricted[0]
     assert demand.locked[0]
@@ -91,7 +91,7 @@ def restricted_demand():
 
 @cache
 def hardest(preset, n=60):
-    """Demands near the largest feasible wrench, and what the oracle says to them, None where they are infeasible."""
+    """Demands near the largest feasible wrench, each with the oracle's optimum; None where a demand is infeasible."""
     rng = np.random.default_rng(40)
     found = [hardest_demand(rng, preset) for _ in range(n)]
     return [(demand, within_spheres(assemble(ALLOCATIONS[preset]["flight"], demand))) for demand in found]

@@ -1,4 +1,4 @@
-"""Artifacts of random networks, of any size and of the size that an environment asks for."""
+"""Artifacts of random networks, of any size and of the size which an environment requires."""
 
 from functools import cache
 from itertools import pairwise
@@ -11,7 +11,7 @@ from spidar_gym.policies.artifact import Artifact, interface
 
 @cache
 def sizes(env_id):
-    """Numbers of an observation, of an action."""
+    """Sizes of an observation and of an action."""
     shown = interface(env_id, {})
     return sum(size for _, size, _ in shown["observation"]), shown["action"]
 

@@ -20,16 +20,16 @@ FLAGS = (
     "--disable-background-networking", "--disable-component-update", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 )  # fmt: skip
-"""It asks nobody for updates, and draws with the processor."""
+"""No requests for updates; rendering by the processor."""
 PATIENCE = 120.0
-"""Seconds until something that does not come is given up."""
+"""Timeout of every wait [s]."""
 
 
 class Chromium:
     """A browser with one page."""
 
     def __init__(self, address: str, width: int, height: int) -> None:
-        """Open an address in a window of so many pixels; a narrow one is a telephone's."""
+        """Open an address in a window of this size [px]; below 500 px the browser emulates a telephone."""
         self._folder = tempfile.mkdtemp()
         command = ["chromium", *FLAGS, f"--user-data-dir={self._folder}", "--remote-debugging-port=0", "about:blank"]
         self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
@@ -53,7 +53,7 @@ class Chromium:
         self.call("Page.navigate", url=address)
 
     def call(self, method: str, **given: Any) -> dict[str, Any]:
-        """What a method of the protocol answers."""
+        """Call a method of the protocol and return its result."""
         number = next(self._count)
         self._socket.send(json.dumps({"id": number, "method": method, "params": given}))
         while True:
@@ -64,7 +64,7 @@ class Chromium:
             self.events.append(answer)
 
     def js(self, code: str) -> Any:
-        """The value of an expression in the page."""
+        """Evaluate an expression in the page and return its value."""
         answer = self.call("Runtime.evaluate", expression=code, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
@@ -77,11 +77,11 @@ class Chromium:
             time.sleep(0.1)
 
     def picture(self, path: Path) -> None:
-        """Write what is seen, as PNG."""
+        """Write a screenshot as PNG."""
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
 
     def click(self, text: str) -> float:
-        """Click the button that says so; when, by `time.perf_counter`."""
+        """Click the button with this text; return the time of the click by `time.perf_counter` [s]."""
         x, y = self.js(
             f"(() => {{ const b = [...document.querySelectorAll('button')].find(b => b.innerText.trim() === {text!r});"
             "b.scrollIntoView({block: 'center'}); const r = b.getBoundingClientRect();"
@@ -94,7 +94,7 @@ class Chromium:
         return begin
 
     def hit(self, key: str) -> None:
-        """Hit a letter's key."""
+        """Press and release a letter's key."""
         for kind in ("keyDown", "keyUp"):
             self.call(
                 "Input.dispatchKeyEvent", type=kind, key=key.lower(), code=f"Key{key}", windowsVirtualKeyCode=ord(key)
@@ -102,13 +102,13 @@ class Chromium:
 
     @property
     def asked(self) -> set[str]:
-        """Addresses that the page has asked for, but for what it holds itself."""
+        """Addresses which the page has requested, except for `data:` and `blob:`."""
         requests = (event for event in self.events if event["method"] == "Network.requestWillBeSent")
         addresses = {event["params"]["request"]["url"] for event in requests}
         return {address for address in addresses if not address.startswith(("data:", "blob:"))}
 
     def close(self) -> None:
-        """End it; a second call does nothing."""
+        """Stop the browser; a second call does nothing."""
         if self._process.returncode is not None:
             return
         self._socket.close()

@@ -1,4 +1,4 @@
-"""What the tests of the compensations share: a tick, upright rotors, an unfiltered torque."""
+"""Constants and a comparison shared by the tests of the compensations."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Environments in their hardest setting, what copies of them are held to, and laws that remember something."""
+"""Environments in their hardest configuration, comparisons of their copies, and control laws with state."""
 
 import copy
 import pickle
@@ -30,49 +30,49 @@ HARDEST: dict[str, dict[str, Any]] = {
             "disturbances": WEATHER},
     COURSE: {"hold": 1, "disturbances": WEATHER},
 }  # fmt: skip
-"""By id; sensors, a drawn robot and a battery besides."""
+"""By id; `hardest` adds `ROUGH`."""
 CONTROLS = ("core", "python")
 STEPS = 150
-"""Length of their episodes, so that a copy comes to the end of one and begins the next."""
+"""Length of an episode, short enough that a copy ends one episode and begins the next."""
 
 
 def hardest(name: str, control: str, **options: Any) -> Any:
-    """An environment as `gymnasium.make` gives it."""
+    """Make an environment in its hardest configuration, with gymnasium's wrappers."""
     asked = {"max_episode_steps": STEPS, **ROUGH, **HARDEST[name], **options}
     return gymnasium.make(name, control=control, **asked)
 
 
 def actions_for(env: Any, ticks: int, seed: int = 0) -> np.ndarray:
-    """Small ones, so that a robot flies on."""
+    """Small random actions, with which a robot keeps flying."""
     shape = ticks, *env.action_space.shape
     return np.random.default_rng(seed).uniform(-0.2, 0.2, shape).astype(np.float32)
 
 
 def taken(env: Any, action: np.ndarray) -> list[Any]:
-    """What a step gives; where it ends the episode, and the reset after it."""
+    """Results of a step and, if it ends the episode, of the reset after it."""
     found = [env.step(action)]
     return [*found, env.reset()] if found[0][2] or found[0][3] else found
 
 
 def went(env: Any, actions: np.ndarray) -> list[Any]:
-    """What many of them give, and where the generator of the environment is in the end."""
+    """Results of all steps, and the final state of the environment's generator."""
     steps = [taken(env, action) for action in actions]
     rng = env.unwrapped.np_random
     return [*steps, rng.bit_generator.state, rng.spawn(1)[0].bit_generator.state]
 
 
 def copied(env: Any) -> Any:
-    """By `copy.deepcopy`."""
+    """Copy by `copy.deepcopy`."""
     return copy.deepcopy(env)
 
 
 def pickled(env: Any) -> Any:
-    """By a pickle."""
+    """Copy by a pickle."""
     return pickle.loads(pickle.dumps(env))
 
 
 def assert_side_by_side(envs: list[Any], actions: np.ndarray) -> None:
-    """Environments that are stepped in turns do the same."""
+    """Assert that environments stepped in turn return the same."""
     for tick, action in enumerate(actions):
         first, *others = [taken(env, action) for env in envs]
         assert [same(first, other) for other in others] == [True] * len(others), tick
@@ -80,11 +80,11 @@ def assert_side_by_side(envs: list[Any], actions: np.ndarray) -> None:
     assert [same(first, other) for other in others] == [True] * len(others)
 
 
-# ---- laws and environments that keep something of their own ----
+# ---- control laws and environments with additional state ----
 
 
 class Braced(FlightController):
-    """The law of the guide's page: it keeps an array under a name of its own, from its first tick on."""
+    """The control law of the guide: from its first tick on it stores an array in an attribute of the subclass."""
 
     def compute_wrench(self, state, reference, control_state, joints):
         wrench, integrals, compensation = super().compute_wrench(state, reference, control_state, joints)
@@ -97,7 +97,7 @@ class Braced(FlightController):
 
 @dataclass
 class Habits:
-    """What `Restless` remembers."""
+    """State of `Restless`."""
 
     wrenches: deque = field(default_factory=lambda: deque(maxlen=5))
     by_name: dict = field(default_factory=dict)
@@ -105,7 +105,7 @@ class Habits:
 
 
 class Restless(FlightController):
-    """It has a dataclass of its own, a generator, and looks ahead."""
+    """A control law with a custom dataclass and a generator, which reads the preview of the reference."""
 
     def reset(self, state, joint_position=None, trim=None):
         super().reset(state, joint_position, trim)
@@ -124,7 +124,7 @@ class Restless(FlightController):
 
 
 class Reluctant(Allocator):
-    """It mixes in what it has answered before."""
+    """An allocator that mixes its previous answer into the next."""
 
     before = None
 
@@ -137,7 +137,7 @@ class Reluctant(Allocator):
 
 
 class Hurried(Gait):
-    """It counts how often it was asked."""
+    """A gait that counts its calls."""
 
     asked = 0
 
@@ -147,13 +147,13 @@ class Hurried(Gait):
 
 
 class Hurrying(Crawler):
-    """A crawler with a gait of its own."""
+    """A crawler with a custom gait."""
 
     gait_type = Hurried
 
 
 class Filtered(FlightController):
-    """It keeps a function, which no file holds."""
+    """A control law that stores a lambda, which cannot be saved."""
 
     def reset(self, state, joint_position=None, trim=None):
         super().reset(state, joint_position, trim)
@@ -161,7 +161,7 @@ class Filtered(FlightController):
 
 
 class ClimbEnv(HoverEnv):
-    """The guide's other task, with a drift that it remembers: the core flies, the page is in Python."""
+    """The guide's custom task with a stored drift: the core flies, the reference is computed in Python."""
 
     def reference(self):
         hover = super().reference()

@@ -1,4 +1,4 @@
-"""The compiled core's allocation, called as the readable one is."""
+"""The compiled core's allocation, called as the Python allocator is."""
 
 import ctypes
 
@@ -14,7 +14,7 @@ CAP = 300
 
 
 def asked(demand) -> Struct:
-    """A demand as the core takes it."""
+    """A demand as the core's struct."""
     struct = Struct("demand")
     for name, view in struct.views.items():
         value = np.reshape(np.asarray(getattr(demand, name), float), -1)

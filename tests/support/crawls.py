@@ -1,4 +1,4 @@
-"""A robot that crawls in MuJoCo, and MuJoCo as a source of positions and weight: for the tests of the crawler."""
+"""A crawling robot in MuJoCo, and MuJoCo as a source of positions and weight, for the tests of the crawler."""
 
 from functools import cache
 
@@ -42,12 +42,12 @@ class Engine:
         return J[:, self.joints]
 
     def touching(self, R_wf):
-        """Where the feet touch the floor, and the links they belong to."""
+        """Points where the feet touch the floor, and the links of these feet."""
         feet = [self.data.site(f"foot{leg}").xpos - ROBOT.foot_radius * R_wf[:, 2] for leg in range(1, N_LEGS + 1)]
         return feet, [self.links[2 * leg + 1].id for leg in range(N_LEGS)]
 
     def rotors(self):
-        """Centres of the rotors and the links that they hang on."""
+        """Centres of the rotors, and their links."""
         return [self.data.site(f"thrust{i}").xpos.copy() for i in range(1, 9)], [link.id for link in self.links]
 
     def attitude(self, body):
@@ -87,7 +87,7 @@ def attitude(state):
 
 
 class Ride:
-    """A crawl of the nominal robot: states before, commands, ticks, what the floor felt after."""
+    """A recorded crawl of the nominal robot: states, commands, ticks, and the contacts with the floor after each."""
 
     def __init__(self, commands, config=None):
         self.crawler, plant = Crawler(config), Plant()

@@ -1,4 +1,4 @@
-"""Whole episodes for the tests of the environments: made, flown, compared bit for bit."""
+"""Whole episodes for the tests of the environments: simulation and bit-for-bit comparison."""
 
 from dataclasses import fields
 
@@ -45,7 +45,7 @@ def flight(env, actions, seed=None, options=None) -> list[tuple]:
 
 
 def same(a, b) -> bool:
-    """Whether two entries of an info or two saved moments are equal bit for bit, whatever they hold."""
+    """Whether two entries of an `info` or two saved states are equal bit for bit, whatever their type."""
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, np.ndarray):
@@ -60,7 +60,7 @@ def same(a, b) -> bool:
 
 
 def assert_same(a, b):
-    """Two flights are equal bit for bit, infos included."""
+    """Assert that two flights are equal bit for bit, infos included."""
     assert len(a) == len(b)
     for (o1, r1, t1, i1), (o2, r2, t2, i2) in zip(a, b, strict=True):
         assert np.array_equal(o1, o2)

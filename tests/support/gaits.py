@@ -1,4 +1,4 @@
-"""A world in which the robot goes exactly where its gait sends it, and one that lags: for the tests of the gait."""
+"""A kinematic world in which the robot follows its gait, exactly or with errors, for the tests of the gait."""
 
 import math
 from itertools import groupby
@@ -17,7 +17,7 @@ DT, SPEED = 0.025, 0.2
 FORWARD = Move(Pose2(0.2))
 LEVEL = np.eye(3)
 EXACT = GaitConfig(trim_gain=0.0)
-"""Nothing but the plan itself: no feedback makes up for its errors."""
+"""The plan alone: no feedback corrects its errors."""
 
 
 def feet_of(q):
@@ -26,12 +26,12 @@ def feet_of(q):
 
 
 class World:
-    """Joints that do as they are told, feet that stay where they stand, a torso that the floor stops; floor axes."""
+    """Exact joints, feet that stay where they stand, and a torso that the floor stops; floor axes."""
 
     def __init__(
         self, config=EXACT, *, R_wf=LEVEL, start=(0.0, 0.0, 0.0), lost=0.0, rolling=False, floor=0.0, sink=9.0
     ):
-        """`lost` is the share of every way that the torso stays behind, `sink` the fastest it sinks [m/s]."""
+        """`lost` is the fraction of every displacement that the torso misses, `sink` its fastest descent [m/s]."""
         self.config, self.R_wf, self.lost, self.rolling, self.floor, self.sink = (
             config,
             R_wf,
@@ -50,7 +50,7 @@ class World:
 
     @property
     def seen(self):
-        """What the gait sees of the torso."""
+        """Position and attitude of the torso as passed to the gait, world axes."""
         return self.R_wf @ self.position, self.R_wf @ self.R
 
     @property
@@ -78,7 +78,7 @@ class World:
         self.rows.append((gait.memory.phase, plan.copy(), self.feet, height, self.planar, gait.mode, gait.lifted))
 
     def _stand(self, before):
-        """The torso goes where the feet, which stand still or roll, allow it: least squares over all four."""
+        """Move the torso to the least-squares fit of all four feet, which stand still or roll."""
         if self.rolling:
             turned = (self.q - before).reshape(N_LEGS, 4)[:, (1, 3)].sum(axis=1)
             hips = ROBOT.yaw_axis_xy * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
@@ -111,7 +111,7 @@ class World:
         return [row for row in self.rows if row[0] in phases]
 
     def missed(self, *ways):
-        """How far the torso lies from where these ways lead: x, y [m], yaw [rad]."""
+        """Distance of the torso from the goal of these displacements: x, y [m], yaw [rad]."""
         goal = self.start
         for way in ways:
             goal = goal @ way

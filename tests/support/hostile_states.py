@@ -1,8 +1,7 @@
-"""Saved robots and states of which one thing was changed and the seal made anew; run as a program, since some ended it.
+"""Corrupted saved robots and states with a valid checksum; run as a program, since some once ended the process.
 
-`python -m support.hostile_states CASE SEED WAY:KIND:TRIES …` prints what came of the tries as JSON. A try that is
-refused changes nothing; after one that is accepted the robot goes on, no tick takes a second, and the good bytes are
-taken again.
+`python -m support.hostile_states CASE SEED WAY:KIND:TRIES …` prints the outcomes as JSON. A refused try changes
+nothing. After an accepted try the simulation continues, no tick takes a second, and the good bytes can be restored.
 """
 
 import hashlib
@@ -18,7 +17,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import spidar_gym  # noqa: F401 - it registers
+import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.border import pack, unpack
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.envs.serialization import fleets
@@ -37,18 +36,18 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 WAYS = ("vector", "core", "python")
 """`restore` of a vector, and `restore_state` of an environment with either controller."""
 KINDS = ("integers", "floats", "words")
-"""What is changed: whole numbers, others, or what a saved state says in words."""
+"""What is changed: integers, floats, or the JSON part of a saved state."""
 FLOATS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e18, 1e14, -1e14, 1e5, -1e3, 1e-308, -1.0, 0.0)
 WORDS = (None, True, -1, 0, 1, 3, 2**31, -(2**62), 0.5, 1e300, "", "abc", "nan", [], [0], [10**6], {}, {"a": 1})
 TICKS = 3
-"""Ticks that an accepted robot goes on for."""
+"""Ticks simulated after an accepted try."""
 
 
 # ---- one number of a record ----
 
 
 def numbers(struct: str, *, whole: bool) -> dict[str, tuple[str, np.ndarray]]:
-    """Kind of each member of a struct that has such numbers, and bytes to them; entries of an array are one member."""
+    """Dtype and byte offsets of each integer or float member of a struct; the entries of an array are one member."""
     found: dict[str, tuple[str, list[int]]] = {}
     for kind, own in numbers_of(struct).items():
         for at in own.at.tolist() if (np.dtype(kind).kind != "f") == whole else ():
@@ -60,7 +59,7 @@ def numbers(struct: str, *, whole: bool) -> dict[str, tuple[str, np.ndarray]]:
 
 
 def values(struct: str, kind: str, at: int, rng: np.random.Generator) -> list[Any]:
-    """What a number is changed to."""
+    """New values of a number."""
     if np.dtype(kind).kind == "f":
         return [FLOATS[rng.integers(len(FLOATS))] if rng.random() < 0.7 else rng.normal() * 10 ** rng.uniform(0, 16)]
     own, info = numbers_of(struct)[kind], np.iinfo(kind)
@@ -71,7 +70,7 @@ def values(struct: str, kind: str, at: int, rng: np.random.Generator) -> list[An
 
 
 def changes(struct: str, kind: str, rng: np.random.Generator) -> Iterator[tuple[int, bytes, str]]:
-    """Bytes to a number, what it becomes, and what that is called: all members in turn, for ever."""
+    """Yield offset, new bytes and description of a change: all members in turn, without end."""
     members = list(numbers(struct, whole=kind == "integers").items())
     while True:
         for k in rng.permutation(len(members)):
@@ -82,7 +81,7 @@ def changes(struct: str, kind: str, rng: np.random.Generator) -> Iterator[tuple[
 
 
 def sealed(robots: bytes, at: int, number: bytes) -> bytes:
-    """Saved robots with other bytes at a place of their records."""
+    """Saved robots with replaced bytes in their records and a valid checksum."""
     body = bytearray(robots[: -fleets.CHECKSUM])
     at += body.index(b"\n", len(fleets.MAGIC)) + 1
     body[at : at + len(number)] = number
@@ -93,7 +92,7 @@ def sealed(robots: bytes, at: int, number: bytes) -> bytes:
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Ways to everything in a JSON value."""
+    """Yield the path to every item of a JSON value."""
     if isinstance(value, list) and path:
         yield path
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -104,7 +103,7 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def reworded(words: Any, ways: list[tuple[Any, ...]], rng: np.random.Generator) -> tuple[Any, str]:
-    """The same with one thing changed, dropped or doubled."""
+    """A copy of the words with one item changed, removed or duplicated, and a description of the change."""
     words = json.loads(json.dumps(words))
     path = ways[rng.integers(len(ways))]
     owner = words
@@ -124,11 +123,11 @@ def reworded(words: Any, ways: list[tuple[Any, ...]], rng: np.random.Generator) 
     return words, f"{path}: {str(old)[:50]}"
 
 
-# ---- a vector or an environment that is given them ----
+# ---- a vector or an environment that restores them ----
 
 
 class Subject:
-    """What is restored, over and over."""
+    """A vector or an environment which is restored repeatedly."""
 
     def __init__(self, case: str, way: str) -> None:
         name, options = CASES[case]
@@ -141,7 +140,7 @@ class Subject:
         self.env.reset(seed=1)
         for _ in range(8):
             self.env.step(self.action)
-        for _ in range(2):  # what two share may be told in another place when it is saved again
+        for _ in range(2):  # the second save may store a shared object in another place
             self.good = self.save()
             self.restore(self.good)
 
@@ -152,12 +151,12 @@ class Subject:
         self.env.restore(saved) if self.is_vector else self.env.restore_state(saved)
 
     def moment(self) -> tuple[Any, ...]:
-        """All that there is."""
+        """The complete state, for comparison."""
         fleet = self.env.fleet
         return self.save(), fleet and (fleet.rules.tobytes(), fleet.goals.shape, fleet.knots.shape)
 
     def tries(self, kind: str, rng: np.random.Generator) -> Iterator[tuple[bytes, str]]:
-        """Bytes that are not good, and what is wrong with them, for ever."""
+        """Yield corrupted bytes and the description of the corruption, without end."""
         if self.is_vector:
             records = self.env.fleet.robots
             for at, number, what in changes(f"{self.env.fleet.kind}_robot", kind, rng):
@@ -181,7 +180,7 @@ class Subject:
     def _in_the_state(
         self, arrays: dict[str, np.ndarray], kind: str, rng: np.random.Generator
     ) -> Iterator[tuple[str, tuple[int, bytes], str]]:
-        # What a controller in Python keeps lies among the numbers, as bytes: every second float is one of these.
+        # The state of a Python controller is stored as bytes in `numbers`: every second float is changed there.
         for at, number, what in changes(f"{self.env.fleet.kind}_robot", kind, rng):
             yield "robot", (at, number), what
             if self.way == "python" and kind == "floats":
@@ -189,12 +188,12 @@ class Subject:
 
 
 def outcome(subject: Subject, saved: bytes, *, begins: bool) -> str:
-    """What comes of bytes that are not good; raises where it may not.
+    """Restore corrupted bytes and return the outcome; raise if it is not permitted.
 
     Args:
-        subject: What is given them.
-        saved: These bytes.
-        begins: Whether another episode begins after some ticks, which takes long on tiles.
+        subject: Vector or environment that restores them.
+        saved: Corrupted bytes.
+        begins: Whether to begin another episode after the ticks, which takes long on tiles.
     """
     before = subject.moment()
     try:
@@ -203,7 +202,7 @@ def outcome(subject: Subject, saved: bytes, *, begins: bool) -> str:
         message = str(error)
         assert "\n" not in message
         assert len(message) < 1500
-        assert subject.moment() == before, "it has changed"
+        assert subject.moment() == before, "the refusal changed the state"
         return "refused"
     went = "accepted"
     try:
@@ -217,12 +216,12 @@ def outcome(subject: Subject, saved: bytes, *, begins: bool) -> str:
     except SpidarError:
         went = "accepted, and stopped later"
     subject.restore(subject.good)
-    assert subject.save() == subject.good, "the good bytes have not come back"
+    assert subject.save() == subject.good, "the good bytes were not restored"
     return went
 
 
 def tried(case: str, way: str, kind: str, count: int, rng: np.random.Generator) -> tuple[Counter[str], list[str]]:
-    """What came of so many tries, and which went wrong; what is tried is said before, as some ended the process."""
+    """Count the outcomes of the tries and list the failures; prints each try first, since some ended the process."""
     subject, found, wrong = Subject(case, way), Counter[str](), list[str]()
     for _, (saved, what) in zip(range(count), subject.tries(kind, rng), strict=False):
         print(case, way, what, file=sys.stderr, flush=True)
@@ -235,7 +234,7 @@ def tried(case: str, way: str, kind: str, count: int, rng: np.random.Generator) 
 
 
 def main(case: str, seed: str, *plans: str) -> None:
-    """Try, and print what came of it."""
+    """Run the plans and print the outcomes."""
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
     rng, told = np.random.default_rng(int(seed)), {}

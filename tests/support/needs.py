@@ -1,4 +1,4 @@
-"""What some tests need of the machine: skipped with the reason where it is missing, failed where it is required."""
+"""Programs which some tests need: a test is skipped where one is missing, and fails where it is required."""
 
 import os
 import shutil
@@ -13,14 +13,14 @@ PROGRAMS = {
     ),
     "ros": (
         ("rosmaster", "pkg-config", "g++"),
-        "docs/onboard/sitl_and_faults.md says which packages",
+        "docs/onboard/sitl_and_faults.md lists the packages",
     ),
     "browser": (("chromium",), "apt-get install chromium"),
 }
 
 
 def marks(marker: str) -> list[pytest.MarkDecorator]:
-    """A marker, and a skip where its programs are missing, which `SPIDAR_REQUIRE=cross,ros` forbids."""
+    """A marker and a skip where its programs are missing; `SPIDAR_REQUIRE=cross,ros` disables the skip."""
     programs, install = PROGRAMS[marker]
     missing = [program for program in programs if not shutil.which(program)]
     required = marker in os.environ.get("SPIDAR_REQUIRE", "").split(",")

@@ -15,7 +15,7 @@ from spidar_gym.robot import N_ROTORS
 
 
 def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(24, 16), preset=None, **options):
-    """A random network that fits its environment; its answers are in the middle of their range."""
+    """A random network that fits its environment; its outputs are in the middle of their range."""
     rng, crawls = np.random.default_rng(7), env_id == CRAWL
     size = find_action_mode(mode, CRAWL_MODES if crawls else ACTION_MODES).size
     bound = np.concatenate([np.full(f.size, f.bound) for f in (crawl_layout if crawls else layout)(size)])
@@ -34,7 +34,7 @@ def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(2
 
 
 def feeling(loud=1.0, times=(0.1, 1.0), hidden=(24, 16), lag=0.05):
-    """A random network on `tuned` that is shown the external force, with traces of it and of an error."""
+    """A random network on `tuned` that observes the external force, with traces of this force and of an error."""
     net, rng = made(hidden=hidden, loud=loud, preset="tuned"), np.random.default_rng(9)
     seen = net.sees
     traced = np.array([0.0, seen, seen + 1, seen + 5])
@@ -48,9 +48,9 @@ def feeling(loud=1.0, times=(0.1, 1.0), hidden=(24, 16), lag=0.05):
 
 
 def in_torso_axes(loud=0.1, traced=(0.0, 1.0, 2.0, 7.0), times=(0.1, 0.5), hidden=(40, 24), joints=True):
-    """A random network that flies in torso axes, not far from hovering; it has traces and a matrix past its layers.
+    """A random network in torso axes with outputs near a hover, traces and a skip matrix.
 
-    Without `joints` it leads none off its form.
+    Without `joints` the outputs of the joints are zero.
     """
     rng = np.random.default_rng(8)
     size = torso.FEATURES + len(traced) * len(times)

@@ -1,4 +1,4 @@
-"""Robots of which a page is told certain quantities, without any simulation."""
+"""Robots with given quantities and no simulation, for the tests of tasks."""
 
 from types import SimpleNamespace
 

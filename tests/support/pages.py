@@ -1,4 +1,4 @@
-"""The page of a session on a stand-in for viser, or on viser where it is installed, and people who use it."""
+"""A stand-in for viser, and functions that use a session's page on the stand-in or on viser."""
 
 import importlib.util
 from contextlib import nullcontext
@@ -15,7 +15,7 @@ CLIENT.add_notification = lambda title, words, **_: CLIENT.told.append(words)
 
 
 class Handle:
-    """Something on the page: what it was made with, and what is called when a person changes it."""
+    """An element of the page: its arguments, and the callbacks called when the user changes it."""
 
     def __init__(self, kind: str, name: str, made: dict[str, Any]) -> None:
         self.kind, self.name, self.callbacks = kind, name, []
@@ -42,7 +42,7 @@ class Handle:
 
 
 class Api:
-    """`gui` or `scene` of a server: remembers what was added."""
+    """`gui` or `scene` of a server: records what was added."""
 
     def __init__(self) -> None:
         self.added: list[Handle] = []
@@ -81,7 +81,7 @@ class Server:
         self.is_stopped = True
 
     def request_share_url(self):
-        raise AssertionError("a tunnel to others' server was asked for")
+        raise AssertionError("a tunnel to an external server was requested")
 
 
 def trimesh() -> Any:
@@ -102,7 +102,7 @@ def start(gate: Any, viser: Any, port: int) -> Any:
 
 
 def find(server: Any, label: str, option: str | None = None) -> Any:
-    """The input with a label, of several the one that has an option."""
+    """The input with a label; among several, the input that has `option`."""
     if isinstance(server, Server):
         handles = [handle for handle in server.gui.added if handle.name == label]
     else:
@@ -113,7 +113,7 @@ def find(server: Any, label: str, option: str | None = None) -> Any:
 
 
 def use(server: Any, label: str, value: Any = None) -> None:
-    """Do what a person does: set an input to a value, or press the button of that name."""
+    """Act as a user: set an input to a value, or press the button of that name."""
     handle = find(server, label, value if isinstance(value, str) else None)
     if isinstance(server, Server):
         handle.value, callbacks = value, handle.callbacks
@@ -124,7 +124,7 @@ def use(server: Any, label: str, value: Any = None) -> None:
 
 
 def hit(server: Any, key: str) -> None:
-    """Hit a key."""
+    """Press a key."""
     if isinstance(server, Server):
         calls = [h.callbacks for h in server.gui.added if h.kind == "command" and h.hotkey == key]
     else:

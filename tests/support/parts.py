@@ -1,4 +1,4 @@
-"""Where the robot's single parts are and what they weigh, by Pinocchio: what tests hold sums and engines against."""
+"""Positions and masses of the robot's parts by Pinocchio, with which tests compare sums and engines."""
 
 import numpy as np
 import pinocchio as pin

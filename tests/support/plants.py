@@ -40,7 +40,7 @@ ODDITIES: dict[str, tuple[PlantConfig, Disturbances]] = {
     "sensors": (PlantConfig(sense=True), Disturbances()),
     "everything": (PlantConfig(substeps=7, sense=True, idle_thrust=1.2, actuators=EVERYTHING), STORM),
 }
-"""What a simulated moment can depend on, one thing at a time and all of it."""
+"""Everything on which a simulated state can depend, one effect at a time and all together."""
 
 
 def command(thrust=0.0, joints=0.0, vectoring=0.0, limit=7.0) -> Command:
@@ -87,7 +87,7 @@ def dropped(**config) -> Plant:
 
 
 def witnessed(plant: Plant, ticks: int, seed: int = 0) -> list[np.ndarray]:
-    """Drive the robot as `tumbled` does; everything that anybody sees of it after every tick."""
+    """Drive the robot as `tumbled` does; all observable quantities after every tick."""
     seen = []
     for k in range(ticks):
         motion = tumbled(plant, 1, 100 * seed + k)[0]

@@ -1,4 +1,4 @@
-"""Robots of one's own that tests share."""
+"""Custom robots shared by tests."""
 
 from spidar_gym.robot import RobotSpec
 from spidar_gym.robot.payload import Payload
@@ -11,12 +11,12 @@ LOADED = RobotSpec(
         Payload("link4", 0.2, (0.35, 0.0, 0.05), inertia=(4e-4, 3e-4, 2e-4, 1e-5, -2e-5, 3e-5)),
     )
 )
-"""With a box on its torso, and a lump on an outer link."""
+"""A box on the torso and a payload on an outer link."""
 OTHER = RobotSpec(
     described_mass=15.0, pitch_to_yaw=0.48, yaw_axis_xy=0.14, roll_axis_x=0.24, max_thrust=48.0, duct_offset_y=0.12,
     part_masses={"battery": 0.6},
     max_joint_torque=9.0, joint_speed=0.3, peg_length=0.12, foot_radius=0.035, joint_kp=200.0, torso_radius=0.18,
 )  # fmt: skip
-"""With nearly everything else changed."""
+"""Nearly everything else changed."""
 ROBOTS = {"long": LONG, "loaded": LOADED, "other": OTHER}
 """By name."""

@@ -1,4 +1,4 @@
-"""Rows of the leaderboard made of numbers that nobody has flown."""
+"""Rows of the leaderboard with invented metrics."""
 
 import json
 from copy import deepcopy
@@ -11,7 +11,7 @@ from spidar_gym.benchmark.track import CAP, TRACKS
 from spidar_gym.policies.presets import PresetPolicy
 
 SPEC = "spidar_gym.policies.presets:PresetPolicy"
-"""Of every run of a made row: a policy that can be loaded, and that nobody plays."""
+"""Policy of every run of a made row: it can be loaded, and is never evaluated."""
 TRACK = "flight-fast5"
 
 
@@ -23,7 +23,7 @@ def policy(name="qp", kind="classical", doc="What it is.", training=None, argume
 
 
 def score(track, errors, *, indices=None, split="test", steps=0.001, **columns):
-    """A score whose metrics nobody has flown; a scenario at the cap has failed."""
+    """A score with invented metrics; a scenario at the cap has failed."""
     n, world = len(errors), TRACKS[track].world
     plain = {float: 0.5, int: 0}
     metrics = {name: [plain.get(m.kind) if world in m.worlds else None] * n for name, m in told_in(world).items()}
@@ -38,7 +38,7 @@ def score(track, errors, *, indices=None, split="test", steps=0.001, **columns):
 
 
 def made_row(scores, name="qp", kind="classical", *, doc="What it is.", training=None, arguments=None, **options):
-    """A row from errors: for each track those of every run, or scores."""
+    """A row from the errors, or the scores, of every run on each track."""
     scores = {
         track: [run if isinstance(run, Score) else score(track, run, **options) for run in runs]
         for track, runs in scores.items()

@@ -1,4 +1,4 @@
-"""The compiled runner for tests: built with and without sanitizers, its loop tick by tick, recorded drives."""
+"""The compiled runner for tests: builds with and without sanitizers, its loop tick by tick, recorded runs."""
 
 import ctypes
 import subprocess
@@ -39,7 +39,7 @@ def export(folder):
 
 
 def compile_(folder, out, *flags):
-    """All of the folder, the runner's `main` included."""
+    """Compile all of the folder, the runner's `main` included."""
     command = [*compiler(), *FLAGS, *flags, *arguments(folder), "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:2000]
@@ -57,7 +57,7 @@ def load(path):
 
 
 def read_mission(library, text):
-    """The mission, or the sentence that refuses it."""
+    """The mission, or the message of its refusal."""
     mission, reason = np.zeros((), log_layouts()["mission"]), ctypes.create_string_buffer(256)
     text = text if isinstance(text, bytes) else text.encode()
     ok = library.sp_read_mission(text, ctypes.c_void_p(mission.ctypes.data), reason, ctypes.c_size_t(256))
@@ -75,7 +75,7 @@ class Loop:
 
     @classmethod
     def begin(cls, library, mission):
-        """A loop, or the sentence that refuses the mission."""
+        """A loop, or the message which refuses the mission."""
         loop = cls(library, None)
         why = library.sp_loop_init(*(ctypes.c_void_p(x.ctypes.data) for x in (loop.record, mission)))
         return loop if why is None else why.decode()
@@ -95,7 +95,7 @@ class Loop:
 
 
 class Stream:
-    """A drive of the runner against the simulated robot: mission, what came in, what it answered."""
+    """A recorded run of the runner against the simulated robot: mission, inputs and outputs."""
 
     def __init__(self, library, path, played):
         self.path, self.run, self.played = path, played.run, played.log
@@ -104,7 +104,7 @@ class Stream:
         size = [log_layouts()[name].itemsize for name in ("loop_input", "loop_output", "log_clock")]
         raw = path.read_bytes()[log_layouts()["log_head"].itemsize + self.mission.nbytes :]
         self.answers = [raw[at + size[0] : at + size[0] + size[1]] for at in range(0, len(raw), sum(size))]
-        """What it answered, byte for byte."""
+        """Outputs, byte for byte."""
         self.wanted = HOVER if self.mission["kind"] == FLIGHT else ARM_ON
         self.hovers = int(np.argmax(self.inputs["flight_state"] == self.wanted))
         self.drives = int(np.argmax(played.log.outputs["stage"] == DRIVING))
@@ -134,7 +134,7 @@ def walk(library, runner, folder):
 SHORT = (
     TakeOff(0.5), FlyTo((0.4, 0.0, 0.9), FORMS["form2"], 0.5), Land(), CrawlTo(Pose2(0.5, 0.0, 0.0)),
 )  # fmt: skip
-"""A course with every phase in it."""
+"""A course with every phase."""
 
 
 def go(library, runner, folder):
@@ -150,7 +150,7 @@ def said(*words):
 
 
 def junk(rng):
-    """A mission of words that it knows, numbers, and rubbish."""
+    """A random mission of valid words, numbers and rubbish."""
     words = ["flight", "crawl", "course", "crawl_to", "take_off", "fly_to", "land", "gate", "goal", "wall", "beam",
              "slot", "tiles", "along", "room", "form", "move",
              "unrestricted", "estimate", "residual", "fence", "ages", "settle",
@@ -168,7 +168,7 @@ def junk(rng):
 
 
 def check_bounds(out):
-    """Of what is published."""
+    """Assert that published commands are finite and within the robot's limits."""
     command = out["command"][out["action"] == PUBLISH]
     for name in command.dtype.names:
         assert np.isfinite(command[name]).all(), name

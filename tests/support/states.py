@@ -51,14 +51,14 @@ def upright(q, R_wb):
 
 
 def random_wrench(rng, R_wb, *, hard: bool):
-    """Hover in torso axes, give or take 10 % of the weight and 3 Nm, or 40 % and 15 Nm."""
+    """Hover wrench in torso axes, ±10 % of the weight and ±3 Nm; hard: ±40 % and ±15 Nm."""
     share, torque = (0.4, 15.0) if hard else (0.1, 3.0)
     force_w = ROBOT.weight * (np.array([0.0, 0.0, 1.0]) + rng.uniform(-share, share, 3))
     return np.concatenate([R_wb.T @ force_w, rng.uniform(-torque, torque, 3)])
 
 
 def demand_of(q, R_wb, wrench, phi_off=0.0, held=None) -> Demand:
-    """The demand of a tick with upright rotors whose last φ was φ̂ + `phi_off`, held for the rotors in `held`."""
+    """The demand of a tick with upright rotors; the last φ was φ̂ + `phi_off`, locked for the rotors in `held`."""
     nominal = upright(q, R_wb)
     last = nominal + np.stack([np.broadcast_to(phi_off, N_ROTORS), np.zeros(N_ROTORS)], axis=1)
     memory = fresh_rotors(last, np.zeros((N_ROTORS, 3)))
@@ -72,7 +72,7 @@ def demand_of(q, R_wb, wrench, phi_off=0.0, held=None) -> Demand:
 
 
 def random_demands(rng, n: int, hard: bool) -> list[Demand]:
-    """`n` demands around a hover; the hard ones ask for much more and find φ farther from φ̂, some of them held."""
+    """`n` demands around a hover; the hard ones have larger wrenches, φ farther from φ̂, and some locked rotors."""
     demands, spread = [], 0.6 if hard else 0.2
     for _ in range(n):
         q, R_wb = random_pose(rng)
@@ -82,7 +82,7 @@ def random_demands(rng, n: int, hard: bool) -> list[Demand]:
 
 
 def exact(program: QuadraticProgram) -> np.ndarray | None:
-    """The optimum by an active-set method in double precision, None where there is none; idle rows are dropped."""
+    """The optimum by an active-set method in double precision, None if infeasible; rows without limits are dropped."""
     equal = program.l == program.u
     low, high = ~equal & (program.l > -INFINITY), ~equal & (program.u < INFINITY)
     C = np.vstack([program.A[equal], program.A[low], -program.A[high]])
@@ -96,9 +96,9 @@ def exact(program: QuadraticProgram) -> np.ndarray | None:
 
 
 def within_spheres(program: QuadraticProgram) -> np.ndarray | None:
-    """The optimum where each ‖f_i‖ ≤ λ̄ besides, by second-order cones; None where the solver proves that there is none.
+    """The optimum with each ‖f_i‖ ≤ λ̄ in addition, by second-order cones; None if the solver proves infeasibility.
 
-    The first 24 unknowns are the rotor forces in units of λ̄. What the solver leaves open is an error.
+    The first 24 unknowns are the rotor forces in units of λ̄. An undecided solver is an error.
     """
     equal = program.l == program.u
     low, high = ~equal & (program.l > -INFINITY), ~equal & (program.u < INFINITY)
@@ -114,20 +114,20 @@ def within_spheres(program: QuadraticProgram) -> np.ndarray | None:
     settings.max_threads = 1
     P = sparse.csc_matrix(np.triu(program.P), shape=(n, n))
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    # As it comes, then more carefully: in one of ten thousand, a share of 1e-5 from the limit, rounding ends its way.
+    # Default steps first, then more careful ones: rounding stops one in 10 000 programs, within 1e-5 of the limit.
     for settings.max_step_fraction, settings.static_regularization_constant in ((0.99, 1e-8), (0.9, 1e-7), (0.9, 1e-6)):
         answer = clarabel.DefaultSolver(P, program.q, sparse.csc_matrix(A), b, kinds, settings).solve()
         if answer.status in (words.Solved, words.AlmostSolved):
             return np.array(answer.x)
         if answer.status in (words.PrimalInfeasible, words.AlmostPrimalInfeasible):
             return None
-    raise AssertionError(f"the oracle says {answer.status}")
+    raise AssertionError(f"the oracle returned {answer.status}")
 
 
 def largest_feasible(mode: Mode, demand: Demand) -> float:
-    """How many times the demand's wrench is the largest along its direction that some forces give within every limit.
+    """Largest multiple of the demand's wrench that some forces produce within every limit.
 
-    0 or less where no force gives even a little of it.
+    0 or less where not even a small part of the wrench is feasible.
     """
     still, full = (assemble(mode, replace(demand, wrench=share * demand.wrench)) for share in (0.0, 1.0))
     n = mode.size
@@ -141,7 +141,7 @@ def largest_feasible(mode: Mode, demand: Demand) -> float:
 def demand_at_the_limit(rng, preset: str) -> Demand:
     """The largest feasible wrench in a random direction, in a random form and attitude with random vectoring.
 
-    Every other direction is that of the weight, give or take a half, so that gravity is not forgotten.
+    Half of the forces are the weight plus half a weight in a random direction, so that gravity is covered.
     """
     while True:
         q, R_wb = random_joints(rng), exp(rng.normal(scale=0.3, size=3))
@@ -171,7 +171,7 @@ def cost(mode: Mode, demand: Demand, forces) -> float:
 
 
 def ground_demand(rng, mode: Mode, lifted=None) -> Demand:
-    """A demand near the crawl's start pose, tilted, with every field that the ground reads at random."""
+    """A demand near the crawl's start pose, tilted, with random values of every field that the ground modes read."""
     q, R_wb = lying_pose(GaitConfig()) + rng.normal(scale=0.15, size=16), exp(rng.uniform(-0.15, 0.15, 3))
     snapshot, feet = model().stance(q, R_wb, rng.uniform(-0.5, 0.5, (8, 2)))
     Q, T, R_bf = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot), R_wb.T @ exp(rng.normal(size=3) / 9)
@@ -192,7 +192,7 @@ def ground_demand(rng, mode: Mode, lifted=None) -> Demand:
 
 
 def resting(q, R_wb=None, vectoring=None, **changes) -> RobotState:
-    """The robot at rest at the world's origin, rotors upright unless told otherwise; `changes` replace fields."""
+    """The robot at rest at the world's origin, rotors upright by default; `changes` replace fields."""
     R_wb = np.eye(3) if R_wb is None else R_wb
     state = RobotState(
         time=0.0,
@@ -211,7 +211,7 @@ def resting(q, R_wb=None, vectoring=None, **changes) -> RobotState:
 
 
 def staying(state: RobotState, **changes) -> Reference:
-    """The reference that `state` meets: its CoG, level, at rest, in its own form; `changes` replace fields."""
+    """The reference that `state` satisfies: its CoG and form, level, at rest; `changes` replace fields."""
     R_wb = quat_to_matrix(state.quat_wb)
     com_b = model().snapshot(state.joint_position, R_wb, state.vectoring).com_b
     reference = Reference(

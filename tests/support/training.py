@@ -1,4 +1,4 @@
-"""Tiny runs of `train.residual`, and what a checkpoint has learned; for files that skip without the extra `train`."""
+"""Tiny runs of `train.residual` and the parameters of a checkpoint; for files that skip without the extra `train`."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ TINY = override(
 
 
 def parameters(folder: Path) -> dict[str, np.ndarray]:
-    """Everything that a run's learner has learned."""
+    """All parameters of a run's learner."""
     _, arrays = unpack(TITLE, (folder / "checkpoint.npz").read_bytes(), sealed=True)
     return {name: array for name, array in arrays.items() if name.startswith("learner/")}
 

@@ -1,4 +1,4 @@
-"""What hostile tests try: an act is accepted, or refused in one line of ours."""
+"""Tries of hostile tests: a call is accepted, or refused with a `SpidarError` of one line."""
 
 import warnings
 
@@ -6,11 +6,11 @@ from spidar_gym.errors import SpidarError
 
 
 def tried(act) -> tuple[bool, object]:
-    """Whether an act was accepted, and what came of it; a refusal is one line of ours that says what would be valid."""
+    """Whether a call was accepted, and its result; a refusal is one line that states what would be valid."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            warnings.filterwarnings("ignore", message=".*render_mode")  # gymnasium's own remark, before our error
+            warnings.filterwarnings("ignore", message=".*render_mode")  # a warning of gymnasium before our error
             return True, act()
     except SpidarError as error:
         message = str(error)

@@ -1,4 +1,4 @@
-"""Flights that vectors are held to: every way of drawing forms, meaning an action, and being a robot."""
+"""Flights by which vectors are tested: every sampling of forms, every action mode, and kinds of robots."""
 
 import statistics
 import time
@@ -37,7 +37,7 @@ def code(word, words):
 
 
 def expected(info, terms, failures):
-    """A readable environment's info as the vector has it."""
+    """The `info` of a single environment in the format of the vector."""
     told = {name: value for name, value in info.items() if not isinstance(value, str | dict)}
     told["term"] = [told[f"reward_{name}"] for name in terms]
     told["qp_status_code"] = code(info["qp_status"], [str(word) for word in STATUS])
@@ -50,7 +50,7 @@ def expected(info, terms, failures):
 
 
 def speed_share(built_in: Any, own: Any) -> float:
-    """Speed of a vector over that of another, by processor time, in turn, so that what else is done falls on both."""
+    """Speed of `own` relative to `built_in` by processor time, measured in turn, so that other load affects both."""
     spent: tuple[list[float], list[float]] = [], []
     for env in (built_in, own):
         env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""Zips of Stable-Baselines3: a model that has learned for a moment, and pickles that leave a file where they ran."""
+"""Zips of Stable-Baselines3: a briefly trained model, and pickles that create a file when they are executed."""
 
 import base64
 import io
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 class Trap:
-    """What makes a file as it is unpickled."""
+    """An object that creates a file when it is unpickled."""
 
     def __init__(self, sprung: Path) -> None:
         self.sprung = sprung
@@ -19,12 +19,12 @@ class Trap:
 
 
 def packed(value: object) -> dict[str, str]:
-    """A value as a zip's `data` has what is no JSON."""
+    """A value as stored in a zip's `data` if it is not JSON."""
     return {":type:": "", ":serialized:": base64.b64encode(pickle.dumps(value)).decode()}
 
 
 def changed(data: bytes, **entries: object) -> bytes:
-    """A zip with other entries of its `data`."""
+    """A zip with changed entries of its `data`."""
     made = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(made, "w") as new:
         for name in old.namelist():
@@ -34,8 +34,8 @@ def changed(data: bytes, **entries: object) -> bytes:
 
 
 def learned(path: Path, env_id: str = "spidar_gym/Hover-v0") -> Path:
-    """Save a PPO that has learned from eight ticks; its path."""
-    from stable_baselines3 import PPO  # not of every test's environment
+    """Save a PPO that was trained for eight ticks; return its path."""
+    from stable_baselines3 import PPO  # not installed for every test
 
     model = PPO("MlpPolicy", env_id, n_steps=8, batch_size=8, n_epochs=1, seed=0, device="cpu")
     model.learn(8)
