@@ -1,1 +1,1 @@
-"""The tasks: what robots are to do, drawn from what, rewarded for what, and when an episode is over."""
+"""Tasks: options, sampled conditions, rewards, failures and success of an episode."""

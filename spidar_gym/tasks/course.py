@@ -18,7 +18,7 @@ from spidar_gym.tasks.robots import CourseRobots
 from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
 
 PLAIN = "plain"
-"""The floor on which there is nothing."""
+"""The empty floor."""
 SIZES = {
     "wall": (0.4, 1.0),
     "beam": (0.55, 0.7),
@@ -27,37 +27,38 @@ SIZES = {
     "tiles": (0.005, 0.02),
     "slope": (math.radians(3.0), math.radians(10.0)),
 }
-"""Between these the size of each kind is drawn: height, clearance, width, highest tile [m], angle [rad]."""
+"""Range of each kind's size: height, clearance, width, height of the platform, highest tile [m], angle [rad]."""
 DEPTHS = {"wall": 0.2, "beam": 0.4, "slot": 0.3}
-"""How long each gate is along the course [m]."""
+"""Length of each gate along the course [m]."""
 FIRST_GAP, GAP, FLOOR_GAP, FLOOR_LENGTH = (2.2, 2.6), (3.0, 3.4), 2.6, 3.5
-"""From the start to the first gate, from each to the next, from the last to the floor of the goal; its length [m]."""
+"""Gaps from the start to the first gate, between gates, and from the last gate to the goal's floor [m]; length of the
+goal's floor [m]."""
 MIDDLE = 0.8
-"""The middle of a slot lies up to so far to a side [m]."""
+"""Largest lateral offset of a slot's middle [m]."""
 GOAL_WAY, GOAL_SIDE, GOAL_YAW = (1.5, 1.9), 0.4, 0.4
-"""The goal lies so far behind its floor's begin, up to so far to a side [m], and turned by up to so much [rad]."""
+"""Distance of the goal behind the beginning of its floor [m], its largest lateral offset [m] and yaw [rad]."""
 CHARGE = (0.6, 1.0)
-"""Between these the battery's charge at the start is drawn."""
+"""Range of the battery's charge at the start."""
 DECIDE = 20
-"""Ticks from one decision about the target to the next: 0.5 s."""
+"""Control periods between decisions about the target: 0.5 s."""
 MAX_HIT, MAX_TILT = 20.0, 1.2
-"""A larger force on anything but feet and pegs [N], or more tilt than this [rad], ends the episode."""
+"""A larger force on parts other than feet and pegs [N], or a larger tilt [rad], ends the episode."""
 LIES, AT_REST, CARRIED = 0.06, 0.05, 0.1
-"""The robot lies where its torso is so little higher than on its pegs [m], moves no faster than this [m/s], and its
-rotors carry no more than this share of its weight."""
+"""The robot lies if its torso is less than this above its height on the pegs [m], it moves slower than this [m/s], and
+its rotors carry less than this share of its weight."""
 TURN_LENGTH = 0.5
-"""A radian of heading counts as this many metres where both are one number."""
+"""Length that a radian of heading counts as in a distance to the goal [m]."""
 MOST_POWER = 3000.0
-"""Electrical power at which its term of the reward is 0 [W]."""
+"""Electrical power at which the reward term `power` is 0 [W]."""
 SUCCESS_POSITION, SUCCESS_YAW = 0.03, 0.05
-"""A success lies this close to the goal [m], [rad]."""
+"""Largest position [m] and yaw error [rad] of a success."""
 RANGES = {
     "charge": (1e-3, 1.0, "1"),
     "joint_speed": (0.1, 2.0, "rad/s"),
     "crawl_speed": (0.05, 2.0, "rad/s"),
     "horizon_s": (1.0 / CONTROL_RATE, 1e9, "s"),
 }
-"""Least and largest number of each argument, and its unit."""
+"""Least and largest value of each argument, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -65,34 +66,34 @@ class CourseTask(Task[CourseRobots]):
     """Reach a pose on the floor behind walls, beams and slots: fly over, crawl under, fly through in a narrow form."""
 
     gates: tuple[str, ...] = GATES
-    """Kinds of gates that are drawn: of `wall`, `beam`, `slot`."""
+    """Kinds of gates to sample from: any of `wall`, `beam`, `slot`."""
     floors: tuple[str, ...] = (PLAIN, *FLOORS)
-    """What the goal may lie on: of `plain`, `platform`, `tiles`, `slope`."""
+    """Floors of the goal to sample from: any of `plain`, `platform`, `tiles`, `slope`."""
     count: tuple[int, int] = (2, 3)
     """Least and largest number of gates."""
     course: Course | None = None
-    """One's own, the same in every episode: a `Course`, or `{"gates": [[kind, begin, end, size, middle], …], "goal":
-    [x, y, yaw], "tiles": […]}`; drawn if not given."""
+    """Custom course, the same in every episode: a `Course`, or `{"gates": [[kind, begin, end, size, middle], …],
+    "goal": [x, y, yaw], "tiles": […]}`; sampled if None."""
     charge: float | None = None
-    """The charge of the battery at the start, 0 … 1; drawn from 0.6 … 1 if not given."""
+    """Charge of the battery at the start, 0 … 1; sampled from 0.6 … 1 if None."""
     joint_speed: float = 0.6
-    """Speed of the joints in flight [rad/s]."""
+    """Joint speed in flight [rad/s]."""
     crawl_speed: float = 0.4
-    """Speed of the joints on the floor [rad/s]."""
+    """Joint speed on the floor [rad/s]."""
     horizon_s: float = 300.0
     """Length of an episode [s]."""
 
     robots = CourseRobots
-    reward_terms = {  # noqa: RUF012 - what a derived task writes, too
-        "progress": (0.6, "1 − rest / whole way; a radian counts as 0.5 m"),
-        "goal": (0.2, "1 / (1 + (rest / 0.03 m)²) while the robot lies, 0 else"),
+    reward_terms = {  # noqa: RUF012 - the form in which derived tasks write it
+        "progress": (0.6, "1 − distance to the goal / initial distance; a radian counts as 0.5 m"),
+        "goal": (0.2, "1 / (1 + (distance to the goal / 0.03 m)²) while the robot lies, else 0"),
         "power": (0.1, "1 − electrical power / 3000 W"),
         "safety": (0.1, "1 / (1 + (largest force on ducts and links / 5 N)²)"),
     }
     failures = {  # noqa: RUF012 - likewise
-        "hit": f"something but feet and pegs is hit with more than {MAX_HIT:g} N",
-        "out": f"it leaves the field, ± {HALF_WIDTH:g} m wide, up to the ceiling, from behind the start to past the "
-        "goal",
+        "hit": f"a force of more than {MAX_HIT:g} N acts on a part other than feet and pegs",
+        "out": f"the robot leaves the field, ± {HALF_WIDTH:g} m wide, from the floor to the ceiling, from behind the "
+        "start to past the goal",
         "tilt": f"the torso tilts by more than {MAX_TILT:g} rad, or the rotors are cut in the air",
         "empty": "the battery's usable charge is used up",
         "diverged": "the simulation's state is no longer finite",
@@ -100,7 +101,7 @@ class CourseTask(Task[CourseRobots]):
     stops = {  # noqa: RUF012 - likewise
         "hit": MAX_HIT, "is_outside": 0.0, "tilt": MAX_TILT, "is_cut": 0.0, "is_empty": 0.0,
     }  # fmt: skip
-    """Limits of quantities beyond which the engine ends a step that takes several control periods."""
+    """Limits of quantities; beyond one the engine ends a step of several control periods early."""
 
     def terms(self, robots: CourseRobots) -> Mapping[str, np.ndarray]:
         """Terms of the reward, in [0, 1]."""
@@ -112,7 +113,7 @@ class CourseTask(Task[CourseRobots]):
         }
 
     def failed(self, robots: CourseRobots) -> Mapping[str, np.ndarray]:
-        """Why courses are over."""
+        """Return the failures of each robot."""
         beyond = {name: getattr(robots, name) > limit for name, limit in self.stops.items()}
         return {
             "hit": beyond["hit"], "out": beyond["is_outside"], "tilt": beyond["tilt"] | beyond["is_cut"],
@@ -120,12 +121,12 @@ class CourseTask(Task[CourseRobots]):
         }  # fmt: skip
 
     def succeeded(self, robots: CourseRobots) -> np.ndarray:
-        """Who lies at the goal."""
+        """Return which robots lie at the goal."""
         near = (robots.position_error <= SUCCESS_POSITION) & (robots.yaw_error <= SUCCESS_YAW)
         return near & (robots.lies > 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse what is no course."""
+        """Validate the options."""
         require_ranges(self, RANGES)
         for name, kind, valid in (("gates", "gate", GATES), ("floors", "floor", (PLAIN, *FLOORS))):
             given = getattr(self, name)
@@ -144,7 +145,7 @@ class CourseTask(Task[CourseRobots]):
         object.__setattr__(self, "count", tuple(count))
 
     def draw_course(self, rng: np.random.Generator) -> Course:
-        """The course of an episode, as the engine draws it; `rng` moves on as there."""
+        """Sample the course of an episode as the engine does, advancing `rng` as the engine does."""
         if self.course is not None:
             return self.course
         generator, layouts = from_numpy(rng), engine_layouts()
@@ -155,7 +156,7 @@ class CourseTask(Task[CourseRobots]):
         return read_course(course)
 
     def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_course_rules`
-        """Write what the engine draws and counts."""
+        """Write the options and constants that the engine needs into `rules`."""
         floors = [len(KINDS) if floor == PLAIN else KINDS.index(floor) for floor in self.floors]
         rules["kinds"][: len(self.gates)] = [KINDS.index(gate) for gate in self.gates]
         rules["floors"][: len(floors)] = floors

@@ -1,4 +1,4 @@
-"""The crawl: reach a pose on the floor by lifting the legs, setting them forward, and carrying the torso after them."""
+"""The crawl: reach a pose on the floor by lifting the legs, setting them forward, and moving the torso after them."""
 
 import ctypes
 import math
@@ -22,43 +22,44 @@ from spidar_gym.tasks.robots import CrawlRobots
 from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
 
 PAPER_WAY = Pose2(0.6, 0.0, 0.0)
-"""The paper's way, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
+"""The paper's displacement of the goal, 0.6 m straight ahead [Zhao2025, Sec. Crawling Motion]."""
 PAPER_SHARE = 0.25
-"""How often the default draw is exactly the paper's way."""
+"""Share of episodes with exactly the paper's displacement, by default."""
 DISTANCES, TURN = (0.2, 0.6), 0.5
-"""The other default draws go so far [m] in any direction and turn by at most so much [rad]."""
+"""Range of the distance [m], in any direction, and largest turn [rad] of all other episodes, by default."""
 TURN_LENGTH = 0.5
-"""A radian of heading counts as this many metres where both are one number."""
+"""Length that a radian of heading counts as in a distance to the goal [m]."""
 OBSTACLE_HEIGHT, GOAL_CLEARANCE = 0.15, 0.3
-"""Height of an obstacle, and how far a goal is from one at least [m]."""
+"""Height of an obstacle, and least distance of a goal from it [m]."""
 SETTLE_TICKS = 40
-"""Ticks in which the robot comes to lie on a floor that is no plane."""
+"""Control periods in which the robot settles on a floor that is not a plane."""
 MAX_TILT, MAX_ASTRAY = 0.5, 0.5
-"""More tilt against the floor [rad], or being so much farther from the goal than at the start [m], ends the crawl."""
+"""A larger tilt against the floor [rad], or a distance to the goal so much above the initial one [m], ends the
+episode."""
 MOST_POWER = 3000.0
-"""Electrical power at which its term of the reward is 0 [W]."""
+"""Electrical power at which the reward term `power` is 0 [W]."""
 SUCCESS_POSITION, SUCCESS_YAW = 0.010, 0.02
-"""A success ends this close to the goal [m], [rad]."""
+"""Largest position [m] and yaw error [rad] of a success."""
 SUCCESS_AIRBORNE, SUCCESS_SLIP, SUCCESS_TIME = 0.95, 0.05, 1.25
-"""In a success every foot is off the ground for this share of its swing, none slides this far [m], and it takes at most
-this many times the preset's nominal time."""
+"""Limits of a success: least share of a foot's swing off the ground, slip of a foot [m], and time as a multiple of the
+preset's nominal time."""
 REST_TIME = 0.25
-"""Without a gait, in `direct`, a crawl is finished that has rested at the goal, within the miss of a success, for so
-long [s]: a torso that nothing carries falls by 0.3 m in it."""
+"""Without a gait, in `direct`, a crawl is finished after the robot has rested for this long within the errors of a
+success [s]. An unsupported torso falls by 0.3 m in that time."""
 REST_SPEED, REST_TURN, REST_JOINT_SPEED = 0.01, 0.05, 0.05
-"""A robot at rest moves slower than this [m/s], [rad/s], and so does every joint [rad/s]; what slides on at that speed
-goes a quarter of the miss of a success in that time, and the joints of a swing are ten times as fast."""
+"""Limits of a robot at rest: speed [m/s], angular velocity [rad/s], speed of every joint [rad/s]. Sliding at that speed
+for `REST_TIME` takes a quarter of `SUCCESS_POSITION`; the joints of a swing are ten times as fast."""
 REST_THRUST = 0.1
-"""Its thrust is off: all commands together are below this share of the weight; idle motors are at 6 %."""
+"""The thrust is off if the sum of all commands is below this share of the weight; idle motors are at 6 %."""
 SATURATED = 0.01
-"""A joint servo this close to its largest torque is saturated [Nm]."""
+"""A joint servo is saturated within this distance of its largest torque [Nm]."""
 SHORTFALLS = ("unfinished", "position", "yaw", "airborne", "timeout", "slip", "duct", "time")
-"""What may keep a crawl from being a success, in the order of their bits in `info`."""
+"""Criteria of a success that a crawl can miss, in the order of their bits in `info`."""
 _BITS = 1 << np.arange(len(SHORTFALLS))
 RANGES = {
     "distance": (0.0, 10.0, "m"),
     "direction": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
-    # A turn on the spot by more than π leaves the goal's heading behind before it comes near it.
+    # During a turn on the spot by more than π, the heading error first grows beyond its initial value.
     "turn": (-math.pi - MAX_ASTRAY / TURN_LENGTH, math.pi + MAX_ASTRAY / TURN_LENGTH, "rad"),
     "joint_speed": (1e-3, 2.0, "rad/s"),
     "friction": (1e-3, 5.0, "1"),
@@ -67,47 +68,47 @@ RANGES = {
     "steps": (0.0, 0.2, "m"),
     "horizon_s": (1.0 / CONTROL_RATE, 1e9, "s"),
 }
-"""Least and largest number of each argument, and its unit."""
+"""Least and largest value of each argument, and its unit."""
 SEARCHED = 1000
-"""Goals drawn in search of one that no obstacle covers."""
+"""Largest number of goals that are sampled to find one that no obstacle covers."""
 
 
 @dataclass(frozen=True)
 class CrawlTask(Task[CrawlRobots]):
-    """Crawl to a pose on the floor: lift the legs, set them forward, carry the torso after them."""
+    """Crawl to a pose on the floor: lift the legs, set them forward, move the torso after them."""
 
     distance: float | None = None
-    """How far the goal is [m]; drawn if None."""
+    """Distance to the goal [m]; sampled if None."""
     direction: float | None = None
-    """In which direction, 0 straight ahead, π/2 to the left [rad]; drawn if None."""
+    """Direction of the goal, 0 straight ahead, π/2 to the left [rad]; sampled if None."""
     turn: float | None = None
-    """How far the heading turns [rad], where the arc leads less than 0.5 m away from its goal; drawn if None."""
+    """Turn of the heading [rad], sampled if None; the arc must lead less than 0.5 m away from the goal."""
     joint_speed: float | None = None
-    """Speed of the joint motion [rad/s]; the preset's own if None."""
+    """Joint speed [rad/s]; the preset's if None."""
     schedule: str | None = None
-    """`sequential` or `overlapped` phases; the preset's own if None."""
+    """`sequential` or `overlapped` phases; the preset's if None."""
     friction: float | None = None
-    """Sliding friction of the feet; the robot's own if None."""
+    """Sliding friction of the feet; the robot's if None."""
     slope: float = 0.0
     """Angle of the floor to the horizontal [rad]."""
     slope_direction: float = 0.0
-    """Direction in which it rises [rad]."""
+    """Direction in which the floor rises [rad]."""
     steps: float = 0.0
-    """The floor is of 25 cm tiles with steps of this height [m]; 0 is a plane."""
+    """Height of the steps of a floor of 25 cm tiles [m]; 0 is a plane."""
     terrain: str = "tiles"
-    """What has them: `tiles` whose heights are drawn up to `steps`, `stairs` of that height across the way ahead, 0.5
-    and 1.25 m from the start, at most 0.1 m, or `mixed`, one as often as the other."""
+    """Kind of steps: `tiles` with heights sampled up to `steps`, `stairs` of that height, at most 0.1 m, 0.5 and 1.25 m
+    ahead of the start, or `mixed`, both equally often."""
     obstacles: tuple[tuple[float, float, float], ...] = ()
-    """Blocks on the floor: (x, y, radius) [m] from the start; the tiles within are 15 cm high."""
+    """Blocks on the floor: (x, y, radius) from the start [m]; the tiles within are 15 cm high."""
     horizon_s: float = 75.0
     """Length of an episode [s]."""
 
     robots = CrawlRobots
-    reward_terms = {  # noqa: RUF012 - what a derived task writes, too
-        "progress": (0.5, "1 − rest / whole way; a radian counts as 0.5 m; 1 at the goal, where the robot rests on"),
-        "goal": (0.1, "1 / (1 + (rest / 0.01 m)²)"),
+    reward_terms = {  # noqa: RUF012 - the form in which derived tasks write it
+        "progress": (0.5, "1 − distance to the goal / initial distance; a radian counts as 0.5 m"),
+        "goal": (0.1, "1 / (1 + (distance to the goal / 0.01 m)²)"),
         "level": (0.1, "1 / (1 + (tilt against the floor / 0.03 rad)²)"),
-        "slip": (0.1, "1 / (1 + (fastest touching point / 0.02 m/s)²)"),
+        "slip": (0.1, "1 / (1 + (speed of the fastest touching point / 0.02 m/s)²)"),
         "power": (0.1, "1 − electrical power / 3000 W"),
         "action": (0.1, "1 − mean a²"),
     }
@@ -130,7 +131,7 @@ class CrawlTask(Task[CrawlRobots]):
         }
 
     def failed(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
-        """Why crawls are over."""
+        """Return the failures of each robot."""
         return {
             "duct": robots.duct_touches > 0.0,
             "tilt": robots.tilt > MAX_TILT,
@@ -138,7 +139,7 @@ class CrawlTask(Task[CrawlRobots]):
         }
 
     def shortfalls(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
-        """What keeps crawls from being a success (N,), by the words of `SHORTFALLS`."""
+        """Return which criteria of a success each robot misses (N,), by the names in `SHORTFALLS`."""
         return {
             "unfinished": robots.finished == 0.0,
             "position": robots.position_error > SUCCESS_POSITION,
@@ -151,18 +152,18 @@ class CrawlTask(Task[CrawlRobots]):
         }
 
     def succeeded(self, robots: CrawlRobots) -> np.ndarray:
-        """Who has arrived, in time, without a time-out, with feet that leave the floor and do not slide on it."""
+        """Return which robots have finished and miss no criterion of a success."""
         if not robots.finished.any():
             return robots.finished > 0.0
         return ~np.any(list(self.shortfalls(robots).values()), axis=0)
 
     def tell(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
-        """What is short of a success, as bits."""
+        """Return the missed criteria of a success as bits, an entry of `info`."""
         missed = self.shortfalls(robots)
         return {"shortfalls_code": _BITS @ np.array([missed[word] for word in SHORTFALLS])}
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be crawled."""
+        """Validate the options."""
         require_ranges(self, RANGES)
         if self.schedule is not None:
             require_name("schedule", self.schedule, SCHEDULES)
@@ -173,40 +174,44 @@ class CrawlTask(Task[CrawlRobots]):
         if self.obstacles:
             self.draw_way(np.random.Generator(np.random.PCG64(0)))
         if self.distance == 0.0 and self.turn == 0.0:
-            raise InvalidValueError("distance", 0.0, "a way or a turn above 0")
+            raise InvalidValueError("distance", 0.0, "a distance or a turn above 0")
         if self.turn is not None:
             astray = arc_astray(DISTANCES[1] if self.distance is None else self.distance, self.turn)
             if astray >= MAX_ASTRAY:
                 raise InvalidValueError(
                     "turn", self.turn,
-                    f"a smaller turn [rad] or a shorter way: the arc leads {astray:.2f} m away from the goal, below "
-                    f"{MAX_ASTRAY:g} m is valid",
+                    f"a smaller turn [rad] or a shorter distance: the arc leads {astray:.2f} m away from the goal, "
+                    f"below {MAX_ASTRAY:g} m is valid",
                 )  # fmt: skip
 
     def draw_way(self, rng: np.random.Generator) -> Pose2:
-        """Where the goal of an episode is, seen from the start, as the engine draws it; `rng` moves on as there.
+        """Sample the goal of an episode, relative to the start, as the engine does, advancing `rng` as the engine does.
 
         Raises:
-            InvalidValueError: Where obstacles cover every goal of many that are drawn.
+            InvalidValueError: If obstacles cover all of `SEARCHED` sampled goals.
         """
         rules, way = (np.zeros((), engine_layouts()[name]) for name in ("crawl_rules", "pose2"))
         self.write(rules)
         generator = from_numpy(rng)
         if not load_core().sp_draw_way(pointer(rules), pointer(generator), ctypes.c_int64(SEARCHED), pointer(way)):
-            where = f"some that leave a goal {GOAL_CLEARANCE:g} m from each of them; the last one tried is at"
+            where = f"obstacles that leave a goal {GOAL_CLEARANCE:g} m from each of them; the last goal tried is at"
             raise InvalidValueError("obstacles", self.obstacles, f"{where} ({way['x']:.3g}, {way['y']:.3g})")
         take_back(rng, generator)
         return Pose2(*way.tolist())
 
     def floor(self, base: GroundConfig) -> GroundConfig:
-        """A floor of the kind that episodes have: the robot's, but for the slope, and steps at their highest."""
+        """Return a floor like those of the episodes: `base` with this task's slope, obstacles and highest steps."""
         ground = GroundConfig(self.slope, self.slope_direction, base.tiles) if self.slope else base
         if self.steps:
             ground = replace(ground, tiles=constant(self.steps, TILES, TILES))
         return with_blocks(ground, self.obstacles, OBSTACLE_HEIGHT) if self.obstacles else ground
 
     def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_crawl_rules`
-        """Write what the engine draws and counts (`InvalidValueError` for more obstacles than there is room for)."""
+        """Write the options and constants that the engine needs into `rules`.
+
+        Raises:
+            InvalidValueError: For more than `MAX_OBSTACLES` obstacles.
+        """
         if len(self.obstacles) > MAX_OBSTACLES:
             raise InvalidValueError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES} blocks")
         fill(rules["way"], PAPER_WAY)
@@ -222,15 +227,15 @@ class CrawlTask(Task[CrawlRobots]):
 
 
 def arc_astray(distance: float, turn: float) -> float:
-    """How much farther from its goal than at its start an arc leads [m], a radian counting `TURN_LENGTH`.
+    """Return how far an arc leads away from its goal, beyond the initial distance [m]; a radian counts `TURN_LENGTH`.
 
     Args:
-        distance: Length of its chord [m].
-        turn: How far the heading turns on it [rad].
+        distance: Length of the arc's chord [m].
+        turn: Turn of the heading along the arc [rad].
     """
     turn = abs(turn)
     if turn <= math.pi:
         return 0.0
-    # Farthest where it is still to turn by π: there the rest of the way is the circle's diameter.
+    # The goal is farthest where a turn of π remains: there the distance is the circle's diameter.
     diameter = distance / math.sin(0.5 * turn) if turn < 2.0 * math.pi else math.inf
     return diameter - distance + TURN_LENGTH * (turn - math.pi)

@@ -18,35 +18,35 @@ from spidar_gym.tasks.start import FlightStart
 from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
 
 CLEARANCE = 0.5
-"""Height of the feet of form ③ over the floor [m]: the CoG hovers where that leaves them."""
+"""Height of the feet of form ③ over the floor [m], which defines the default height of the CoG."""
 OFFSET = 0.03, 0.05
 """Largest initial offset of position [m] and attitude [rad] per axis at a perturbation of 1."""
 MIXTURE = 0.25, 0.55
-"""This share of `mixed` forms is the paper's; these and those with equal legs are the second share."""
+"""Cumulative shares of `mixed`: the paper's forms, then also forms with equal legs; all others are independent."""
 PAPER_PAUSE, PAUSE = 4.0, (1.0, 2.5)
-"""From the paper's first form to its second; between two drawn forms, drawn in between [s]."""
+"""Time from the paper's first form to its second; range of the pause between two sampled forms [s]."""
 DRAWN_FORMS = {
     "equal": (((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4)), 1),
     "independent": (((-0.5, -0.2, -0.5, 0.0), (0.5, 0.8, 0.5, 1.4)), N_LEGS),
-    # Near form ③, outer rotor under the inner one: every inner rotor blows on another.
+    # Near form ③, outer rotor under the inner one: the jet of every inner rotor hits another rotor.
     "narrow": (((-0.25, 0.65, -0.15, 1.35), (0.25, 0.9, 0.15, 1.57)), N_LEGS),
 }
-"""Least and largest angles of a leg's joints (yaw, pitch, yaw, pitch from the torso on) [rad], and how many legs are
-drawn: of one, all legs are alike, with a common twist of the yaw joints."""
+"""Least and largest angles of a leg's joints (yaw, pitch, yaw, pitch from the torso on) [rad], and the number of legs
+that are sampled. With one, all legs are alike, with a common twist of the yaw joints."""
 MAX_TILT, MAX_DISTANCE = 1.0, 1.0
-"""More tilt [rad] [JSK], or a CoG farther from its reference [m], ends the flight."""
+"""A larger tilt [rad] [JSK], or a larger distance of the CoG from its reference [m], ends the episode."""
 SUCCESS_POSITION, SUCCESS_ATTITUDE = 0.05, 0.05
-"""RMS errors of a success stay below these [m], [rad]."""
+"""Limits of a success's RMS errors [m], [rad]."""
 ARRIVAL_GRACE, ARRIVAL_TOLERANCE = 0.5, 0.05
-"""A form is reached when every joint is this close [rad], at most so long after its deadline [s]."""
+"""Time after its deadline within which a form must be reached [s], and the largest error of a joint there [rad]."""
 RANGES = {
     "joint_speed": (1e-6, 1e3, "rad/s"),
-    # All forms are drawn before the episode begins, a day's in a second.
+    # All forms are sampled before the episode begins; those of a day take about a second.
     "horizon_s": (1e-3, 86400.0, "s"),
     "perturbation": (0.0, 1e3, "1"),
     "altitude": (0.0, 1e3, "m"),
 }
-"""Least and largest number of each argument, and its unit."""
+"""Least and largest value of each argument, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -54,23 +54,24 @@ class HoverTask(Task[HoverRobots]):
     """Hold the CoG and a level attitude while the joints go through a sequence of forms."""
 
     forms: str = "mixed"
-    """`paper` (① at once, ② from 4 s on, ③ without a stop), one of the forms held, `equal` legs with a common twist,
-    `independent` legs with yaw, `narrow` ones near ③, or `mixed` (25 % paper forms, 30 % equal, 45 % independent)."""
+    """Sequence of forms: `paper` (① at the start, ② from 4 s on, then ③ without a pause), one of the forms throughout,
+    `equal` legs with a common twist, `independent` legs with yaw, `narrow` forms near ③, or `mixed` (25 % `paper`,
+    30 % `equal`, 45 % `independent`)."""
     joint_speed: float = ROBOT.joint_speed
-    """Speed of the joint motion [rad/s]."""
+    """Joint speed [rad/s]."""
     horizon_s: float = 20.0
-    """Length of an episode [s]; forms are drawn until then."""
+    """Length of an episode [s]; the sequence of forms is as long."""
     perturbation: float = 1.0
-    """Scale of the initial offset: 1 is ± 3 cm and ± 0.05 rad per axis, at rest; 0 starts on the reference."""
+    """Scale of the initial offset: 1 is ± 3 cm and ± 0.05 rad per axis, at rest; 0 is none."""
     avoid_interference: bool = True
-    """Whether rotors are restricted; False is the paper's baseline method."""
+    """Whether rotors whose jets hit others are restricted; False is the paper's baseline method."""
     unrestricted: Sequence[Sequence[float]] = ()
-    """Windows of time `(start, end)` in which no rotor is restricted [s], as in the paper's flight."""
+    """Time windows `(start, end)` in which no rotor is restricted [s], as in the paper's flight."""
     altitude: float | None = None
-    """Height of the CoG [m]; if not given, that which leaves the feet of form ③ half a metre above the floor."""
+    """Height of the CoG [m]; if None, the feet of form ③ are half a metre above the floor."""
 
     robots = HoverRobots
-    reward_terms = {  # noqa: RUF012 - what a derived task writes, too
+    reward_terms = {  # noqa: RUF012 - the form in which derived tasks write it
         "position": (0.4, "1 / (1 + (‖position error‖ / 0.02 m)²)"),
         "attitude": (0.4, "1 / (1 + (‖attitude error‖ / 0.03 rad)²)"),
         "joints": (0.1, "1 / (1 + (max |planned − measured joint angle| / 0.1 rad)²)"),
@@ -84,7 +85,7 @@ class HoverTask(Task[HoverRobots]):
     }
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be flown."""
+        """Validate the options."""
         require_name("form sequence", self.forms, SEQUENCES)
         require_ranges(self, RANGES)
         require_flag(avoid_interference=self.avoid_interference)
@@ -100,7 +101,7 @@ class HoverTask(Task[HoverRobots]):
         }
 
     def failed(self, robots: HoverRobots) -> Mapping[str, np.ndarray]:
-        """Why flights are over."""
+        """Return the failures of each robot."""
         return {
             "contact": robots.in_contact > 0.0,
             "tilt": robots.tilt > MAX_TILT,
@@ -108,7 +109,7 @@ class HoverTask(Task[HoverRobots]):
         }
 
     def succeeded(self, robots: HoverRobots) -> np.ndarray:
-        """Who has flown the horizon within the errors, with every due form reached in time."""
+        """Return which robots have flown the whole horizon within the RMS limits and reached every due form in time."""
         done = robots.ticks >= robots.horizon
         if done.any():
             done &= (robots.position_rms < SUCCESS_POSITION) & (robots.attitude_rms < SUCCESS_ATTITUDE)
@@ -116,23 +117,23 @@ class HoverTask(Task[HoverRobots]):
         return done
 
     def start(self, rng: np.random.Generator) -> FlightStart | None:
-        """What an episode of one robot begins with and goes through; None has the engine draw it.
+        """Return the initial state, forms and path of a robot's episode; with None the engine samples them.
 
-        `draw_start(task, rng)` gives what would be drawn.
+        `draw_start(task, rng)` returns the start that the engine would sample.
         """
         del rng
         return None
 
     def reference(self, robots: HoverRobots) -> np.ndarray:
-        """What the controllers are to do now: records of `Reference`'s fields, the modes by number.
+        """Return the controllers' current references: records of `Reference`'s fields, with modes as numbers.
 
-        It is that of the schedule: the level hover, or the path, with the form that is due, and the fault that the
-        controller knows of. A derived task changes what differs.
+        By default these are the schedule's: a level hover or the path, the form that is due, and the fault that is
+        reported to the controller. A derived task changes the fields that differ.
         """
         return robots.scheduled["reference"]
 
     def preview(self, robots: HoverRobots) -> np.ndarray:
-        """What a policy sees of the schedule: records of the forms now and next, and of the path ahead."""
+        """Return the policy's preview of the schedule: records of the current and the next form and the path ahead."""
         return robots.scheduled["preview"]
 
     @property
@@ -142,16 +143,20 @@ class HoverTask(Task[HoverRobots]):
 
     @property
     def most_goals(self) -> int:
-        """How many forms an episode can have: between two of them is at least a second."""
+        """Largest number of forms of an episode: they are at least a second apart."""
         return math.ceil(self.horizon_s) + 3
 
     @property
     def most_knots(self) -> int:
-        """How many knots a path of an episode can have."""
+        """Largest number of knots of an episode's path."""
         return 0
 
     def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_hover_rules`
-        """Write what the engine draws, plays and counts (`InvalidValueError` for too many windows of time)."""
+        """Write the options and constants that the engine needs into `rules`.
+
+        Raises:
+            InvalidValueError: For more than `MAX_WINDOWS` time windows.
+        """
         if len(self.unrestricted) > MAX_WINDOWS:
             raise InvalidValueError("unrestricted", len(self.unrestricted), f"at most {MAX_WINDOWS} windows of time")
         for name in ("position_w", "joint_speed", "perturbation", "horizon_s"):
@@ -166,7 +171,7 @@ class HoverTask(Task[HoverRobots]):
 
 @lru_cache(maxsize=64)
 def hover_height(robot: RobotSpec = ROBOT) -> float:
-    """Height of the CoG that leaves the feet of form ③ `CLEARANCE` above the floor [m]."""
+    """Return the height of the CoG at which the feet of form ③ are `CLEARANCE` above the floor [m]."""
     model, q, level = Model(robot), FORMS["form3"], np.zeros((N_ROTORS, 2))
     com_z = model.snapshot(q, np.eye(3), level).com_b[2]
     feet_z = model.contacts(q)[0][:N_LEGS, 2].min()

@@ -1,4 +1,4 @@
-"""The path: follow a way through the air, level, while the joints go through forms; all else is the hover's."""
+"""The path: follow a path through the air, level, while the joints go through forms; all else is as in the hover."""
 
 import math
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.task import require_ranges, write_constants
 
 PATH_BEGIN = 1.0
-"""The robot hovers for so long before it leaves [s]."""
+"""Time of hovering before the path begins [s]."""
 PATH_MIXTURE = 0.25, 0.5
-"""This share of `mixed` paths are straight legs; these and lemniscates are the second share."""
+"""Cumulative shares of `mixed`: straight legs, then also lemniscates; all others are splines."""
 SPEEDS = 0.3, 1.5
-"""Least and largest speed that is drawn [m/s]."""
+"""Range of sampled speeds [m/s]."""
 HALF_WIDTH = 2.0
-"""Half of a lemniscate's width, from its crossing to either end [m]."""
+"""Half the width of a lemniscate, from its crossing to either end [m]."""
 CORNER_RADIUS, CORNER_TURN = (0.7, 1.5), (2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
-"""Corners of straight legs lie so far from where they begin [m], and from one to the next it is such an angle there."""
+"""Ranges of a corner of straight legs: distance from the start [m], angle to the previous corner, seen there [rad]."""
 BEND_RADIUS, BEND_TURN = (1.0, 2.0), (0.6, 1.2)
-"""Points of a spline lie so far from its middle [m], and from one to the next it is such an angle there [rad]."""
+"""Ranges of a spline's point: distance from its middle [m], angle to the previous point, seen there [rad]."""
 CLIMB = 1.0
-"""Points lie up to this much higher than where they begin [m]."""
+"""Largest height of a point above the start [m]."""
 RANGES = {**HOVER_RANGES, "speed": (0.05, 3.0, "m/s")}
-"""Least and largest number of each argument, and its unit."""
+"""Least and largest value of each argument, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,15 @@ class PathTask(HoverTask):
     """Follow a path with the CoG, level, while the joints go through a sequence of forms."""
 
     path: str = "mixed"
-    """`legs`, straight from corner to corner with a rest at each, `lemniscate`, 4 m wide, `spline`, round and up and
-    down, or `mixed` (25 % legs, 25 % lemniscates, 50 % splines)."""
+    """Kind of path: `legs`, straight from corner to corner with a stop at each, `lemniscate`, 4 m wide, `spline`, round
+    and up and down, or `mixed` (25 % legs, 25 % lemniscates, 50 % splines)."""
     speed: float | None = None
-    """Speed along it [m/s]; 0.3 … 1.5 is drawn if not given."""
+    """Speed along the path [m/s]; sampled from 0.3 … 1.5 if None."""
     heading: str = "mixed"
-    """`kept`, `along` the path, or `mixed`, one as often as the other."""
+    """Heading: `kept`, `along` the path, or `mixed`, both equally often."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be flown."""
+        """Validate the options."""
         super().__post_init__()
         require_name("path", self.path, PATHS[1:])
         require_name("heading", self.heading, HEADINGS)
@@ -50,12 +50,12 @@ class PathTask(HoverTask):
 
     @property
     def most_knots(self) -> int:
-        """How many a path can have: no leg takes less than 2 s, no piece of a spline goes less than 0.5 m."""
+        """Largest number of knots of a path: a leg takes at least 2 s, a piece of a spline is at least 0.5 m long."""
         fastest = SPEEDS[1] if self.speed is None else self.speed
         return 8 + math.ceil(max(4.0, fastest / 0.5) * (self.horizon_s + 2.0 * fastest / EASE))
 
     def write(self, rules: Any) -> None:  # noqa: ANN401 - a record of `sp_hover_rules`
-        """Write what the engine draws and plays."""
+        """Write the options and constants that the engine needs into `rules`."""
         super().write(rules)
         rules["path"], rules["heading"] = PATHS.index(self.path), HEADINGS.index(self.heading)
         rules["speed"] = SPEEDS if self.speed is None else self.speed

@@ -1,4 +1,4 @@
-"""What a task is given of N robots: their quantities, states and memory, an entry for every robot each."""
+"""The robots as a task sees them: quantities, states and memory of N robots, as arrays with an entry for each."""
 
 from collections.abc import Mapping
 from functools import cached_property
@@ -13,7 +13,7 @@ from spidar_gym.robot import N_LEGS
 
 @runtime_checkable
 class Simulated(Protocol):
-    """Robots in the engine, as far as a task may know them."""
+    """The part of the engine's robots that a task may use."""
 
     robots: np.ndarray
     quantities: np.ndarray
@@ -23,35 +23,35 @@ class Simulated(Protocol):
 
     @property
     def scheduled(self) -> Mapping[str, np.ndarray]:
-        """`reference` and `preview` of the schedule now, records (N,) each."""
+        """Current `reference` and `preview` of the schedule, records (N,) each."""
         ...
 
     @property
     def horizon(self) -> np.ndarray:
-        """Steps after which an episode ends (N,)."""
+        """Steps after which an episode is truncated (N,)."""
         ...
 
     @property
     def action_size(self) -> int:
-        """Entries of an action."""
+        """Number of entries of an action."""
         ...
 
     def load(self, ids: np.ndarray, mass: np.ndarray, position_b: np.ndarray) -> None:
-        """Have torsos carry point masses."""
+        """Attach point masses to torsos."""
         ...
 
 
 class Robots(Quantities):
-    """N robots; the arrays have an entry for every robot, and are not to be written.
+    """N robots, as read-only arrays with an entry for every robot.
 
-    Every quantity that the engine counts for the task is an attribute: views of one block, written anew at every tick.
+    Every quantity that the engine computes for the task is an attribute, a view of a block that each tick overwrites.
     """
 
     kind: ClassVar[str]
     """Struct of a robot in the engine."""
 
     def __init__(self, simulated: Simulated, memory: np.ndarray) -> None:
-        """Look at robots in the engine, and at what the task remembers of them."""
+        """Store views of the engine's robots and of the task's memory."""
         self._simulated, self.memory, self.records = simulated, memory, simulated.robots
         common, block = simulated.quantities["common"], simulated.quantities
         for name in block.dtype.names or ():
@@ -61,47 +61,47 @@ class Robots(Quantities):
             setattr(self, name, common[name])
 
     def __len__(self) -> int:
-        """How many."""
+        """Return the number of robots."""
         return len(self.records)
 
     @property
     def horizon(self) -> np.ndarray:
-        """Steps after which an episode ends (N,)."""
+        """Steps after which an episode is truncated (N,)."""
         return self._simulated.horizon
 
     @cached_property
     def state(self) -> np.ndarray:
-        """True states, records of `RobotState`'s fields, arrays in it flat: `state["position_w"]` is (N, 3) [m]."""
+        """True states, records of `RobotState`'s fields with flat arrays: `state["position_w"]` is (N, 3) [m]."""
         return self.records["plant"]["state"]
 
     @cached_property
     def action(self) -> np.ndarray:
-        """Last actions, in [−1, 1], (N, size of an action)."""
+        """Last actions in [−1, 1], (N, size of an action)."""
         return self.records["episode"]["action"][:, : self._simulated.action_size]
 
     @property
     def payload(self) -> np.ndarray:
-        """Mass of what the torso carries (N,) [kg]."""
+        """Mass of the torso's load (N,) [kg]."""
         return self.records["plant"]["config"]["body"]["payload_mass"]
 
     def load(self, ids: np.ndarray, mass: Any, position_b: Any = (0.0, 0.0, 0.0)) -> None:  # noqa: ANN401 - numbers or arrays
-        """Have torsos carry point masses from the next tick on, until their episodes end; 0 kg puts them down.
+        """Attach point masses to torsos, from the next tick to the end of the episode; 0 kg removes them.
 
         Args:
-            ids: Whose, numbers or flags (N,).
-            mass: [kg], one for all of them or one for each.
-            position_b: Where, torso axes (3,) or (…, 3) [m].
+            ids: Indices of the robots, or flags (N,).
+            mass: Mass [kg], one for all or one for each.
+            position_b: Position in torso axes, (3,) or (…, 3) [m].
 
         Raises:
-            SpidarError: For a task that does not say that it `loads`.
-            InvalidValueError: For a mass below 0, or numbers that are none.
+            SpidarError: For a task without `loads = True`.
+            InvalidValueError: For a mass below 0, or a value that is not finite.
         """
         if not self._simulated.has_own_copies:
             raise SpidarError("these robots share one model; valid: a task with loads = True")
         ids = np.flatnonzero(ids) if np.asarray(ids).dtype == bool else np.asarray(ids, int)
         mass, position = np.broadcast_to(mass, ids.shape), np.broadcast_to(position_b, (*ids.shape, 3))
         if not (np.isfinite(mass).all() and (mass >= 0.0).all() and np.isfinite(position).all()):
-            raise InvalidValueError("load", (mass.tolist(), position.tolist()), "masses from 0 kg on, at numbers in m")
+            raise InvalidValueError("load", (mass.tolist(), position.tolist()), "masses ≥ 0 kg, finite positions in m")
         if ids.size:
             self._simulated.load(ids, mass, position)
 
@@ -128,12 +128,12 @@ class HoverRobots(HoverQuantities, Robots):
 
     @property
     def goal(self) -> np.ndarray:
-        """Forms to take now: records of `start`, `deadline` [s], `joint_target` (N, 16) [rad]."""
+        """Current target forms: records of `start`, `deadline` [s], `joint_target` (N, 16) [rad]."""
         return self._simulated.goals[np.arange(len(self)), self.records["current"]]
 
     @property
     def scheduled(self) -> Mapping[str, np.ndarray]:
-        """`reference` and `preview` of the environment's schedule and path now, copies: records (N,) each."""
+        """Copies of the current `reference` and `preview` of the environment's schedule and path, records (N,) each."""
         return {name: records.copy() for name, records in self._simulated.scheduled.items()}
 
 
@@ -144,12 +144,12 @@ class CrawlRobots(CrawlQuantities, Robots):
 
     @cached_property
     def error(self) -> np.ndarray:
-        """Goal − torso (N, 3): x, y [m], world, and yaw [rad]."""
+        """Goal − torso (N, 3): x, y in the world [m], and yaw [rad]."""
         return self.records["error"]
 
     @property
     def phase(self) -> np.ndarray:
-        """Phase of the gait, a number of `PHASES` (N,)."""
+        """Phase of the gait as an index of `PHASES` (N,)."""
         return self.records["phase"]
 
     @property

@@ -1,4 +1,4 @@
-"""What a flight begins with and goes through: given by a user, or drawn by the engine."""
+"""The start of a flight: initial state, forms and path of an episode, from a user or sampled by the engine."""
 
 import ctypes
 import math
@@ -26,37 +26,37 @@ START = {
 
 @dataclass(frozen=True)
 class FormGoal:
-    """A form to take, from when on, and by when it should be reached."""
+    """A target form with its start and its deadline."""
 
     start: float
-    """When it becomes the target [s]."""
+    """Time at which it becomes the target [s]."""
     deadline: float
-    """When the slowest joint arrives at the joint speed [s]."""
+    """Time at which the last joint arrives, moving at the joint speed [s]."""
     joint_target: JointVector
-    """q [rad]."""
+    """Joint angles q [rad]."""
 
 
 @dataclass(frozen=True)
 class FlightStart:
-    """All that an episode begins with and goes through, given instead of drawn."""
+    """Initial state, forms and path of an episode, in place of sampled ones."""
 
     goals: tuple[FormGoal, ...]
-    """Forms in order; the first is the initial one, reached at time 0."""
+    """Forms in order; the first is the initial form, reached at time 0."""
     position: Vector3
-    """Offset of the torso from its place over the reference [m]."""
+    """Offset of the torso from its reference position [m]."""
     rotation: Vector3
-    """Offset of its attitude, a rotation vector [rad]."""
+    """Offset of the torso's attitude, a rotation vector [rad]."""
     trim: Wrench | None = None
-    """What a hover takes beyond the description, with which the integrals begin [N, Nm]; computed if None."""
+    """Initial integrals: the wrench that a hover needs beyond the nominal one [N, Nm]; computed if None."""
     path: Path | None = None
-    """Where the CoG goes; it stays if None."""
+    """Path of the CoG; none if None."""
     velocity: Vector3 = field(default_factory=lambda: constant(0.0, 3))
-    """Velocity of the CoG, world [m/s]."""
+    """Initial velocity of the CoG, world [m/s]."""
     omega: Vector3 = field(default_factory=lambda: constant(0.0, 3))
-    """Angular velocity of the torso, its axes [rad/s]; legs and rotors are at rest."""
+    """Initial angular velocity of the torso, torso axes [rad/s]; legs and rotors are at rest."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no episode."""
+        """Validate the fields."""
         if not self.goals or not self.goals[0].deadline <= 0.0:
             raise InvalidValueError("goals", len(self.goals), "at least one goal, the first with deadline 0")
         numbers = [(name, getattr(self, name)) for name in ("position", "rotation", "trim", "velocity", "omega")]
@@ -71,7 +71,7 @@ class FlightStart:
 
     @classmethod
     def parse(cls, values: "Mapping[str, Any] | FlightStart") -> "FlightStart":
-        """From a dictionary of lists, as scenario files have it."""
+        """Read a start from a dictionary of lists, the format of scenario files."""
         if isinstance(values, FlightStart):
             return values
         if not isinstance(values, Mapping):
@@ -102,7 +102,7 @@ _START = (
 
 
 def _path(rows: object) -> Path | None:
-    """From a list of knots."""
+    """Read a path from a list of knots."""
     if rows is None:
         return None
     array = require_array("path", rows, _START)
@@ -119,7 +119,7 @@ def _numbers(name: str, value: object, size: int) -> np.ndarray:
 
 
 def draw_start(task: Any, rng: np.random.Generator) -> FlightStart:  # noqa: ANN401 - a `HoverTask` or one derived from it
-    """The start that the engine would draw for an episode: forms, offset and path; `rng` moves on as there."""
+    """Sample the forms, offset and path of an episode as the engine does, advancing `rng` as the engine does."""
     layouts, generator = engine_layouts(), from_numpy(rng)
     rules, start = np.zeros((), layouts["hover_rules"]), np.zeros((), layouts["flight_start"])
     task.write(rules)
@@ -136,12 +136,12 @@ def draw_start(task: Any, rng: np.random.Generator) -> FlightStart:  # noqa: ANN
 
 
 def read_goals(records: np.ndarray) -> tuple[FormGoal, ...]:
-    """Forms of records of `sp_goal`."""
+    """Read forms from records of `sp_goal`."""
     return tuple(FormGoal(float(row["start"]), float(row["deadline"]), row["joint_target"].copy()) for row in records)
 
 
 def read_path(knots: np.ndarray) -> Path | None:
-    """The path of records of `sp_knot`; None where there are none."""
+    """Read a path from records of `sp_knot`; None if there are none."""
     if not len(knots):
         return None
     return Path(*(knots[name].copy() for name in ("time", "pose_w", "rate_w", "acceleration_w")))

@@ -322,7 +322,7 @@ def test_gait_residuals_shape_the_gait():
         ({"distance": -1.0}, InvalidValueError, "within 0"),
         ({"joint_speed": 0.0}, InvalidValueError, "rad/s"),
         ({"horizon_s": 0.0}, InvalidValueError, r"\[s\]"),
-        ({"distance": 0.0, "turn": 0.0}, InvalidValueError, "a way or a turn"),
+        ({"distance": 0.0, "turn": 0.0}, InvalidValueError, "a distance or a turn"),
         ({"obstacles": ((1.0, 0.0, -0.2),)}, InvalidValueError, "radius within 0"),
         ({"obstacles": ((1.0, math.nan, 0.2),)}, InvalidValueError, "radius within 0"),
     ],
