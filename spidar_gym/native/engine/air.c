@@ -1,7 +1,7 @@
-/* The air: sixteen ducted jets, what they do to other rotors, links and torso, ram drag, ground effect, wind.
+/* Aerodynamics: sixteen ducted jets with their effect on other rotors, links and torso, ram drag, ground effect, wind.
  *
  * docs/concepts/air.md has the equations with their sources. Forces are evaluated at the kinematics of the latest
- * physics step, a step old, and held until the next evaluation.
+ * physics step, which are one step old, and held until the next evaluation.
  */
 #include "engine.h"
 
@@ -31,8 +31,8 @@ double sp_thrust_factor(double inflow, double zero_thrust_speed)
     return sp_clip(epsilon * (epsilon - inflow), 0.0, 1.3);
 }
 
-/* The same from a table of a thousand entries a unit, straight in between, of which two entries are computed: what the
- * committed flights were flown with, right to 1e-6. */
+/* The thrust factor, interpolated linearly in a table with a thousand entries per unit, of which only two are computed.
+ * The committed flights used this table; its error is below 1e-6. */
 static double tabled_factor(double inflow, double zero_thrust_speed)
 {
     double last = rint(1200.0 * zero_thrust_speed) - 1.0, at = sp_clip(floor(1000.0 * inflow), -2000.0, last);
@@ -41,10 +41,10 @@ static double tabled_factor(double inflow, double zero_thrust_speed)
     return f0 + (sp_thrust_factor(x1, zero_thrust_speed) - f0) / (x1 - x0) * (inflow - x0);
 }
 
-/* One evaluation: what is known of a station, and what the air does there. */
+/* A station, i.e. a point at which the air is evaluated. */
 typedef struct {
     const double *R;            /* attitude of its body */
-    double p[3], air[3], F[3];  /* from the torso's subtree's CoG [m]; air that it meets [m/s]; force [N] */
+    double p[3], air[3], F[3];  /* position from the robot's CoG [m]; relative air velocity [m/s]; force [N] */
     int32_t owner;              /* module whose jets do not act on it, −1 for the torso */
 } station;
 
@@ -60,7 +60,7 @@ static void place(station *s, const sp_sim *sim, int32_t body, const double *ori
     for (int i = 0; i < 3; i++) s->air[i] = wind_w[i] - v[3 + i] + turn[i];
 }
 
-/* Take from the air at a station what the jets of other modules blow there. */
+/* Add the jets of other modules, which blow along −axis, to the air velocity at a station. */
 static void add_wake(station *s, int duct, const sp_world *world, const double *up, const double (*exits)[3],
                      const double *w, double core_length)
 {
@@ -83,13 +83,13 @@ static void add_wake(station *s, int duct, const sp_world *world, const double *
         for (int i = 0; i < 3; i++) flow[i] += speed * axis[i];
         fastest = sp_max(fastest, speed);
     }
-    /* Jets that meet add up, but blow no faster than the fastest of them by more than a fifth: on one line they would
-     * otherwise count twice. */
+    /* Jets that meet add up, but to at most 1.2 times the speed of the fastest: jets on one line would otherwise count
+     * twice. */
     double limit = sp_min(1.0, 1.2 * fastest / sp_max(sp_norm(flow), 1e-9));
     for (int i = 0; i < 3; i++) s->air[i] -= limit * flow[i];
 }
 
-/* Height of what is straight under a point: the highest box whose top is lower, else the floor. */
+/* Return the height of the surface vertically below a point: the highest box whose top is lower, else the floor. */
 static double top_under(const sp_world *world, const sp_sim *sim, const double *p)
 {
     double highest = 0.0;
@@ -114,7 +114,7 @@ static double near_ground(double factor, double centre_z, double up_z, const sp_
     return factor * (1.0 + strength * (ratio * ratio));
 }
 
-/* Forces of the air: `thrust` in still air and `noise` by module [N], wind [m/s] and push [N] in the world. */
+/* Evaluate the forces of the air: `thrust` in still air and `noise` per module [N], wind [m/s] and push [N], world. */
 void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config, const double *thrust,
                      const double *wind_w, const double *noise, const double *push_w, sp_air *out)
 {
@@ -170,7 +170,7 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         for (int i = 0; i < 3; i++) s->F[i] = drag * V[i] + lift * axis[i];
         out->thrust_factor[k] = factor;
     }
-    for (int k = 0; k < STATIONS_A_LINK * SP_ROTORS; k++, s++) { /* a rod feels no flow along itself */
+    for (int k = 0; k < STATIONS_A_LINK * SP_ROTORS; k++, s++) { /* flow along a rod exerts no force */
         double rod[3] = {s->R[0], s->R[3], s->R[6]}, along = sp_dot(s->air, rod), V[3];
         for (int i = 0; i < 3; i++) V[i] = s->air[i] - along * rod[i];
         double drag = half * SP_BLUFF * SP_LINK_SEGMENT * world->link_width[k % STATIONS_A_LINK] * sp_norm(V);
@@ -187,7 +187,7 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         if (k == 0)
             for (int i = 0; i < 3; i++) s->F[i] += push_w[i];
     }
-    /* To generalised forces: wrenches about one point add up along the tree, from the leaves to the torso. */
+    /* Generalised forces: wrenches about one point add up along the tree, from the leaves to the torso. */
     memset(wrench, 0, sizeof wrench);
     for (int k = 0; k < SP_STATIONS; k++) {
         int32_t link = (k - SP_DUCTS) / STATIONS_A_LINK;

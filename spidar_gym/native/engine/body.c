@@ -1,10 +1,10 @@
-/* What a configuration means for MuJoCo's model: masses, friction, gears, lags, limits, the joint servos' stiffness and
+/* Writes a configuration into MuJoCo's model: masses, friction, gears, lags, limits, the joint servos' stiffness and
  * damping [Zhao2025, Eq. 17]. */
 #include "engine.h"
 
 #define GAINS 10 /* numbers of an actuator's dynamics, gain and bias each */
 
-/* Let the torso carry a point mass: one rigid body of the two, about the centre of both, in its principal axes. */
+/* Add a point mass to the torso: one rigid body with the common CoG and principal axes. */
 static void write_payload(const sp_world *world, double mass, const double *position, const sp_sim *sim)
 {
     double *own = sim->body_mass + world->torso, *com = sim->body_ipos + 3 * world->torso;
@@ -25,7 +25,7 @@ static void write_payload(const sp_world *world, double mass, const double *posi
     *own = total;
 }
 
-/* Masses and friction, starting from the described robot; nothing of an earlier configuration stays. */
+/* Write masses and friction, starting from the described robot, so that no earlier configuration has an effect. */
 void sp_write_body(const sp_world *world, const sp_body_config *c, const sp_sim *sim)
 {
     double mass[SP_MAX_BODIES], sum = 0.0;
@@ -58,7 +58,7 @@ void sp_write_body(const sp_world *world, const sp_body_config *c, const sp_sim 
             sim->geom_friction[3 * k] = world->geom_is_foot[k] ? c->foot_friction : c->peg_friction;
 }
 
-/* Everything about rotors and servos that MuJoCo can do by itself. */
+/* Write the parameters of rotors and servos that MuJoCo simulates itself. */
 void sp_write_actuators(const sp_world *world, const sp_actuator_config *c, double joint_speed, const sp_sim *sim)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -66,7 +66,7 @@ void sp_write_actuators(const sp_world *world, const sp_actuator_config *c, doub
         double tilt_x = c->thrust_tilt[2 * i], tilt_y = c->thrust_tilt[2 * i + 1], torque[3];
         double at[3] = {c->thrust_offset[2 * i], c->thrust_offset[2 * i + 1], 0.0};
         double axis[3] = {sin(tilt_y), -sin(tilt_x) * cos(tilt_y), cos(tilt_x) * cos(tilt_y)};
-        /* Torque of the force at (x, y, 0), and of two ducts at ± d on the y axis that do not pull alike. */
+        /* Torque of the force at (x, y, 0), and of unequal thrusts of the two ducts at ± d on the y axis. */
         sp_cross(at, axis, torque);
         torque[0] += world->duct_offset_y * c->duct_imbalance[i];
         for (int x = 0; x < 3; x++) gear[x] = gain * axis[x], gear[3 + x] = gain * torque[x];

@@ -1,5 +1,5 @@
-/* Courses: draws and builds the course of an episode, moves through a step, counts what `tasks/course.py` makes a reward
- * of. */
+/* Courses: samples and builds the course of an episode, simulates a step, computes the quantities that
+ * `tasks/course.py` uses. */
 #include "episode.h"
 
 /* ---- the course ---- */
@@ -24,7 +24,7 @@ void sp_draw_course(const sp_course_rules *rules, sp_generator *generator, sp_co
     for (int k = 0; k < count; k++) {
         sp_gate *gate = &course->gates[course->count++];
         gate->kind = pick(rules->kinds, rules->kind_count, generator, &which);
-        if (has_beam && gate->kind == SP_GATE_BEAM) /* two of them would take longer than there is time */
+        if (has_beam && gate->kind == SP_GATE_BEAM) /* two beams would take longer than an episode */
             gate->kind = rules->kinds[(which + 1) % rules->kind_count];
         has_beam = has_beam || gate->kind == SP_GATE_BEAM;
         gate->begin = x + between(generator, k > 0 ? rules->gap : rules->first_gap);
@@ -53,7 +53,7 @@ static double *put_box(double *row, const double *box)
     return row + 7;
 }
 
-/* A box of a gate, between two heights and two sides of the field. */
+/* Append a box of a gate, between two heights and two lateral positions. */
 static double *put_part(double *row, const sp_gate *gate, double right, double left, double bottom, double top)
 {
     const double box[7] = {0.5 * (gate->begin + gate->end), 0.5 * (right + left), 0.5 * (bottom + top),
@@ -74,7 +74,7 @@ static double *put_tiles(double *row, const sp_gate *gate, const double *tiles)
     return row;
 }
 
-/* A slab whose top rises along the course. */
+/* Append a slab whose top rises along the course. */
 static double *put_slope(double *row, const sp_gate *gate)
 {
     const double c = cos(gate->size), s = sin(gate->size), half = 0.5 * (gate->end - gate->begin);
@@ -83,7 +83,7 @@ static double *put_slope(double *row, const sp_gate *gate)
     return put_box(row, box);
 }
 
-/* Build it of boxes; the last marks the field's end. */
+/* Build the course from boxes; the last one marks the field's end. */
 static void build(const sp_course *course, double *boxes)
 {
     const double wide = SP_COURSE_HALF_WIDTH, sill = SP_COURSE_SILL;
@@ -106,11 +106,11 @@ static void build(const sp_course *course, double *boxes)
     put_box(row, end);
 }
 
-/* ---- where it is ---- */
+/* ---- progress ---- */
 
 static double lacking(const sp_plant *p) { return (p->spent_wh + p->energy_wh) / (SP_USABLE * SP_CAPACITY_WH); }
 
-/* How far the goal is, whether the robot lies, and what is left of the battery. */
+/* Update the goal error, whether the robot lies on the floor, and the remaining charge. */
 static void measure(const sp_course_rules *rules, const sp_robot *robot, sp_course_robot *c)
 {
     const double *position = c->plant.state.position_w;
@@ -133,7 +133,7 @@ static int is_there(const sp_course_rules *rules, const sp_course_robot *c)
     return c->lies && off <= rules->success_position && fabs(c->error[2]) <= rules->success_yaw;
 }
 
-/* Count a control period. */
+/* Update the episode's statistics after a control period. */
 static void advance(const sp_course_rules *rules, sp_course_robot *c)
 {
     int32_t phase = c->phase;
@@ -146,7 +146,7 @@ static void advance(const sp_course_rules *rules, sp_course_robot *c)
     else if (c->arrived == 0.0) c->arrived = c->controls / SP_CONTROL_RATE;
 }
 
-/* What the task makes rewards, failures and success of. */
+/* Write the quantities that the task uses for rewards, failures and success. */
 static void count(const sp_course_rules *rules, const sp_course_robot *c, sp_course_quantities *q)
 {
     const double *position = c->plant.state.position_w;
@@ -165,7 +165,7 @@ static void count(const sp_course_rules *rules, const sp_course_robot *c, sp_cou
     q->is_empty = !(c->charge > 0.0);
 }
 
-/* Whether a quantity is beyond where the task has a step stop. */
+/* Return whether a quantity is above the limit at which a step ends. */
 static int stops(const sp_course_rules *rules, const sp_course_quantities *quantities)
 {
     const double *values = (const double *)quantities;
@@ -192,7 +192,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
     sp_become(e, thread, robot, &config);
     sp_manager_init(numbers, &c->manager, &rules->manager);
-    /* A generator of its own, so that what the weather draws does not change what the next episode is. */
+    /* A separate generator, so that draws of the weather do not change the next episode. */
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
     c->plant.spent_wh = (1.0 - charge) * SP_USABLE * SP_CAPACITY_WH;
@@ -212,7 +212,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     c->initial_distance = sp_max(c->distance, 1e-6);
 }
 
-/* The command of this tick. */
+/* Compute the command of this tick. */
 static void act(const sp_course_rules *rules, sp_room *room, sp_course_robot *c)
 {
     sp_episode *episode = &c->episode;
@@ -265,7 +265,7 @@ static void tell(const sp_world *world, const sp_rules *rules, const sp_course_r
     for (int k = 0; k < c->course.count; k++) info->gate += plant->state.position_w[0] > c->course.gates[k].end;
     info->lies = (uint8_t)c->lies;
     info->finished = c->arrived > 0.0;
-    info->is_success = 0; /* the task says */
+    info->is_success = 0; /* set by the task */
 }
 
 static void observe(const sp_course_rules *rules, const sp_robot *robot, const sp_course_robot *c, float *observation)
@@ -277,7 +277,7 @@ static void observe(const sp_course_rules *rules, const sp_robot *robot, const s
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
         return;
     }
-    if (rules->rules.is_commanded) return; /* a controller in Python says what a policy sees */
+    if (rules->rules.is_commanded) return; /* Python writes the observation of a Python controller */
     sp_make_command(seen->thrust, seen->vectoring, seen->joint_position, 0.0, &still);
     sp_observe_course(robot, &c->manager, &c->pilot, &c->course, seen, episode->has_command ? &episode->command : &still,
                       c->charge, 1.0 - (double)episode->ticks / rules->rules.horizon, episode->action,
@@ -299,7 +299,7 @@ static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
     show(e, thread, robot);
 }
 
-/* A control period of a robot that is carried; whether the step goes on. */
+/* Simulate a control period; the robot's part of the model is in place. Returns whether the step continues. */
 static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, sp_course_robot *c)
 {
     sp_course_quantities now;
@@ -331,13 +331,13 @@ static void step_robot(sp_engine *e, sp_thread *thread, int robot)
     c->plant.violated = 0;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
     sp_carry(e, thread, robot);
-    /* A controller in Python commands period by period. */
+    /* A Python controller commands each control period separately. */
     for (int k = 0; k < (rules->rules.is_commanded ? 1 : rules->hold); k++)
         if (!move(e, rules, thread, c)) break;
     show(e, thread, robot);
 }
 
-/* One more control period of a step. */
+/* Simulate one more control period of a step. */
 static void hold_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_carry(e, thread, robot);

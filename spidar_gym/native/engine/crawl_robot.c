@@ -1,8 +1,9 @@
-/* Crawls: draws the way and the floor of an episode, crawls a tick, counts what `tasks/crawl.py` makes a reward of. */
+/* Crawls: samples displacement and floor of an episode, simulates a tick, computes the quantities that `tasks/crawl.py`
+ * uses. */
 #include "episode.h"
 #include "ground.h"
 
-/* ---- where to, and on what ---- */
+/* ---- goal and floor ---- */
 
 static int is_blocked(const sp_crawl_rules *rules, sp_pose2 way)
 {
@@ -13,7 +14,7 @@ static int is_blocked(const sp_crawl_rules *rules, sp_pose2 way)
     return 0;
 }
 
-/* Draw a way, again where an obstacle covers its end, but at most so often; whether one was found. */
+/* Sample a displacement whose end no obstacle covers, in at most `most` attempts; returns whether one was found. */
 int32_t sp_draw_way(const sp_crawl_rules *rules, sp_generator *generator, int64_t most, sp_pose2 *drawn_way)
 {
     for (int64_t draw = 0; draw < most; draw++) {
@@ -32,7 +33,7 @@ int32_t sp_draw_way(const sp_crawl_rules *rules, sp_generator *generator, int64_
     return 0;
 }
 
-/* Tiles of random heights, or stairs across the way ahead. */
+/* Write tiles of random heights, or stairs ahead of the robot. */
 static void draw_steps(const sp_crawl_rules *rules, sp_generator *generator, double *tiles)
 {
     int terrain = rules->terrain;
@@ -44,7 +45,7 @@ static void draw_steps(const sp_crawl_rules *rules, sp_generator *generator, dou
     }
 }
 
-/* Draw the heights of the tiles, and lay the blocks. */
+/* Write the heights of the tiles: steps, then obstacles. */
 static void draw_floor(const sp_crawl_rules *rules, sp_generator *generator, double *tiles)
 {
     if (rules->steps > 0.0) draw_steps(rules, generator, tiles);
@@ -57,7 +58,7 @@ static void draw_floor(const sp_crawl_rules *rules, sp_generator *generator, dou
     }
 }
 
-/* How long the way takes where joints and torso go exactly as planned, on flat ground. */
+/* Compute how long the displacement takes on flat ground if joints and torso follow the plan exactly [s]. */
 static double rehearse(const sp_robot *robot, const sp_crawl *crawl, const double *lies, sp_pose2 way)
 {
     sp_crawl gait;
@@ -93,7 +94,7 @@ static double to_goal(const sp_crawl_rules *rules, const double *error)
     return length(error[0], error[1]) + rules->turn_length * fabs(error[2]);
 }
 
-/* What touches the floor, how the torso lies, and how far the goal is, of a loaded robot. */
+/* Update floor contacts, tilt and goal error of a loaded robot. */
 static void update_errors(const sp_engine *e, const sp_crawl_rules *rules, const sp_sim *sim, sp_crawl_robot *c)
 {
     const double *floor = c->plant.floor_R, *position = c->plant.state.position_w;
@@ -125,7 +126,7 @@ static void start_counting(sp_crawl_robot *c)
 
 static int has_tiles(const sp_plant *p) { return p->highest_tile > 0.0; }
 
-/* Where the robot lies down: over the highest tile under torso or feet; from there it settles. */
+/* Compute the torso height at the start: over the highest tile under torso or feet; from there the robot settles. */
 static double lying_height(const sp_robot *robot, const sp_crawl_robot *c)
 {
     const sp_ground_config *ground = &c->plant.config.ground;
@@ -160,7 +161,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     double lying[3] = {0.0, 0.0, lying_height(numbers, c)};
     sp_apply(c->plant.floor_R, lying, position_w);
     sp_to_quat(c->plant.floor_R, quat);
-    /* A generator of its own, so that what the weather draws does not change what the next episode is. */
+    /* A separate generator, so that draws of the weather do not change the next episode. */
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
     sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, NULL, &c->plant);
@@ -178,7 +179,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_crawl_reset(&c->crawl, &episode->seen);
     c->cycles = sp_gait_move(numbers, &c->crawl, c->way, 0);
     c->nominal_time = c->cycles ? rehearse(numbers, &c->crawl, rules->lies, c->way) : 0.0;
-    /* The goal is where the controller was told to go from where it believed itself; the error is the true one. */
+    /* The controller received the displacement from its estimated pose; goal and error use the true pose. */
     sp_from_quat(c->plant.state.quat_wb, R);
     sp_pose2 here = {c->plant.state.position_w[0], c->plant.state.position_w[1], atan2(R[3], R[0])};
     c->goal = then(here, c->way);
@@ -189,7 +190,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_leave(sim, &c->plant);
 }
 
-/* The command of this tick. */
+/* Compute the command of this tick. */
 static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawl_robot *c)
 {
     sp_episode *episode = &c->episode;
@@ -222,7 +223,7 @@ static int rests(const sp_crawl_rules *rules, const sp_robot *robot, const sp_cr
            length(c->error[0], c->error[1]) <= rules->success_position && fabs(c->error[2]) <= rules->success_yaw;
 }
 
-/* Count a tick. */
+/* Update the episode's statistics after a tick. */
 static void advance(const sp_crawl_rules *rules, const sp_robot *robot, sp_crawl_robot *c)
 {
     const double dt = 1.0 / SP_CONTROL_RATE;
@@ -273,7 +274,7 @@ static double airborne(const sp_crawl_robot *c)
     return least;
 }
 
-/* What the task makes rewards, failures and success of. */
+/* Write the quantities that the task uses for rewards, failures and success. */
 static void count(const sp_crawl_rules *rules, const sp_crawl_robot *c, sp_crawl_quantities *q)
 {
     sp_count_episode(&rules->rules, &c->plant, &c->episode, c->crawled, &q->common);
@@ -318,7 +319,7 @@ static void tell(const sp_world *world, const sp_rules *rules, const sp_crawl_ro
     info->tilt_rad = c->tilt;
     info->timeouts = c->timeouts;
     info->cost_of_transport = 3600.0 * plant->energy_wh / (world->weight * way);
-    info->shortfalls_code = 0; /* the task says */
+    info->shortfalls_code = 0; /* set by the task */
     info->is_success = 0;
 }
 
@@ -328,7 +329,7 @@ static void observe(const sp_crawl_rules *rules, const sp_crawl_robot *c, float 
     const double goal[3] = {c->goal.x, c->goal.y, c->goal.yaw};
     if (c->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-    else if (!rules->rules.is_commanded) /* a controller in Python says what a policy sees */
+    else if (!rules->rules.is_commanded) /* Python writes the observation of a Python controller */
         sp_observe_crawl(&c->crawl, &episode->seen, goal,
                          episode->has_command ? episode->command.thrust : episode->seen.thrust, episode->action,
                          rules->rules.mode.size, rules->rules.bound, observation);
@@ -349,7 +350,7 @@ static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
-/* What follows upon a tick's physics, of a robot that is still loaded or has diverged. */
+/* Finish a tick after its physics; the robot is still loaded or has diverged. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);

@@ -22,7 +22,7 @@ static uint64_t next64(sp_generator *g)
     return folded >> turn | folded << (-turn & 63);
 }
 
-/* The lower half of a draw first; the upper one waits, whatever else is drawn in between. */
+/* Return the lower half of a 64-bit draw; the upper half is kept for the next call, across draws of other kinds. */
 static uint32_t next32(sp_generator *g)
 {
     if (g->has_half) {
@@ -42,7 +42,7 @@ uint32_t sp_next32(sp_generator *g) { return next32(g); }
 double sp_random(sp_generator *g) { return next_double(g); }
 double sp_uniform(sp_generator *g, double low, double high) { return low + (high - low) * next_double(g); }
 
-/* Beyond the edge: Marsaglia's draw of a tail, whose sign is a bit of the place that led here. */
+/* Sample the tail beyond the edge by Marsaglia's method; its sign is a bit of `place`. */
 static double tail(sp_generator *g, uint64_t place)
 {
     for (;;) {
@@ -51,7 +51,7 @@ static double tail(sp_generator *g, uint64_t place)
     }
 }
 
-/* One draw says layer, sign and place on the layer's width; most places are under the curve for sure. */
+/* One draw yields the layer, the sign and the place on the layer's width. Most places are under the curve for sure. */
 double sp_normal(sp_generator *g)
 {
     for (;;) {
@@ -65,7 +65,7 @@ double sp_normal(sp_generator *g)
     }
 }
 
-/* Ranges of up to 2^32 numbers take halves of draws, wider ones whole draws, a single number none. */
+/* Ranges of up to 2^32 numbers consume half draws, wider ranges whole draws, a single number none. */
 int64_t sp_integer(sp_generator *g, int64_t low, int64_t high)
 {
     uint64_t most = (uint64_t)high - (uint64_t)low - 1, drawn;
@@ -98,7 +98,7 @@ static uint32_t stir(uint32_t word, uint32_t *hash, uint32_t factor)
     return word ^ word >> 16;
 }
 
-/* A word goes into one of the pool's. */
+/* Mix a word into one of the pool's words. */
 static void blend(sp_generator *g, int k, uint32_t word)
 {
     uint32_t mixed = SP_SEED_LEFT * g->pool[k] - SP_SEED_RIGHT * stir(word, &g->hash, SP_SEED_FACTOR);
@@ -110,7 +110,7 @@ static void absorb(sp_generator *g, uint32_t word)
     for (int k = 0; k < SP_SEED_POOL; k++) blend(g, k, word);
 }
 
-/* PCG64 begins where the pool says: with eight words of 32 bits, the lower of a pair first. */
+/* Initialise PCG64 from the pool with eight words of 32 bits, the lower word of each pair first. */
 static void begin(sp_generator *g)
 {
     uint32_t hash = SP_STATE_START;
@@ -139,8 +139,9 @@ void sp_seed(const uint32_t *words, int32_t count, sp_generator *g)
     begin(g);
 }
 
-/* numpy mixes a child's seed anew: the seed, zeros up to the pool's size, and the spawn key, which is the parent's and
- * the child's number. Whatever comes last moves the pool on from where it is, so the parent's is all that it takes. */
+/* numpy mixes a child's seed from the beginning: the seed, zeros up to the pool's size, and the spawn key, which is the
+ * parent's key followed by the child's number. The last word updates the pool that the earlier words have produced, so
+ * the parent's pool is a sufficient starting point. */
 void sp_spawn(sp_generator *parent, sp_generator *child)
 {
     *child = *parent;

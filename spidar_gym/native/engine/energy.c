@@ -1,7 +1,7 @@
-/* Electrical power, voltage, and what the batteries still give: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ². */
+/* Electrical power, voltage and largest thrust of the batteries: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ². */
 #include "engine.h"
 
-/* Thrusts in still air [N], joint torques [Nm] and velocities [rad/s] → [W]. */
+/* Electrical power [W] from thrusts in still air [N], joint torques [Nm] and velocities [rad/s]. */
 double sp_electrical_power(const double *thrust, const double *joint_torque, const double *joint_velocity)
 {
     double lift = 0.0, move = 0.0, hold = 0.0;
@@ -13,7 +13,7 @@ double sp_electrical_power(const double *thrust, const double *joint_torque, con
     return SP_BASE_POWER + SP_THRUST_POWER * lift + move / SP_SERVO_EFFICIENCY + SP_HOLDING_POWER * hold;
 }
 
-/* Of a pack after `energy_wh` at a load of `power` [W]: linear in the charge, minus the sag [V]. */
+/* Voltage of a pack [V] after `energy_wh` [Wh] at a load of `power` [W]: linear in the charge, minus the sag. */
 double sp_voltage(double energy_wh, double power)
 {
     double rest = SP_FULL_VOLTAGE - (SP_FULL_VOLTAGE - SP_EMPTY_VOLTAGE) * energy_wh / (SP_USABLE * SP_CAPACITY_WH);

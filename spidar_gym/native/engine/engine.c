@@ -1,21 +1,21 @@
-/* Robots on threads: MuJoCo's pool takes the robots in any order; what comes out does not depend on it. */
+/* Runs jobs on robots in MuJoCo's thread pool; results do not depend on the order in which the pool takes robots. */
 #include "engine.h"
 
 sp_plant *sp_plant_of(const sp_engine *e, int robot) { return (sp_plant *)(e->first + robot * e->stride); }
 
 const void *sp_rules_of(const sp_engine *e, int robot) { return (const char *)e->rules + robot * e->rules_bytes; }
 
-/* The thread that MuJoCo's pool knows by one of its own datas. */
+/* Return the slot of the thread with an mjData of MuJoCo's pool; the first call of a thread claims a free slot. */
 static sp_thread *seat_of(const sp_engine *e, const void *pool_data)
 {
     for (int64_t k = 0; k < e->thread_count; k++) {
         sp_thread *thread = &e->threads[k];
-        const void *nobody = NULL;
+        const void *unclaimed = NULL;
         if (__atomic_load_n(&thread->seat, __ATOMIC_ACQUIRE) == pool_data) return thread;
-        if (__atomic_compare_exchange_n(&thread->seat, &nobody, pool_data, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE))
+        if (__atomic_compare_exchange_n(&thread->seat, &unclaimed, pool_data, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE))
             return thread;
     }
-    return NULL; /* more threads than were announced */
+    return NULL; /* more threads than slots */
 }
 
 static char *copy_of(const sp_engine *e, int robot)
@@ -23,8 +23,8 @@ static char *copy_of(const sp_engine *e, int robot)
     return e->copies + (e->own_copies ? robot * e->copy_bytes : 0);
 }
 
-/* Have a robot's own part of the model in a thread's. Where all share one it stays there; a robot's own may have become
- * another on another thread since it was here. */
+/* Copy a robot's part of the model into a thread's model. A part that all robots share is copied once. A robot's own
+ * part is always copied, since another thread may have changed it. */
 void sp_carry(const sp_engine *e, sp_thread *thread, int robot)
 {
     const char *copy = copy_of(e, robot);
@@ -42,14 +42,14 @@ static void keep_copy(const sp_engine *e, sp_thread *thread, int robot)
     thread->carries = copy;
 }
 
-/* Make a thread's simulation one that nobody has used, but for what MuJoCo has warned of. */
+/* Reset a thread's simulation after an aborted job; the counts of MuJoCo's warnings are kept. */
 static void recover(sp_thread *thread)
 {
     const sp_sim *sim = &thread->sim;
-    char said[SP_MAX_WARNING_BYTES];
-    memcpy(said, sim->warnings, (size_t)sim->warning_bytes);
+    char counts[SP_MAX_WARNING_BYTES];
+    memcpy(counts, sim->warnings, (size_t)sim->warning_bytes);
     sim->mujoco->reset_data(sim->model, sim->data);
-    memcpy(sim->warnings, said, (size_t)sim->warning_bytes);
+    memcpy(sim->warnings, counts, (size_t)sim->warning_bytes);
     thread->carries = NULL;
 }
 
@@ -60,12 +60,12 @@ static void turn(const void *model, void *data, int robot, void *argument)
     (void)model;
     if (thread == NULL) return;
     if (thread->busy) recover(thread);
-    thread->busy = 1; /* MuJoCo leaves by a jump where it gives a robot up: nothing after the job is done then */
+    thread->busy = 1; /* on an error MuJoCo jumps out of the job, and the lines after it do not run */
     e->job(e, thread, robot);
     thread->busy = 0;
 }
 
-/* Run a job on robots; how many of them MuJoCo gave up. All robots where `ids` is NULL. */
+/* Run a job on robots, on all of them where `ids` is NULL; returns for how many MuJoCo failed. */
 int sp_run(sp_engine *e, const int32_t *ids, int n, void (*job)(sp_engine *, sp_thread *, int), void *argument)
 {
     e->job = job;
@@ -73,15 +73,15 @@ int sp_run(sp_engine *e, const int32_t *ids, int n, void (*job)(sp_engine *, sp_
     return e->apply(e->batch, ids, n, turn, e, 0);
 }
 
-/* Have a robot become one of another configuration, in a thread's model and in its own copy. */
+/* Apply a configuration to a robot, in a thread's model and in the robot's copy. */
 void sp_become(const sp_engine *e, sp_thread *thread, int robot, const sp_plant_config *config)
 {
-    thread->carries = NULL; /* nobody's, until it is done */
+    thread->carries = NULL; /* the model matches no copy until this is done */
     sp_configure(e->world, &thread->sim, config, sp_plant_of(e, robot));
     keep_copy(e, thread, robot);
 }
 
-/* Have a robot in a thread's model as its episode begins: what a task has loaded upon it is put down. */
+/* Load a robot's part of the model at the start of an episode, without a payload that was added during the last one. */
 void sp_put_down(const sp_engine *e, sp_thread *thread, int robot, const sp_plant_config *config)
 {
     const sp_body_config *is = &sp_plant_of(e, robot)->config.body, *was = &config->body;
@@ -96,7 +96,7 @@ static void configure_one(sp_engine *e, sp_thread *thread, int robot)
     sp_become(e, thread, robot, (const sp_plant_config *)e->argument + robot);
 }
 
-/* The same in the middle of an episode, which goes on from where it is. */
+/* Apply a configuration within an episode; the robot's state is kept. */
 static void change_one(sp_engine *e, sp_thread *thread, int robot)
 {
     configure_one(e, thread, robot);
@@ -129,20 +129,20 @@ static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
     if (sp_is_somewhere(&thread->sim)) thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
 }
 
-/* The only robot is what its loaded simulation shows: who writes into MuJoCo's data moves it. */
+/* Store the loaded simulation as the state of the only robot, so that values written into the mjData count. */
 void sp_keep_now(const sp_engine *e)
 {
     sp_plant *p = sp_plant_of(e, 0);
     if (!p->diverged) sp_leave(&e->threads[0].sim, p);
 }
 
-/* What touches the floor under the only robot, where it was left loaded. */
+/* Evaluate the floor contacts of the only robot, which must be loaded. */
 void sp_touching_now(const sp_engine *e, sp_touch *touch)
 {
     sp_touching(e->world, &e->threads[0].sim, sp_plant_of(e, 0), touch);
 }
 
-/* Each takes an array with an entry for every robot; how many robots MuJoCo gave up. */
+/* Each takes an array with one entry per robot and returns for how many robots MuJoCo failed. */
 int sp_configure_plants(sp_engine *e, const int32_t *ids, int n, const sp_plant_config *configs)
 {
     return sp_run(e, ids, n, configure_one, (void *)configs);

@@ -1,8 +1,9 @@
-/* The engine: SPIDAR's simulated world around the control core, one robot or thousands.
+/* The engine: SPIDAR's simulated world around the control core, for one robot or thousands.
  *
- * C99; nothing global is written, and nothing is allocated. A robot is plain data (`sp_plant` and what holds one); a
- * thread has a model and a data of MuJoCo, into which a robot is loaded for a tick. MuJoCo is known by the addresses of
- * functions and arrays that Python hands over: no header of it is needed, and no version of it is compiled in.
+ * C99 without writable globals and without allocation. A robot is plain data: an `sp_plant`, or a struct that begins
+ * with one. Each thread has an mjModel and an mjData, into which a robot is loaded for a tick. MuJoCo is called through
+ * addresses of functions and arrays that Python passes in. So the engine needs no MuJoCo header and is not compiled
+ * against a MuJoCo version.
  */
 #ifndef SPIDAR_ENGINE_H
 #define SPIDAR_ENGINE_H
@@ -25,24 +26,24 @@ typedef struct {
     int64_t state_kind, contact_off; /* mjSTATE_INTEGRATION, mjDSBL_CONTACT */
 } sp_mujoco;
 
-/* A model and a data of MuJoCo, and where their arrays are; the order of the members is that of `native/mujoco.py`. */
+/* An mjModel and an mjData with the addresses of their arrays, in the order of `native/mujoco.py`. */
 typedef struct {
     const sp_mujoco *mujoco;
     void *model, *data;
-    /* of the data */
+    /* of the mjData */
     double *time, *qpos, *qvel, *act, *ctrl, *actuator_force, *qfrc_applied;
     double *qfrc_actuator, *qfrc_bias;
     double *xpos, *xmat, *cvel, *cdof, *subtree_com, *geom_xpos, *geom_xmat;
     int32_t *contacts;
     char **contact;
-    char *warnings; /* how often MuJoCo has said what; it prints the first of each */
-    /* of the model */
+    char *warnings; /* counts of MuJoCo's warnings by kind; MuJoCo prints the first of each kind */
+    /* of the mjModel */
     double *actuator_gear, *actuator_ctrlrange, *actuator_actrange, *actuator_dynprm, *actuator_biasprm;
     double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
     double *body_iquat, *geom_friction, *geom_pos, *geom_quat, *geom_size, *geom_rbound, *geom_aabb;
     uint8_t *geom_sameframe;
     int32_t *disableflags;
-    int64_t contact_stride, contact_geoms; /* bytes of a contact; where in it its two geoms are */
+    int64_t contact_stride, contact_geoms; /* bytes of an mjContact; offset of its two geoms in it */
     int64_t warning_bytes;
 } sp_sim;
 
@@ -80,7 +81,7 @@ double sp_hit(const sp_world *world, const sp_sim *sim);
 int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact);
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch);
 
-/* body.c: what a configuration means for MuJoCo's model. */
+/* body.c: writes a configuration into MuJoCo's model. */
 void sp_write_body(const sp_world *world, const sp_body_config *config, const sp_sim *sim);
 void sp_write_actuators(const sp_world *world, const sp_actuator_config *config, double joint_speed, const sp_sim *sim);
 
@@ -97,42 +98,43 @@ void sp_measure(sp_plant *plant, sp_measurement *measurement);
 
 /* engine.c: robots on threads. */
 
-/* A part of MuJoCo's model in which robots differ: where a thread has it, and where a robot's own copy. */
+/* An array of MuJoCo's model that may differ between robots: its address in a thread's model, and its size and offset
+ * in a robot's copy. */
 typedef struct {
     char *here;
     int64_t bytes, there;
 } sp_piece;
 
-/* What a thread works with; nothing of a robot outlives its turn there. */
+/* Resources of a thread. A job loads a robot's state into them at its start and stores it at its end. */
 typedef struct {
     sp_sim sim;
     sp_room *room;
     const sp_piece *pieces;
-    const void *seat;    /* data of MuJoCo's pool by which the thread is known; NULL while nobody has come */
-    int64_t busy;        /* whether a robot has its turn; where the next one finds it so, MuJoCo gave that one up */
-    const char *carries; /* the copy that lies in its model now */
+    const void *seat;    /* mjData of MuJoCo's pool that identifies the thread; NULL while the slot is free */
+    int64_t busy;        /* set while a job runs; still set at the next job if MuJoCo aborted this one */
+    const char *carries; /* the copy whose arrays are in its model now; NULL for none */
 } sp_thread;
 
-/* Many robots. `first` is the first of them and `stride` the bytes from one to the next; each begins with an sp_plant. */
+/* Many robots. `first` points to the first and `stride` is the size of one in bytes; each begins with an sp_plant. */
 typedef struct sp_engine {
     const sp_world *world;
     int (*apply)(void *batch, const int32_t *ids, int n, void (*job)(const void *, void *, int, void *), void *argument,
                  int save); /* MuJoCo's mjb_apply */
     void *batch;
     sp_thread *threads;
-    char *first, *copies; /* copies: of the pieces, `copy_bytes` a robot, one only where all are alike */
+    char *first, *copies; /* copies of the pieces, `copy_bytes` each: one per robot, or one for all */
     int64_t stride, copy_bytes, thread_count, piece_count, own_copies;
     void (*job)(struct sp_engine *engine, sp_thread *thread, int robot);
     void *argument; /* of the job */
-    const void *rules; /* of the task, and what comes in and goes out at a tick, an entry for every robot */
+    const void *rules; /* of the task; below, inputs and outputs of a tick, one entry per robot */
     sp_goal *goals;
     sp_knot *knots; /* of paths */
     const double *actions;
     float *observations;
     uint8_t *begun; /* whether the step was a reset */
-    char *infos, *quantities; /* what is told of robots; what their tasks make rewards, failures and success of */
-    int64_t observation_size; /* numbers from one robot's to the next one's */
-    int64_t goal_room, knot_room, rules_bytes; /* from one robot's rules to the next one's; 0 where all have the same */
+    char *infos, *quantities; /* `info`; quantities for rewards, failures and success */
+    int64_t observation_size; /* numbers per robot */
+    int64_t goal_room, knot_room, rules_bytes; /* goals, knots, bytes of rules per robot; 0 for shared rules */
 } sp_engine;
 
 int sp_run(sp_engine *engine, const int32_t *ids, int n, void (*job)(sp_engine *, sp_thread *, int), void *argument);
@@ -143,7 +145,7 @@ void sp_carry(const sp_engine *engine, sp_thread *thread, int robot);
 void sp_become(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
 void sp_put_down(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
 
-/* Where a robot is put, and how its torso moves: its origin, world, and its angular velocity, torso axes. */
+/* Initial pose of a robot, and `motion` of its torso: velocity of the origin, world; angular velocity, torso axes. */
 typedef struct {
     double position_w[3], quat_wb[4], joint_position[SP_JOINTS], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], motion[6];
 } sp_pose;
@@ -154,10 +156,10 @@ int sp_reset_plants(sp_engine *engine, const int32_t *ids, int n, const sp_pose 
 int sp_step_plants(sp_engine *engine, const int32_t *ids, int n, const sp_command *commands);
 void sp_keep_now(const sp_engine *engine);
 void sp_touching_now(const sp_engine *engine, sp_touch *touch);
-int sp_refresh_plants(sp_engine *engine, const int32_t *ids, int n); /* kinematics and contacts of now in the data */
+int sp_refresh_plants(sp_engine *engine, const int32_t *ids, int n); /* recomputes kinematics and contacts */
 
-/* hover_robot.c; those are lost whose step MuJoCo gave up: they count as diverged. A step ends before `regard` where commands
- * or references are Python's. */
+/* hover_robot.c. The `lose` functions mark robots as diverged for which MuJoCo failed. Where commands or references
+ * come from Python, a step ends before `regard`. */
 void sp_draw_flight(const sp_hover_rules *rules, int32_t forms, sp_generator *generator, sp_goal *goals,
                     int64_t goal_room, sp_knot *knots, int64_t knot_room, sp_flight_start *start);
 int sp_refer_hover_robots(sp_engine *engine, const int32_t *ids, int n);

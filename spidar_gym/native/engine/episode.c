@@ -1,7 +1,7 @@
-/* What flights, crawls and courses share of an episode: the robot that is drawn, what the action means, what is seen. */
+/* What flights, crawls and courses share of an episode: randomised robots, actions, observed state, `info`. */
 #include "episode.h"
 
-/* Have a configuration be that of this episode's robot, drawn around it; as many numbers at every strength. */
+/* Randomise a configuration for this episode; the number of draws does not depend on the strength. */
 void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn)
 {
     for (int k = 0; k < rules->draws; k++) {
@@ -17,13 +17,13 @@ void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_conf
     }
 }
 
-/* What is seen of the first state. */
+/* Set the observed state after a reset. */
 void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode)
 {
     sp_measurement first;
     sp_robot_state indicated;
     episode->seen = plant->state;
-    if (!plant->senses || rules->is_commanded) return; /* a controller in Python has its own estimator */
+    if (!plant->senses || rules->is_commanded) return; /* a Python controller has its own estimator */
     sp_measure(plant, &first);
     indicated = plant->state;
     sp_copy(indicated.joint_position, first.joint_position, SP_JOINTS);
@@ -33,7 +33,7 @@ void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant
     sp_estimator_update(robot, &episode->estimator, &first, plant->state.thrust, &episode->seen);
 }
 
-/* What is seen after a control period. */
+/* Update the observed state after a control period. */
 void sp_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode)
 {
     sp_measurement measurement;
@@ -45,7 +45,7 @@ void sp_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_e
     sp_estimator_update(robot, &episode->estimator, &measurement, episode->command.thrust, &episode->seen);
 }
 
-/* Keep an action, clipped; a number that is none stays one. */
+/* Store an action, clipped to [−1, 1]; NaN stays NaN. */
 void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode)
 {
     for (int k = 0; k < rules->mode.size; k++) episode->action[k] = sp_clip(action[k], -1.0, 1.0);
@@ -58,7 +58,7 @@ static double wrapped(double x, double period)
     return rest < 0.0 ? rest + period : rest;
 }
 
-/* The action that `sp_act_directly` makes this command of. */
+/* Compute the action from which `sp_act_directly` makes this command. */
 void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -71,7 +71,7 @@ void sp_direct_action(const sp_command *command, const sp_robot *robot, double *
         action[3 * SP_ROTORS + j] = sp_clip(command->joint_position[j] / robot->joint_limit, -1.0, 1.0);
 }
 
-/* What every task makes rewards, failures and success of; `ticks` are those of the episode. */
+/* Write the quantities that all tasks use for rewards, failures and success; `ticks` are control ticks since reset. */
 void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, int64_t ticks,
                       sp_quantities *q)
 {
@@ -84,7 +84,7 @@ void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_epi
     q->effort = sp_row(episode->action, episode->action, n) / n;
 }
 
-/* What violated constraints cost; `touching` are the contacts that do. */
+/* Write the costs of violated constraints; contacts of the parts in `touching` cost. */
 static void charge(int32_t violated, int32_t touching, sp_info *info)
 {
     info->cost_contact = (violated & touching) != 0;
@@ -102,8 +102,8 @@ double sp_total_thrust(const sp_rules *rules, const double *t)
     return sum;
 }
 
-/* What is told of the robot and its controller, whatever the task. `allocation` is NULL where there is no answer yet,
- * `touching` are the parts (of sp_constraint) that had better touch nothing. */
+/* Write the `info` of a robot and its controller that all tasks share. `allocation` is NULL before the first solution;
+ * `touching` are the parts (bits of sp_constraint) whose contact costs. */
 void sp_tell(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, const double *vectoring,
              const sp_allocation *allocation, int32_t touching, sp_info *info)
 {

@@ -1,4 +1,4 @@
-/* Episodes: what flights, crawls and courses share. */
+/* Episodes: functions that flights, crawls and courses share. */
 #ifndef SPIDAR_EPISODE_H
 #define SPIDAR_EPISODE_H
 
@@ -9,11 +9,11 @@ void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant
 void sp_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);
 void sp_take_action(const sp_rules *rules, const double *action, sp_episode *episode);
 void sp_direct_action(const sp_command *command, const sp_robot *robot, double *action);
-/* In NumPy's order where controllers in Python command: their rows were made so. */
+/* Sum of the thrusts; for a Python controller in NumPy's order, with which its published rows were computed. */
 double sp_total_thrust(const sp_rules *rules, const double *thrust);
 void sp_tell(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, const double *vectoring,
              const sp_allocation *allocation, int32_t touching, sp_info *info);
-#define SP_IN_THE_AIR (SP_VIOLATED_FOOT | SP_VIOLATED_DUCT | SP_VIOLATED_PART) /* what had better touch nothing there */
+#define SP_IN_THE_AIR (SP_VIOLATED_FOOT | SP_VIOLATED_DUCT | SP_VIOLATED_PART) /* parts whose contact costs */
 #define SP_ON_THE_FLOOR (SP_VIOLATED_DUCT | SP_VIOLATED_PART)
 void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, int64_t ticks,
                       sp_quantities *quantities);

@@ -1,13 +1,13 @@
-/* The floor, flat, sloped or of tiles, and what touches it: contacts, slip, clearance.
+/* The floor (flat, sloped or of tiles) and its contacts with the robot: forces, slip, clearance.
  *
- * What is measured here is for rewards, metrics and failures: no controller sees it, the robot has no touch sensor.
+ * The results serve rewards, metrics and failures. No controller receives them, as the robot has no touch sensor.
  */
 #include "engine.h"
 
-/* Whether there is a box in a row of a configuration. */
+/* Whether a row of a configuration is a box. */
 static int is_box(const double *row) { return row[3] > 0.0 && row[4] > 0.0 && row[5] > 0.0; }
 
-/* Put the boxes up in a model that has some. */
+/* Write the boxes of a configuration into a model that has boxes. */
 static void put_up_boxes(const sp_world *world, const sp_ground_config *c, const sp_sim *sim)
 {
     for (int k = 0; world->box[0] >= 0 && k < SP_BOXES; k++) {
@@ -25,7 +25,7 @@ static void put_up_boxes(const sp_world *world, const sp_ground_config *c, const
     }
 }
 
-/* Lay the floor in a model that has tiles and boxes where the configuration has. */
+/* Write the floor into a model that has tiles and boxes if the configuration has. */
 void sp_lay_floor(const sp_world *world, const sp_ground_config *c, const sp_sim *sim)
 {
     double tilt[3] = {c->slope * sin(c->heading), -c->slope * cos(c->heading), 0.0}, R[9], quat[4];
@@ -55,11 +55,11 @@ double sp_floor_height(const sp_ground_config *c, double x, double y)
     return c->tiles[SP_TILES * (int)i + (int)j];
 }
 
-/* Height of everything over the highest tile at least. */
+/* Return a lower bound of the robot's height over the highest tile. */
 double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant)
 {
     double normal[3] = {plant->floor_R[2], plant->floor_R[5], plant->floor_R[8]}, least = HUGE_VAL;
-    if (world->box[0] >= 0) return 0.0; /* they are beside it and over it, too */
+    if (world->box[0] >= 0) return 0.0; /* boxes are beside and above the robot, too */
     for (int k = 0; k < world->moving; k++) {
         double height = sp_dot(sim->geom_xpos + 3 * world->geom[k], normal) - world->geom_reach[k];
         if (!(height >= least)) least = height;
@@ -67,14 +67,14 @@ double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *pl
     return least - plant->highest_tile;
 }
 
-/* Have MuJoCo look for contacts, or save the time: with the floor far below the result is the same. */
+/* Switch MuJoCo's contact detection on or off; with the floor far below the result is the same without it. */
 void sp_look_for_contacts(const sp_sim *sim, int wanted)
 {
     if (wanted) *sim->disableflags &= (int32_t)~sim->mujoco->contact_off;
     else *sim->disableflags |= (int32_t)sim->mujoco->contact_off;
 }
 
-/* Largest force of the last physics step on anything but feet and pegs, in a loaded simulation. */
+/* Return the largest contact force of the last physics step on anything but feet and pegs; the robot is loaded. */
 double sp_hit(const sp_world *world, const sp_sim *sim)
 {
     double hardest = 0.0, wrench[6];
@@ -92,7 +92,7 @@ double sp_hit(const sp_world *world, const sp_sim *sim)
     return hardest;
 }
 
-/* Which parts of the robot have a contact, in a loaded simulation: bits of sp_constraint. */
+/* Return the parts of the robot in a contact as bits of sp_constraint; the robot is loaded. */
 int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact)
 {
     int32_t bits = 0, pair[2];
@@ -105,7 +105,7 @@ int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact)
     return bits;
 }
 
-/* What touches the floor now, in a loaded simulation. */
+/* Evaluate the floor contacts of a loaded robot. */
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch)
 {
     const double *R = plant->floor_R, normal[3] = {R[2], R[5], R[8]};

@@ -1,4 +1,4 @@
-/* Flights: draws and plays the schedule of an episode, flies a tick, counts what `tasks/hover.py` makes a reward of. */
+/* Flights: samples the schedule of an episode, simulates a tick, computes the quantities that `tasks/hover.py` uses. */
 #include "episode.h"
 
 static double time_of(const sp_hover_robot *h) { return h->flown / SP_CONTROL_RATE; }
@@ -22,7 +22,7 @@ static void sample_form(const sp_hover_rules *rules, int32_t forms, sp_generator
     for (int j = 4 * legs; j < SP_JOINTS; j++) q[j] = q[j % (4 * legs)];
 }
 
-/* Add a goal at the first tick from `start` on; its joint target is there already. */
+/* Set the start of a goal, the first tick from `start` on, and its deadline; its joint target is already set. */
 static void append_goal(const sp_hover_rules *rules, sp_goal *goals, int k, double start)
 {
     double travel = 0.0;
@@ -32,7 +32,7 @@ static void append_goal(const sp_hover_rules *rules, sp_goal *goals, int k, doub
     goals[k].deadline = goals[k].start + travel / rules->joint_speed;
 }
 
-/* The episode's forms in order, the first reached at time 0; how many. */
+/* Write the episode's forms in order, the first due at time 0; returns their number. */
 static int draw_goals(const sp_hover_rules *rules, int32_t forms, sp_generator *generator, sp_goal *goals, int64_t room)
 {
     int paper = forms == SP_FORMS_PAPER, held = forms > SP_FORMS_PAPER && forms < SP_FORMS_EQUAL, n = 1;
@@ -53,7 +53,7 @@ static int draw_goals(const sp_hover_rules *rules, int32_t forms, sp_generator *
 
 /* ---- the path ---- */
 
-/* A point at an angle and a radius round another, drawn; the angle of the next. */
+/* Sample a point at an angle around `middle`; returns the angle of the next point. */
 static double draw_point(sp_generator *generator, const double *middle, double angle, const double *radius,
                          const double *turn, double sign, double climb, double *point)
 {
@@ -64,7 +64,7 @@ static double draw_point(sp_generator *generator, const double *middle, double a
     return angle + sign * sp_uniform(generator, turn[0], turn[1]);
 }
 
-/* The episode's path; how many knots it has. */
+/* Sample the episode's path; returns its number of knots. */
 static int draw_path(const sp_hover_rules *rules, sp_generator *generator, sp_knot *knots, int64_t room)
 {
     int32_t kind = rules->path, heading = rules->heading;
@@ -108,7 +108,7 @@ static int draw_path(const sp_hover_rules *rules, sp_generator *generator, sp_kn
     return n;
 }
 
-/* Joint angles of the schedule now: straight lines from form to form. */
+/* Compute the joint angles of the schedule now, linear from form to form. */
 static void plan(const sp_hover_robot *h, const sp_goal *goals, double *q)
 {
     const sp_goal *goal = &goals[h->current];
@@ -119,9 +119,9 @@ static void plan(const sp_hover_robot *h, const sp_goal *goals, double *q)
     for (int j = 0; j < SP_JOINTS; j++) q[j] = from[j] + share * (goal->joint_target[j] - from[j]);
 }
 
-/* ---- what the controller is asked, and what it makes of a state ---- */
+/* ---- reference, errors and trim ---- */
 
-/* What the controller is asked now. */
+/* Write the reference of this tick. */
 static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_knot *knots, sp_hover_robot *h)
 {
     const sp_disturbances *fault = &h->episode.disturbances;
@@ -142,8 +142,8 @@ static void refer(const sp_hover_rules *rules, const sp_goal *goals, const sp_kn
     }
 }
 
-/* What the controller makes of what it sees, and what is true: errors of the CoG that the description gives at the true
- * state, for nobody knows where the real one is. */
+/* Compute the control states of the observed and of the true state, and the errors. Position errors are those of the
+ * described robot's CoG at the true state, since the CoG of a real robot is unknown. */
 static void update_errors(const sp_robot *robot, sp_hover_robot *h)
 {
     double level[9], desired[9];
@@ -160,7 +160,7 @@ static void update_errors(const sp_robot *robot, sp_hover_robot *h)
     sp_log(level, h->attitude_error);
 }
 
-/* Wrench in {CoG} that the real robot needs at rest beyond what its description needs. */
+/* Compute the wrench in {CoG} that the simulated robot needs at rest beyond that of its description. */
 static void compute_trim(const sp_robot *robot, const sp_sim *sim, const sp_hover_robot *h, double *trim)
 {
     sp_control_state control;
@@ -199,7 +199,7 @@ void sp_draw_flight(const sp_hover_rules *rules, int32_t forms, sp_generator *ge
 static sp_goal *goals_of(const sp_engine *e, int robot) { return e->goals + robot * e->goal_room; }
 static sp_knot *knots_of(const sp_engine *e, int robot) { return e->knots + robot * e->knot_room; }
 
-/* Put the robot where its episode begins, at the first form, over the first knot if there is a path. */
+/* Place the robot at the start of its episode: in the first form, at the first knot if there is a path. */
 static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *thread, const double *q,
                   const sp_knot *first, sp_hover_robot *h)
 {
@@ -207,7 +207,7 @@ static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *th
     double R[9], quat[4], position_w[3], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], turning[3], motion[6];
     sp_snapshot snapshot;
     sp_exp(h->rotation, R);
-    if (first && first->pose_w[3] != 0.0) { /* it looks where its path begins to */
+    if (first && first->pose_w[3] != 0.0) { /* start with the heading of the path */
         double turn[3] = {0.0, 0.0, first->pose_w[3]}, heading[9], offset[9];
         sp_copy(offset, R, 9);
         sp_exp(turn, heading);
@@ -219,7 +219,7 @@ static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *th
     sp_apply(R, snapshot.com_b, position_w);
     const double *place = first ? first->pose_w : rules->position_w;
     for (int i = 0; i < 3; i++) position_w[i] = place[i] + h->offset[i] - position_w[i];
-    /* The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less. */
+    /* `velocity` is the CoG's, and legs and rotors are at rest. So the torso's origin moves at v − ω × CoG. */
     sp_cross(h->omega, snapshot.com_b, turning);
     sp_apply(R, turning, motion);
     for (int i = 0; i < 3; i++) motion[i] = h->velocity[i] - motion[i], motion[3 + i] = h->omega[i];
@@ -259,7 +259,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     } else {
         sp_put_down(e, thread, robot, &rules->rules.plant);
     }
-    /* A generator of its own, so that what the weather draws does not change what the next episode is. */
+    /* A separate generator, so that draws of the weather do not change the next episode. */
     sp_spawn(&episode->generator, &h->plant.generator);
     h->plant.disturbances = episode->disturbances;
     if (!rules->rules.is_commanded) place(e, rules, thread, q, h->knots ? knots : NULL, h);
@@ -269,20 +269,20 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_zero(episode->action, SP_MAX_ENTRIES);
     sp_first_look(numbers, &rules->rules, &h->plant, episode);
     refer(rules, goals, knots, h);
-    /* A robot off its description has hovered before the episode begins: its integrals hold what that takes. */
+    /* Where the robot differs from its description, the integrals start at the steady state of a hover. */
     int is_given = h->is_given && h->has_trim, trims = is_given || !rules->rules.is_described;
     sp_flight_init(&h->flight, &rules->controller);
     sp_zero(h->leg_momentum, 3);
     sp_zero(h->leg_momentum_rate, 3);
     sp_zero(h->joint_velocity, SP_JOINTS);
-    if (rules->rules.is_commanded) return; /* Python goes on: its controller begins, and places the robot */
+    if (rules->rules.is_commanded) return; /* Python resets its controller and places the robot */
     if (trims && !is_given) compute_trim(numbers, &thread->sim, h, h->trim);
     sp_flight_reset(numbers, &h->flight, &episode->seen, q, trims ? h->trim : NULL);
     update_errors(numbers, h);
 }
 
-/* What the controller would do: its integrals and observer go on as they do where it flies, but what it remembers of the
- * last command stays that of the command that is done. */
+/* Compute what the controller would command. Its integrals and observer advance as in flight, but the stored last
+ * command stays the one that is executed. */
 static void advise(sp_room *room, sp_hover_robot *h)
 {
     sp_flight_memory *memory = &h->flight.memory, before = *memory;
@@ -295,7 +295,7 @@ static void advise(sp_room *room, sp_hover_robot *h)
     sp_copy(memory->joint_position, before.joint_position, SP_JOINTS);
 }
 
-/* The observer compares what was flown: the wrench of the command that is done, not of the advice. */
+/* Replace the allocated wrench of the advice by that of the executed command, for the observer. */
 static void account(sp_hover_robot *h)
 {
     const sp_snapshot *s = &h->percept.snapshot;
@@ -306,7 +306,7 @@ static void account(sp_hover_robot *h)
     for (int r = 0; r < 6; r++) h->flight.allocation.wrench[r] += sp_row(Q + SP_FORCES * r, change, SP_FORCES);
 }
 
-/* The command of this tick. */
+/* Compute the command of this tick. */
 static void act(const sp_hover_rules *rules, sp_room *room, sp_hover_robot *h)
 {
     sp_episode *episode = &h->episode;
@@ -338,7 +338,7 @@ static double farthest(const double *a, const double *b, int n)
     return far;
 }
 
-/* Go on in the schedule: forms that are reached in time, the form that is due. */
+/* Advance the schedule: mark the forms that were reached in time, switch to the form that is due. */
 static void follow_schedule(const sp_hover_rules *rules, sp_goal *goals, sp_hover_robot *h)
 {
     double time = time_of(h);
@@ -351,7 +351,7 @@ static void follow_schedule(const sp_hover_rules *rules, sp_goal *goals, sp_hove
     if (h->current + 1 < h->goals && time >= goals[h->current + 1].start - 1e-9) h->current++;
 }
 
-/* Errors of the state as it is; those that a controller in Python sees it has written. */
+/* Update the control states and errors; a Python controller has already written its errors. */
 static void look_at(const sp_hover_rules *rules, const sp_robot *robot, sp_hover_robot *h)
 {
     if (!rules->rules.is_commanded) {
@@ -362,7 +362,7 @@ static void look_at(const sp_hover_rules *rules, const sp_robot *robot, sp_hover
     h->percept = h->truth;
 }
 
-/* Take note of a tick: errors, sums of their squares, momentum of the legs. */
+/* Update errors, sums of their squares and momentum of the legs after a tick. */
 static void take_note(const sp_hover_rules *rules, const sp_robot *robot, sp_hover_robot *h)
 {
     double before[3];
@@ -374,7 +374,7 @@ static void take_note(const sp_hover_rules *rules, const sp_robot *robot, sp_hov
     h->attitude_sum += sp_dot(h->attitude_error, h->attitude_error);
 }
 
-/* How many forms were due by now and not reached in time. */
+/* Count the forms that were due by now and not reached in time. */
 static int overdue(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover_robot *h)
 {
     int count = 0;
@@ -383,7 +383,7 @@ static int overdue(const sp_hover_rules *rules, const sp_goal *goals, const sp_h
     return count;
 }
 
-/* What the task makes rewards, failures and success of. */
+/* Write the quantities that the task uses for rewards, failures and success. */
 static void count(const sp_hover_rules *rules, const sp_goal *goals, const sp_hover_robot *h, sp_hover_quantities *q)
 {
     double joints[SP_JOINTS], ticks = sp_max(1.0, h->flown);
@@ -409,10 +409,10 @@ static void tell(const sp_rules *rules, sp_hover_robot *h, sp_hover_info *info)
     if (flight->ticked) sp_copy(info->wrench_desired, flight->wrench_desired, 6);
     for (int i = 0; i < SP_ROTORS; i++)
         info->restricted_rotors[i] = flight->ticked && flight->memory.interference.restricted[i];
-    info->is_success = 0; /* the task says */
+    info->is_success = 0; /* set by the task */
 }
 
-/* What comes next. */
+/* Write the preview: the present form, the next one, and the path ahead. */
 static void preview(const sp_goal *goals, const sp_knot *knots, sp_hover_robot *h)
 {
     int last = h->current + 1 >= h->goals;
@@ -429,7 +429,7 @@ static void observe(const sp_hover_rules *rules, const sp_hover_robot *h, float 
     const sp_preview *next = &h->preview;
     if (h->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-    else if (!rules->rules.is_commanded) /* a controller in Python says what a policy sees */
+    else if (!rules->rules.is_commanded) /* Python writes the observation of a Python controller */
         sp_observe(&h->flight, &episode->seen, &h->percept,
                    episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
                    h->leg_momentum, h->leg_momentum_rate, next, rules->path != SP_PATHS_NONE, episode->action,
@@ -453,7 +453,7 @@ static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
-/* Note and show what is, with the reference of now. */
+/* Update the reference and the errors, then write `info`, quantities and observation. */
 static void regard(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
@@ -474,7 +474,7 @@ static void refer_robot(sp_engine *e, sp_thread *thread, int robot)
     preview(goals_of(e, robot), knots_of(e, robot), h);
 }
 
-/* What follows upon a tick's physics. Where references or commands are Python's, it goes on before this does. */
+/* Finish a tick after its physics. Where references or commands come from Python, Python runs before `regard`. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
@@ -524,7 +524,7 @@ static void show_robot(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
-/* Where the schedule has the joints now, and whether a thrusting rotor blows on another one or the torso. */
+/* Compute the schedule's joint angles, and whether a thrusting rotor's jet hits another rotor or the torso. */
 static void watch_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_robot *h = (const sp_hover_robot *)sp_plant_of(e, robot);

@@ -1,7 +1,7 @@
-/* One simulated robot: a control period of physics, with what happens in between.
+/* One simulated robot: the physics steps of a control period, and what happens between them.
  *
- * Commands arrive late, at 400 Hz at most; the air is evaluated at 40 Hz; falling thrusts and the joints' play are
- * looked at at 80 Hz; the sensors measure at 200 Hz, in this order, which is that of the draws.
+ * Delayed commands arrive at 400 Hz at most; the air is evaluated at 40 Hz, falling thrusts and the joints' play at
+ * 80 Hz, the sensors at 200 Hz. This order is also that of the draws.
  */
 #include "engine.h"
 
@@ -24,7 +24,7 @@ static double offset(const sp_plant *p, int actuator)
 
 /* ---- the robot in MuJoCo's model and data ---- */
 
-/* Become the robot of a configuration: in the model, and in what is kept of it. */
+/* Apply a configuration to the model and to the robot's record. */
 void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_config *config, sp_plant *p)
 {
     const sp_ground_config *ground = &config->ground;
@@ -41,8 +41,8 @@ void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_confi
     sim->mujoco->set_const(sim->model, sim->data); /* what MuJoCo derives from the masses; the data is overwritten */
 }
 
-/* Tell MuJoCo what depends on a direction: the lag of thrusts, and the play of joints. Inside its play a servo's spring
- * has no grip, outside it starts from the play's edge. */
+/* Write the lag of thrusts and the play of joints, which depend on the direction, into the model. Inside its play a
+ * servo's spring exerts no torque; outside, the spring starts at the edge of the play. */
 static void write_asymmetry(const sp_sim *sim, const sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
@@ -72,17 +72,17 @@ void sp_enter(const sp_sim *sim, sp_plant *p)
     write_asymmetry(sim, p);
 }
 
-/* Take it out again. */
+/* Store the state of a loaded robot. */
 void sp_leave(const sp_sim *sim, sp_plant *p)
 {
     sim->mujoco->get_state(sim->model, sim->data, p->row, (int)sim->mujoco->state_kind);
 }
 
-/* Whether a loaded robot is anywhere: once a number of its state is none it stays so, and MuJoCo takes a second to look
- * for contacts there. */
+/* Whether the state of a loaded robot is finite. A NaN never disappears again, and MuJoCo's contact detection takes a
+ * second with one. */
 int sp_is_somewhere(const sp_sim *sim) { return sp_finite(sim->qpos, SP_QPOS) && sp_finite(sim->qvel, SP_DOFS); }
 
-/* ---- what is read of it ---- */
+/* ---- reading the state ---- */
 
 static void read_state(const sp_world *world, const sp_sim *sim, const sp_plant *p, sp_robot_state *s)
 {
@@ -108,7 +108,7 @@ static double power(const sp_sim *sim, const sp_robot_state *s)
 
 /* ---- what happens between physics steps ---- */
 
-/* Hand over the commands whose delay is over. */
+/* Apply the commands whose delay is over. */
 static void deliver(const sp_sim *sim, sp_plant *p)
 {
     for (int k = 0; k < p->pending_count; k++) {
@@ -121,11 +121,11 @@ static void deliver(const sp_sim *sim, sp_plant *p)
         p->pending_first = (p->pending_first + 1) % SP_MAX_PENDING;
         p->pending_count--;
     }
-    /* A vectoring servo that has failed stays where it is, whatever it is told. */
+    /* A failed vectoring servo holds its angle, whatever the command. */
     if (p->is_stuck) sp_copy(sim->ctrl + FIRST_GIMBAL + 2 * (p->disturbances.lost_rotor - 1), p->stuck, 2);
 }
 
-/* Let noise, wind and pushes go on, and evaluate the air. */
+/* Advance noise, wind and pushes, and evaluate the air. */
 static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p, sp_air *air)
 {
     const sp_actuator_config *c = &p->config.actuators;
@@ -145,7 +145,7 @@ static void keep_air(const sp_air *air, sp_plant *p)
     sp_copy(p->air_factor, air->thrust_factor, SP_DUCTS);
 }
 
-/* Look which thrusts fall, and where the joints are in their play. */
+/* Update which thrusts fall and where each joint is in its play. */
 static void lean(const sp_world *world, const sp_sim *sim, sp_plant *p)
 {
     double play = p->config.actuators.backlash;
@@ -157,7 +157,7 @@ static void lean(const sp_world *world, const sp_sim *sim, sp_plant *p)
 
 static int is_asymmetric(const sp_actuator_config *c) { return c->backlash > 0.0 || c->spin_down != 1.0; }
 
-/* Indicated angles are off by so much. */
+/* Write true minus indicated angles. */
 static void sensor_offsets(const sp_plant *p, double *offsets)
 {
     for (int j = 0; j < SP_ANGLES; j++) offsets[j] = offset(p, SP_ROTORS + j);
@@ -174,7 +174,7 @@ static void sample(const sp_world *world, const sp_sim *sim, sp_plant *p)
 
 /* ---- a control period ---- */
 
-/* Send a command on its way to the actuators, within what they can. */
+/* Queue a command for the actuators, clipped to their limits. */
 static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
@@ -205,7 +205,7 @@ static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command 
         limit_torque(sim, p, command->joint_torque_limit);
 }
 
-/* Which constraints are violated now, in a loaded simulation whose state has been read. */
+/* Return the violated constraints of a loaded robot whose state has been read, as bits of sp_constraint. */
 static int32_t violations(const sp_world *world, const sp_sim *sim, const sp_plant *p)
 {
     int32_t bits = 0;
@@ -219,7 +219,7 @@ static int32_t violations(const sp_world *world, const sp_sim *sim, const sp_pla
     return bits;
 }
 
-/* Advance a loaded robot by one control period; where it has diverged, what is read of it stays as before. */
+/* Advance a loaded robot by one control period. If it diverges, `state` and power keep their last values. */
 void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
 {
     double square = 0.0, period;
@@ -255,9 +255,9 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     p->violated |= violations(world, sim, p);
 }
 
-/* Put a configured robot somewhere, servos at their setpoints and at rest, and leave it loaded. Disturbances and
- * generator are the plant's own: they are set before. `motion` is the velocity of the torso's origin, world, and its
- * angular velocity, torso axes; NULL at rest. */
+/* Place a configured robot, servos at their setpoints and at rest, and leave it loaded. Disturbances and generator are
+ * read from the plant. `motion` is the velocity of the torso's origin, world, and its angular velocity, torso axes;
+ * NULL at rest. */
 void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
                     const double *joints, const double *vectoring, const double *thrust, const double *motion, sp_plant *p)
 {
@@ -268,7 +268,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sim->mujoco->set_state(sim->model, sim->data, world->start, (int)sim->mujoco->state_kind);
     p->clock = 0;
     p->pending_first = p->pending_count = 0;
-    memset(p->pending, 0, sizeof p->pending); /* nothing stays of the episode before: equal robots have equal bytes */
+    memset(p->pending, 0, sizeof p->pending); /* cleared, so that equal robots have equal bytes */
     memset(&p->sensors, 0, sizeof p->sensors);
     sp_zero(p->stuck, 2);
     p->diverged = p->is_stuck = p->violated = 0;
@@ -312,7 +312,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sp_start_sensors(world, &p->config.sensors, offsets, &p->state, &p->generator, &p->sensors);
 }
 
-/* What the sensors have said since the last call. */
+/* Return the readings of the sensors since the last call. */
 void sp_measure(sp_plant *p, sp_measurement *measurement)
 {
     sp_read_sensors(&p->config.sensors, p->state.time, &p->sensors, measurement);

@@ -1,8 +1,9 @@
 /* The sensors of the real robot: motion capture at 100 Hz, inertial unit at 200 Hz, encoders at 50 Hz.
  *
- * They are sampled at every instant of the inertial unit. The order of the draws is part of what a seed means: biases
- * and drift at switch-on; then at each sample nine for the inertial unit, where a frame is taken six for the drift, six
- * for its noise and one for the drop-out, where the servos are read one for every angle and one for every torque.
+ * They are sampled at every instant of the inertial unit. The order of the draws determines what a seed produces:
+ * biases and drift at switch-on, then at each sample nine numbers for the inertial unit. A frame adds six for the
+ * drift, six for its noise and one for the drop-out. A reading of the servos adds one for every angle and one for
+ * every torque.
  */
 #include "engine.h"
 
@@ -32,7 +33,7 @@ static void take_frame(const sp_world *world, const sp_sensor_config *c, const s
     normals(generator, c->factor, 6, white);
     if (sp_random(generator) < c->dropout) m->silent_until = state->time + SP_DROPOUT_SECONDS;
     if (!(state->time >= m->silent_until - 1e-9)) return;
-    if (m->frames == SP_MAX_FRAMES) { /* too old for anybody: a tick hands out the latest few */
+    if (m->frames == SP_MAX_FRAMES) { /* drop the oldest: a tick delivers only the latest few */
         m->frames--;
         memmove(m->frame_time, m->frame_time + 1, sizeof m->frame_time - sizeof *m->frame_time);
         memmove(m->frame_position_w, m->frame_position_w + 1, sizeof m->frame_position_w - sizeof *m->frame_position_w);
@@ -112,11 +113,11 @@ void sp_start_sensors(const sp_world *world, const sp_sensor_config *c, const do
     sp_from_quat(state->quat_wb, R);
     unit_velocity(world, state, R, m->velocity_w);
     sp_sample_sensors(world, c, offset, state, generator, m);
-    /* The robot has stood there for a while: its first frame has arrived. */
+    /* The robot was at rest before the reset: its first frame has arrived. */
     for (int k = 0; k < m->frames; k++) m->frame_time[k] = state->time - c->latency;
 }
 
-/* What has arrived by a control tick at `time`; it is handed out once. */
+/* Deliver the readings that have arrived by a control tick at `time`, each of them once. */
 void sp_read_sensors(const sp_sensor_config *c, double time, sp_sensor_memory *m, sp_measurement *out)
 {
     int due = 0;

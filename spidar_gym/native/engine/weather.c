@@ -1,7 +1,7 @@
-/* What happens to the robot from outside: wind with turbulence, pushes, and the unsteadiness of its own thrust.
+/* Disturbances: wind with turbulence, pushes, and thrust noise.
  *
- * First-order Dryden turbulence [MIL-F-8785C]; pushes of 0.2 s from a direction drawn each time. The order of the draws
- * is part of what a seed means.
+ * First-order Dryden turbulence [MIL-F-8785C]; pushes of 0.2 s, each in a random direction. The order of the draws
+ * determines what a seed produces.
  */
 #include "engine.h"
 
@@ -15,7 +15,7 @@ void sp_draw_weather(const sp_disturbances *d, sp_generator *generator, sp_weath
     weather->next_push = d->push > 0.0 ? sp_uniform(generator, 0.0, SP_PUSH_EVERY[1]) : HUGE_VAL;
 }
 
-/* Let `dt` [s] pass until `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s). */
+/* Advance the weather by `dt` [s] to `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s). */
 void sp_advance_weather(const sp_disturbances *d, double time, double dt, sp_generator *generator, sp_weather *weather)
 {
     if (d->wind > 0.0)
