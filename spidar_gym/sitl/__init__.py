@@ -1,1 +1,1 @@
-"""The simulated robot behind the real robot's interface: what the runner that drives SPIDAR drives instead."""
+"""The simulated robot behind the real robot's interface: the runner drives it in place of SPIDAR."""

@@ -1,4 +1,4 @@
-"""The flight controller board and its safety: what stands between a command and the rotors [robot's firmware]."""
+"""The flight controller board: checks thrust commands and lands the robot when they fail [robot's firmware]."""
 
 import math
 from dataclasses import dataclass
@@ -11,39 +11,39 @@ from spidar_gym.so3 import euler_angles
 ARM_ON, ARM_OFF, FORCE_LANDING = 0, 1, 2
 """Configuration commands."""
 COMMAND_TIMEOUT = 0.5
-"""Without a thrust command for so long the board lands [s]."""
+"""The board lands when it has received no thrust command for this long [s]."""
 TILT_LIMIT = 1.0
-"""Roll or pitch beyond which it lands [rad]."""
+"""Roll or pitch above which the board lands [rad]."""
 LANDING_RATE = 1.25
-"""How fast the mean thrust falls in a forced landing [N/s]."""
+"""Rate at which the mean thrust falls in a forced landing [N/s]."""
 LANDING_THRUST = 7.0
-"""Least mean thrust of a forced landing [N]; commands below it are ignored then."""
+"""Least mean thrust of a forced landing [N]; commands below it are ignored during the landing."""
 ATTITUDE_GAINS = (15.0, 5.0)
-"""The board's own roll and pitch, on angle [1/s²] and rate [1/s], in a forced landing only. Yaw is left alone: rotors
-that point up have next to no torque about it, and asking for some would take the thrust that holds the attitude."""
+"""Roll and pitch gains of the board in a forced landing, on angle [1/s²] and rate [1/s]. Yaw is not controlled: rotors
+that point up have almost no torque about it, and a yaw command would use the thrust that holds the attitude."""
 
 
 @dataclass
 class Board:
-    """Takes thrust commands while it is armed, and lands by itself when they stop or the robot tips over."""
+    """Board that applies thrust commands while armed, and lands when they stop or the robot tips over."""
 
     armed: bool = False
     """Whether the rotors turn."""
     landing: bool = False
     """Whether the landing is forced."""
     reason: str = ""
-    """Why it lands."""
+    """Why the board lands."""
     heard: float = math.inf
-    """When the last command came; infinite before the first [s]."""
+    """Time of the last command; infinite before the first [s]."""
     tilt: float = 0.0
     """Roll or pitch, the larger [rad]."""
 
     def __post_init__(self) -> None:
-        """Stand still."""
+        """Set all thrusts to zero."""
         self.base = np.zeros(N_ROTORS)
 
     def command(self, thrust: np.ndarray, time: float) -> None:
-        """Thrust of the modules [N]; ignored where disarmed, or where there are not eight."""
+        """Store thrusts of the modules [N]; ignored while disarmed, or unless there are eight."""
         if len(thrust) != N_ROTORS or not self.armed:
             return
         self.heard = time
@@ -52,7 +52,7 @@ class Board:
         self.base = np.maximum(np.asarray(thrust, float), 0.0)
 
     def configure(self, command: int) -> bool:
-        """Obey a configuration command; whether it was one."""
+        """Execute a configuration command; return whether it is a valid one."""
         if command == ARM_ON:
             self.armed = True
         elif command == ARM_OFF:
@@ -69,11 +69,11 @@ class Board:
             self.landing, self.reason = True, reason
 
     def tick(self, time: float, dt: float, R_wb: np.ndarray, omega_b: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """What the rotors are told.
+        """Compute the thrusts that the rotors receive.
 
         Args:
-            time: Now [s].
-            dt: Since the last tick [s].
+            time: Current time [s].
+            dt: Time since the last tick [s].
             R_wb: Attitude.
             omega_b: Angular velocity, torso axes [rad/s].
             torques: Roll and pitch acceleration per module thrust, shape (2, 8) [rad/s²/N].
@@ -97,5 +97,5 @@ class Board:
         angle, rate = ATTITUDE_GAINS
         wish = -angle * np.array([roll, pitch]) - rate * omega_b[:2]
         thrust = np.maximum(self.base + np.linalg.pinv(torques) @ wish, 0.0)
-        # All of them by the same rate, so that their ratio, which is a torque, stays.
+        # All thrusts are scaled by one factor, so that their ratios, which determine the torque, do not change.
         return thrust * min(1.0, ROBOT.max_thrust / max(float(thrust.max()), 1e-9))

@@ -1,4 +1,4 @@
-"""The runner with the mode `ros1`, compiled from an exported folder against the ROS 1 of this machine."""
+"""Compile the runner with the mode `ros1` from an exported folder, against the ROS 1 of this machine."""
 
 import shutil
 import subprocess
@@ -18,15 +18,15 @@ RUNNER = "the runner for ROS 1"
 
 
 def build_ros_runner(folder: Path, out: Path) -> Path:
-    """Compile an exported folder; the runner's path.
+    """Compile an exported folder; return the runner's path.
 
     Args:
-        folder: What `spidar export` wrote.
+        folder: Folder that `spidar export` wrote.
         out: File to write.
 
     Raises:
         MissingDependencyError: Without a compiler or ROS 1.
-        SpidarError: When it does not compile; with the compiler's words.
+        SpidarError: When the folder does not compile; with the compiler's messages.
     """
     libraries = _pkg_config("--cflags", "--libs", "roscpp")
     folder = folder.resolve()
@@ -43,14 +43,14 @@ def build_ros_runner(folder: Path, out: Path) -> Path:
 
 
 def message_headers(messages: Path, folder: Path) -> Path:
-    """C++ headers of the package `spinal` from its .msg files; the folder to include."""
+    """Generate the C++ headers of the package `spinal` from its .msg files; return the folder to include."""
     prefix = Path(_pkg_config("--variable=prefix", "roscpp")[0])
     generator = prefix / GENERATOR
     if not generator.is_file():
         raise MissingDependencyError(f"gencpp ({generator})", INSTALL)
     (folder / "spinal").mkdir(parents=True)
     for message in sorted(messages.glob("*.msg")):
-        # The system's Python: a virtual environment does not know genmsg.
+        # The system's Python, because a virtual environment has no genmsg.
         command = ["/usr/bin/python3", str(generator), str(message), "-p", "spinal", "-o", str(folder / "spinal")]
         run_tool([*command, "-e", str(prefix / TEMPLATES), "-I", f"spinal:{messages}"], RUNNER, folder)
     return folder
@@ -64,7 +64,7 @@ def _plus_plus() -> str:
 
 
 def _pkg_config(*words: str) -> list[str]:
-    """What pkg-config answers, word by word."""
+    """Return the output of pkg-config, split into words."""
     tool = shutil.which("pkg-config")
     done = subprocess.run([tool, *words], capture_output=True, text=True, check=False) if tool else None
     if done is None or done.returncode != 0:

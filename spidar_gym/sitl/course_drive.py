@@ -1,4 +1,4 @@
-"""A course of both gaits: driven by the runner or in process against the same robot, and its figures."""
+"""A course of both gaits, driven by the runner or in process with the same robot, and its figures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -41,35 +41,35 @@ from spidar_gym.tasks.course import DECIDE
 from spidar_gym.text import format_table
 
 IN_THE_AIR = ("climb", "hover", "form", "fly")
-"""Phases whose position counts as flown."""
+"""Phases whose position errors count as flight."""
 NEAR_FLOOR = ("spool", "descend", "unload")
-"""Phases in which Σλ changes evenly."""
+"""Phases in which Σλ changes at a bounded rate."""
 SETTLING = 40
-"""Ticks that a robot lies before a course in process begins."""
+"""Ticks for which the robot lies on the floor before a course in process begins."""
 PERIOD = 1.0 / CONTROL_RATE
 """Length of a tick [s]."""
 LATER = 30.0
-"""No course takes longer than it may by so much [s]."""
+"""Time by which a course in process may exceed its limit before it is refused [s]."""
 
 
 @dataclass(frozen=True)
 class CourseLog:
-    """What a course was like, tick by tick: the truth beside what was asked and commanded, arrays over n ticks."""
+    """True state, reference and command at each tick of a course; arrays over n ticks."""
 
     time: np.ndarray
-    """Since the take-over [s]."""
+    """Time since the take-over [s]."""
     phase: np.ndarray
     """One of `PHASES`."""
     position_w: np.ndarray
-    """Torso, true, shape (n, 3) [m]."""
+    """True position of the torso, shape (n, 3) [m]."""
     yaw: np.ndarray
-    """Heading, true [rad]."""
+    """True heading [rad]."""
     com_w: np.ndarray
-    """Centre of mass, true, shape (n, 3) [m]."""
+    """True centre of mass, shape (n, 3) [m]."""
     asked_w: np.ndarray
-    """Where it was asked to be in flight, shape (n, 3) [m]."""
+    """Reference of the centre of mass in flight, shape (n, 3) [m]."""
     tilt: np.ndarray
-    """Roll or pitch, the larger [rad]."""
+    """Angle between the torso's axis and the vertical [rad]."""
     fall: np.ndarray
     """Downward speed of the torso before the tick [m/s]."""
     in_contact: np.ndarray
@@ -77,15 +77,15 @@ class CourseLog:
     thrust: np.ndarray
     """Commanded Σλ [N]."""
     status: np.ndarray
-    """How the allocation was answered."""
+    """Status of the allocation."""
     hit: np.ndarray
     """Largest force in the tick on anything but feet and pegs, where there are gates [N]."""
     energy_wh: np.ndarray
-    """Taken from the battery since the take-over [Wh]."""
+    """Energy taken from the battery since the take-over [Wh]."""
 
 
 def manager_config(mission: Mission) -> ManagerConfig:
-    """What the runner makes of a course: its presets at the course's joint speeds and the robot's iteration cap."""
+    """Return the runner's configuration for a course: presets with the course's joint speeds and the onboard cap."""
     flight, crawl = controller_config(mission.preset), crawler_config(mission.crawler)
     return ManagerConfig(
         replace(
@@ -98,13 +98,13 @@ def manager_config(mission: Mission) -> ManagerConfig:
 
 
 def course_robot(mission: Mission, rng: np.random.Generator) -> PlantConfig:
-    """A robot for a course, among the gates of its map."""
+    """Return a randomised robot for a course, with the gates of its map as boxes."""
     robot = replace(crawl_robot(rng), joint_speed=max(mission.speeds))
     return robot if mission.map is None else replace(robot, ground=with_boxes(GroundConfig(), boxes(mission.map)))
 
 
 def _row(model: Model, state: RobotState, fell: float) -> dict[str, Any]:
-    """What is true after a tick."""
+    """Return the true quantities after a tick."""
     R_wb = quat_to_matrix(state.quat_wb)
     com_w = state.position_w + R_wb @ model.snapshot(state.joint_position, R_wb, state.vectoring).com_b
     return {
@@ -114,14 +114,14 @@ def _row(model: Model, state: RobotState, fell: float) -> dict[str, Any]:
 
 
 def driven_course(run: Run, log: RunnerLog) -> CourseLog:
-    """The course that a runner drove.
+    """Return the log of a course that a runner drove.
 
     Raises:
-        SpidarError: When it did not come to its end.
+        SpidarError: When the course was not completed.
     """
     rows, at = driven(run, log)
     model, kept, fell = Model(), list[dict[str, Any]](), 0.0
-    # In real time the two tick apart, and what is asked moves on by a centimetre in between.
+    # In real time robot and runner tick at different times; the reference moves by a centimetre in between.
     ticks, times = drive_times(run, log)
     begins = np.array([row.time - PERIOD for row in rows])
     where = log.outputs["reference"]["position_w"][ticks]
@@ -148,15 +148,15 @@ def driven_course(run: Run, log: RunnerLog) -> CourseLog:
 
 
 class Guide:
-    """The rule that decides twice a second where to go by a map, as the runner's does (`onboard/runner/map.c`)."""
+    """Rule that selects a target from a map twice a second, as in the runner (`onboard/runner/map.c`)."""
 
     def __init__(self, manager: CoreManager, course: Course) -> None:
-        """Tell this manager what to do."""
+        """Command this manager along a course."""
         self._manager, self._course, self._pilot = manager, course, Pilot(manager)
         self._undecided, self._is_there = 0, False
 
     def decide(self, seen: RobotState) -> bool:
-        """Before the manager's tick; whether the robot lies at the goal."""
+        """Command the manager before its tick; return whether the robot lies at the goal."""
         manager, course = self._manager, self._course
         if self._undecided == 0:
             self._undecided = DECIDE
@@ -169,14 +169,14 @@ class Guide:
 
 
 def course_in_process(mission: Mission, seed: int) -> CourseLog:
-    """The same course without a runner: the core's manager and the estimator, 40 times a second, on the same robot.
+    """Run a course without a runner, with the core's manager and the estimator at 40 Hz on the same robot.
 
     Args:
         mission: A course.
-        seed: Of the robot and its noise, as for the robot that a runner drives.
+        seed: Seed of the robot and its noise, as for the robot that a runner drives.
 
     Raises:
-        SpidarError: When it does not come to its end.
+        SpidarError: When the course is not completed in time.
     """
     config, model, estimator = manager_config(mission), Model(), Estimator()
     rng = np.random.Generator(np.random.PCG64(seed))
@@ -216,7 +216,7 @@ def course_in_process(mission: Mission, seed: int) -> CourseLog:
 
 
 def _touchdowns(log: CourseLog) -> list[float]:
-    """Downward speed of the torso before the first touch of each descent [m/s]."""
+    """Return the downward speed of the torso before the first touch of each descent [m/s]."""
     found, touched = [], False
     for phase, in_contact, fall in zip(log.phase, log.in_contact, log.fall, strict=True):
         if phase == "descend" and in_contact and not touched:
@@ -226,7 +226,7 @@ def _touchdowns(log: CourseLog) -> list[float]:
 
 
 def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
-    """Figures of a course: how it flew, touched down and crawled."""
+    """Compute the figures of a course: flight, touchdown and crawl."""
     flown, near = np.isin(log.phase, IN_THE_AIR), np.isin(log.phase, NEAR_FLOOR)[1:]
     error = (log.asked_w - log.com_w)[flown]
     landed = np.flatnonzero(np.isin(log.phase, ("unload",)))
@@ -261,13 +261,13 @@ def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
 def courses_in_process(
     mission: Mission, robots: int, *, workers: int = 1, on_robot: Callable[[], object] = lambda: None
 ) -> list[dict[str, Any]]:
-    """Figures of the same course with many robots, whose seeds count from 0.
+    """Compute the figures of the same course for several robots, with seeds from 0.
 
     Args:
         mission: A course.
-        robots: How many.
-        workers: Processes.
-        on_robot: Called after each, for progress.
+        robots: Number of robots.
+        workers: Number of processes.
+        on_robot: Called after each robot, for progress.
     """
     found = []
     with Pool(workers) as pool:
@@ -294,7 +294,7 @@ ROWS: tuple[tuple[str, str, float, int], ...] = (
     ("heading after the crawl [mrad]", "final_yaw_rad", 1e3, 1),
     ("ticks without an optimum", "unsolved", 1.0, 0),
 )
-"""Lines of the table: label, figure, unit's factor, digits."""
+"""Lines of the table: label, figure, factor of the unit, digits."""
 GATE_ROWS: tuple[tuple[str, str, float, int], ...] = (
     ("duration [s]", "seconds", 1.0, 1),
     ("… with rotors up [s]", "flown_s", 1.0, 1),
@@ -306,33 +306,33 @@ GATE_ROWS: tuple[tuple[str, str, float, int], ...] = (
     ("heading at the goal [mrad]", "final_yaw_rad", 1e3, 1),
     ROWS[-1],
 )
-"""The same of a course by a map; the touchdown is the hardest of its landings."""
+"""Lines of the table of a course by a map; the touchdown is the hardest of its landings."""
 MARGIN = 0.5
-"""A figure is within the spread where it is no farther outside than this share of it."""
+"""Share of the spread by which a figure may lie outside it and still count as within."""
 
 
 def spread(figures: Sequence[dict[str, Any]], key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest of a figure, over courses of several robots, number by number."""
+    """Return the least and the largest of a figure over the courses of several robots, element by element."""
     values = np.array([np.atleast_1d(each[key]) for each in figures], float)
     return values.min(0), values.max(0)
 
 
 def within_spread(figures: dict[str, Any], others: Sequence[dict[str, Any]], key: str) -> bool:
-    """Whether a figure is among those of others, or outside by no more than `MARGIN` of their spread."""
+    """Return whether a figure lies in the range of `others`, or outside by at most `MARGIN` of their spread."""
     low, high = spread(others, key)
     slack, value = MARGIN * (high - low) + 1e-9, np.atleast_1d(np.array(figures[key], float))
     return bool(((value >= low - slack) & (value <= high + slack)).all())
 
 
 def rows_of(mission: Mission) -> tuple[tuple[str, str, float, int], ...]:
-    """Lines of a course's table: label, figure, unit's factor, digits."""
+    """Return the lines of a course's table: label, figure, factor of the unit, digits."""
     return ROWS if mission.map is None else GATE_ROWS
 
 
 def course_lines(
     figures: dict[str, Any], others: Sequence[dict[str, Any]], rows: Sequence[tuple[str, str, float, int]] = ROWS
 ) -> list[list[str]]:
-    """The table: a course through the runner beside the spread of those in process."""
+    """Build the table: a course through the runner beside the spread of the courses in process."""
 
     def text(value: Any, factor: float, digits: int) -> str:  # noqa: ANN401 - a number or several
         return "–" if value is None else " ".join(f"{factor * x:.{digits}f}" for x in np.atleast_1d(value))
@@ -348,7 +348,7 @@ def course_lines(
 def course_report(
     run: Run, log: RunnerLog, mission: Mission, others: Sequence[dict[str, Any]]
 ) -> tuple[dict[str, Any], str]:
-    """Figures of a course through the runner with its timing and those in process; its table."""
+    """Return the figures of a course through the runner, with its timing and the courses in process, and the table."""
     figures = course_figures(driven_course(run, log), mission)
     table = format_table(course_lines(figures, others, rows_of(mission)))
     inside = {key: within_spread(figures, others, key) for _, key, _, _ in rows_of(mission)}

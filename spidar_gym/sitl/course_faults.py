@@ -1,4 +1,4 @@
-"""Faults in every phase of a course: what each led to, against what is specified."""
+"""Faults in every phase of a course: the reaction to each, compared with the specified one."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ from spidar_gym.sitl.report import RunnerLog, drive_times, within_bounds
 from spidar_gym.sitl.session import Run
 
 TOUCHDOWN = 0.35
-"""A landing that the manager flies touches the floor no faster than this [m/s]."""
+"""Largest touchdown speed of a landing that the manager flies [m/s]."""
 
 
 def phase_mission(phase: str) -> Mission:
-    """The course into whose phase faults are put: the shortest that comes through it."""
+    """Return the shortest course that contains a phase, for injecting faults into it."""
     up = TakeOff(0.8)
     ways: dict[str, tuple[LocomotionCommand, ...]] = {
         "lie": (),
@@ -40,11 +40,11 @@ def phase_mission(phase: str) -> Mission:
 
 
 def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dict[str, Any]:
-    """What a fault in a phase led to.
+    """Compute the figures of a fault in a phase.
 
-    `as_specified`: the fault did begin in that phase, the reaction is that of `course_reaction`, old commands were in
-    force for 100 ms at most, none was out of bounds or published after a landing was commanded, and where the manager
-    landed it touched softly.
+    `as_specified` requires that the fault began in that phase, that the reaction is that of `course_reaction`, that old
+    commands were in force for at most 100 ms, that no command was out of bounds or published after a landing was
+    commanded, and that a landing by the manager touched down at `TOUCHDOWN` or less.
 
     Raises:
         SpidarError: When the fault did not begin.
@@ -94,33 +94,33 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
 
 @dataclass(frozen=True)
 class Put:
-    """A fault that is put into a phase of a course."""
+    """A fault that is injected in a phase of a course."""
 
     link: str
     """`ros` or `socket`."""
     fault: str
-    """Its name."""
+    """Name of the fault."""
     phase: str
     """One of `IN_PHASE`."""
     seed: int = 0
-    """Seed of the robot, its noise and what is drawn."""
+    """Seed of the robot, its noise and the random numbers of the fault."""
 
 
 def play_put(put: Put) -> dict[str, Any]:
-    """Figures of a fault in a phase, in a course of its own."""
+    """Run a course with one fault in one phase; return its figures."""
     how: dict[str, Any] = dict(seed=put.seed, fault=put.fault, phase=put.phase, runner=build_for(put.link))
     played = play(phase_mission(put.phase), put.link, **how)
     return course_fault_figures(put.fault, put.phase, played.run, played.log)
 
 
 def pairs_of(faults: Sequence[str], phases: Sequence[str], sample: int = 0) -> list[tuple[str, str]]:
-    """Faults and the phases that they are put into.
+    """Pair faults with the phases that they are injected in.
 
     Args:
-        faults: Their names.
-        phases: Those of a course.
-        sample: How many of the phases for each fault, from another one on for each; 0 for all. A smaller sample is the
-            begin of a larger one.
+        faults: Names of faults.
+        phases: Phases of a course.
+        sample: Number of phases for each fault, starting at a different phase for each; 0 for all. A smaller sample is
+            the beginning of a larger one.
     """
     if not sample:
         return [(fault, phase) for phase in phases for fault in faults]
@@ -132,25 +132,25 @@ def play_course_faults(
     link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, workers: int = 1, folder: Path | None = None,
     on_fault: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Faults in phases, each in a course of its own: figures of each.
+    """Run each fault in its phase in a separate course; return the figures of each.
 
-    Those of an interrupted call are in `folder`, and are not played again.
+    Results of an interrupted call are read from `folder` and are not computed again.
 
     Args:
         link: `ros` or `socket`.
         pairs: Names of faults and of phases.
-        seed: Of the robot and its noise.
-        workers: Processes; in real time there is room for one.
-        folder: Where figures are kept as they come.
-        on_fault: Called after each, for progress.
+        seed: Seed of the robot and its noise.
+        workers: Number of processes; use one for runs in real time.
+        folder: Folder in which figures are stored as they are computed.
+        on_fault: Called after each run, for progress.
     """
-    build_for(link)  # once, before several look for it
+    build_for(link)  # once, before several processes need it
     puts = [Put(link, name, phase, seed) for name, phase in pairs]
     return finish(play_put, puts, workers=workers, folder=folder, on_done=lambda *_: on_fault())
 
 
 def course_fault_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The table: a line for each fault, a column for each phase; a reaction that is not the specified one is marked."""
+    """Build the table: a line per fault and a column per phase; reactions other than the specified ones are marked."""
     phases = [phase for phase in IN_PHASE if any(row["phase"] == phase for row in rows)]
     lines = [["fault", "what", *phases]]
     for name in dict.fromkeys(row["fault"] for row in rows):

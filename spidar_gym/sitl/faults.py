@@ -1,4 +1,4 @@
-"""Faults that are put between robot and runner, and what the runner has to do about each."""
+"""Faults that are injected between robot and runner, and the runner's specified reaction to each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -9,29 +9,29 @@ from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.sitl.messages import Message
 
 STALL, LONG_STALL = 0.2, 0.7
-"""How long a stalled runner does not run [s]."""
+"""Durations for which a stalled runner does not run [s]."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong."""
+    """A fault and the specified reaction to it."""
 
     doc: str
-    """In a line."""
+    """Description in one line."""
     reaction: str
-    """`flies on`, `lands` (the runner commands it), `board lands` (it has not heard the runner), as specified."""
+    """Specified reaction: `flies on`, `lands` (the runner commands it), or `board lands` (it receives no commands)."""
     spoil: Callable[[Message, np.random.Generator], list[Message]] = lambda message, rng: [message]
-    """What becomes of a message of the robot while the fault lasts."""
+    """Function that returns the messages that replace one of the robot while the fault lasts."""
     seconds: float = np.inf
-    """How long it lasts [s]."""
+    """Duration of the fault [s]."""
     process: str = ""
-    """What happens to the processes, or the robot: `kill` (runner), `stall`, `long_stall`, `master`, `rotor`."""
+    """Effect on processes or robot: `kill` (runner), `stall`, `long_stall`, `master`, `rotor`; empty for none."""
     ros: bool = False
-    """Whether it needs ROS."""
+    """Whether the fault needs ROS."""
     sees: bool = False
-    """Whether the runner sees as well as before: then it ends a course by itself."""
+    """Whether the runner's state estimate is not affected: the manager then ends a course in a controlled way."""
     only_course: bool = False
-    """Whether only a course is asked; whatever else the runner does has then been taken from it."""
+    """Whether the fault applies to courses only, not to a hover."""
 
 
 def _silence(*topics: str) -> Callable[[Message, np.random.Generator], list[Message]]:
@@ -101,17 +101,17 @@ FAULTS: dict[str, Fault] = {
 }
 """Faults by name."""
 FLOOR_PHASES = ("lie", "crawl", "spool", "unload")
-"""Phases of a course in which the floor carries the robot, or a part of it."""
+"""Phases of a course in which the floor carries at least part of the robot's weight."""
 
 
 def course_reaction(name: str, phase: str) -> str:
-    """What a fault in a phase of a course has to lead to.
+    """Return the specified reaction to a fault in a phase of a course.
 
-    `goes on`; `lands` (the manager does it, then it rests), `rests` (rotors fade, joints stay); `forced landing` (the
-    runner commands the board's) and `board lands` (it has not heard the runner).
+    `goes on`; `lands` (the manager lands, then the robot rests); `rests` (thrusts fade, joints hold their angles);
+    `forced landing` (the runner commands the board's landing); `board lands` (the board receives no commands).
     """
     fault = FAULTS[name]
-    if name == "rotor_dies":  # which nobody tells the runner: it flies on what is left, until it tilts too far
+    if name == "rotor_dies":  # not reported to the runner: it flies with the remaining rotors until the tilt limit
         return "goes on or forced landing"
     if fault.reaction != "lands":
         return {"flies on": "goes on"}.get(fault.reaction, fault.reaction)
@@ -124,29 +124,29 @@ def course_reaction(name: str, phase: str) -> str:
 
 @dataclass
 class Injector:
-    """A fault between the robot and the link, from a time on that counts from the take-over."""
+    """A fault between the robot and the link, which starts at a given time after the take-over or within a phase."""
 
     fault: Fault
-    """What goes wrong."""
+    """Fault that is injected."""
     after: float
-    """How long after the take-over, or after the phase has begun [s]."""
+    """Delay of the fault after the take-over, or after the start of the phase [s]."""
     rng: np.random.Generator
-    """Source of what is drawn."""
+    """Random generator of the fault."""
     phase: str = ""
-    """Phase of a course; empty for the take-over."""
+    """Phase of a course; empty to count from the take-over."""
     start: float = np.inf
-    """When, by the robot's clock; infinite before the take-over [s]."""
+    """Start of the fault by the robot's clock; infinite until it is determined [s]."""
     done: bool = False
-    """Whether the processes have had their share."""
+    """Whether the effect on the processes has been applied."""
 
     def apply(self, messages: list[Message], time: float) -> list[Message]:
-        """What reaches the runner of what the robot says."""
+        """Return the messages that reach the runner from those of the robot."""
         if not self.start <= time < self.start + self.fault.seconds:
             return messages
         return [kept for message in messages for kept in self.fault.spoil(message, self.rng)]
 
     def due(self, time: float) -> str:
-        """What happens to the processes now; empty for nothing."""
+        """Return the effect on the processes that is due now, once; empty for none."""
         if self.done or time < self.start or not self.fault.process:
             return ""
         self.done = True

@@ -1,4 +1,4 @@
-"""The robot's end in ROS 1: its topics through rospy, in a process of its own, so that many robots can live in one."""
+"""The robot's end in ROS 1: topics through rospy in a child process, so that one process can run several robots."""
 
 import contextlib
 import ctypes
@@ -29,25 +29,25 @@ from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, ORDERS, Message
 from spidar_gym.sitl.ros_types import FILL, KINDS, READ, RosMessage, message_types
 
 PACKAGES = "/usr/lib/python3/dist-packages"
-"""Where Debian keeps rospy."""
+"""Folder in which Debian installs rospy."""
 INSTALL = "apt-get install ros-core python3-sensor-msgs python3-nav-msgs python3-geometry-msgs (Debian 12)"
 START, ANSWER = 20.0, 5.0
-"""Longest time for a start, for an answer [s]."""
+"""Time limits for the start and for an answer [s]."""
 QUEUE = 32
-"""Messages that wait for a slow subscriber before the oldest is dropped."""
+"""Number of messages queued for a slow subscriber before the oldest is dropped."""
 
 
 class RosLink:
-    """The robot on ROS 1: says what its sensors measure, hears what it is told.
+    """The robot on ROS 1: publishes its sensors' measurements and receives commands.
 
-    rospy allows one node in the life of a process and takes its log: it lives in a child, behind two pipes.
+    rospy allows one node per process and takes over its logging. The node therefore runs in a child, behind two pipes.
     """
 
     def __init__(self, namespace: str = "/spidar", *, master: str | None = None) -> None:
-        """Start the node, and a master of its own on the loopback where none is named.
+        """Start the node, and a new master on the loopback unless one is given.
 
         Args:
-            namespace: Of the robot's topics.
+            namespace: Namespace of the robot's topics.
             master: URI of a running ROS master.
 
         Raises:
@@ -75,8 +75,8 @@ class RosLink:
             raise
 
     def appear(self, seconds: float) -> None:
-        """Say which model the robot is; from now on its clock, by which messages are stamped, goes on from this [s]."""
-        # A robot's sensors do not wait for a busy machine; where this is not allowed, they may.
+        """Publish the hash of the robot's model; start its clock, which stamps messages, at this time [s]."""
+        # A real robot's sensors do not wait for a busy machine. The priority is optional: it may not be permitted.
         with contextlib.suppress(PermissionError):
             for process in (0, self._node.pid):
                 os.setpriority(os.PRIO_PROCESS, process, -10)
@@ -85,32 +85,32 @@ class RosLink:
         self._ask("clock", self._base)
 
     def publish(self, message: Message) -> None:
-        """Say something; never waits. Commands may be said too, as the robot's own flight stack says them."""
+        """Publish a message without blocking. Commands are allowed too, as the robot's flight stack publishes them."""
         require_name("topic", message.topic, KINDS)
         if self._wrong:
             raise SpidarError(f"ROS: {self._wrong}; valid: the values that `Message` lists for the topic")
         values = {name: np.asarray(value).tolist() for name, value in message.values.items()}
         data = pickle.dumps(("say", (message.topic, float(message.stamp), values)))
         try:
-            with contextlib.suppress(BlockingIOError):  # of a node that is too slow: the message is lost
-                os.write(self._pipe, data)  # below PIPE_BUF, so all or nothing
+            with contextlib.suppress(BlockingIOError):  # the node is too slow: the message is lost
+                os.write(self._pipe, data)  # below PIPE_BUF, so the write is atomic
         except OSError as error:
             raise SpidarError(f"the link's node has ended: {error}; valid: a link that is open") from None
 
     def heard(self) -> list[Message]:
-        """The commands that came since the last call, in order, stamped with their arrival."""
+        """Return the commands received since the last call, in order, stamped with their arrival."""
         return [self._heard.popleft() for _ in range(len(self._heard))]
 
     def kill_master(self) -> None:
-        """End the master that this link has started, without a word to anybody."""
+        """Kill the master that this link has started, without notifying any node."""
         self._ask("kill")
 
     def environment(self) -> dict[str, str]:
-        """Environment of a process that is to meet this robot."""
+        """Return the environment variables of a process that connects to this robot."""
         return _environment(self.uri, self._folder)
 
     def close(self) -> None:
-        """End node and master; again does nothing."""
+        """End the node and its master; further calls do nothing."""
         if self._node.returncode is None:
             self._stdin.close()
             try:
@@ -123,7 +123,7 @@ class RosLink:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _spawn(self, master: str) -> subprocess.Popen[bytes]:
-        """The child; its pipes are binary and unbuffered: a message is written whole or not at all."""
+        """Start the child; its pipes are binary and unbuffered, so that a message is written whole or not at all."""
         with Path(self._folder, "node.log").open("wb") as log:
             return subprocess.Popen(
                 [sys.executable, "-c", "from spidar_gym.sitl.link_ros import _serve; _serve()"],
@@ -132,11 +132,11 @@ class RosLink:
                 stderr=log,
                 bufsize=0,
                 env=_environment(master, self._folder) | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
-                start_new_session=True,  # an operator's Ctrl-C is not for it
+                start_new_session=True,  # the operator's Ctrl-C must not reach it
             )
 
     def _read(self) -> None:
-        """In a thread: what the node says."""
+        """Receive the node's messages, in a thread."""
         with os.fdopen(os.dup(self._stdout.fileno()), "rb") as stream:
             while True:
                 try:
@@ -153,7 +153,7 @@ class RosLink:
 
     def _ask(self, *words: object, seconds: float = ANSWER) -> str:
         with self._lock:
-            while not self._answers.empty():  # of a question that was given up
+            while not self._answers.empty():  # late answers to a request that timed out
                 self._answers.get_nowait()
             try:
                 os.write(self._pipe, pickle.dumps(words))
@@ -168,7 +168,7 @@ class RosLink:
 
 
 def _environment(uri: str, folder: Path) -> dict[str, str]:
-    """This process's environment, with ROS on the loopback."""
+    """Return this process's environment, with ROS on the loopback."""
     kept = {name: value for name, value in os.environ.items() if name not in ("ROS_HOSTNAME", "ROS_NAMESPACE")}
     return kept | {
         "ROS_MASTER_URI": uri,
@@ -179,9 +179,9 @@ def _environment(uri: str, folder: Path) -> dict[str, str]:
 
 
 def _serve() -> None:
-    """The child: do what is asked until the pipe closes."""
+    """Handle requests in the child until the pipe closes."""
     say = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what rospy prints must not come between
+    os.dup2(2, 1)  # the output of rospy must not mix with the messages
     node = _Node(say)
     try:
         while True:
@@ -191,13 +191,13 @@ def _serve() -> None:
             else:
                 node.answer(kind, words)
     except (EOFError, OSError):
-        pass  # the other end has closed, or died
+        pass  # the other end was closed or has died
     finally:
         node.close()
 
 
 class _Node:
-    """In the child: rospy's publishers and subscribers."""
+    """Publishers and subscribers of rospy, in the child."""
 
     def __init__(self, say: BinaryIO) -> None:
         self._say, self._lock = say, threading.Lock()
@@ -215,7 +215,7 @@ class _Node:
             self._tell("missing", str(error.name or error))
         except FileNotFoundError as error:
             self._tell("missing", str(error.filename))
-        except Exception as error:  # whatever it is, the other end has to know
+        except Exception as error:  # every error is reported to the other end
             self._tell("failed", _words(error))
 
     def publish(self, topic: str, stamp: float, values: dict[str, Any]) -> None:
@@ -237,7 +237,7 @@ class _Node:
         self._publishers[topic].publish(message)
 
     def close(self) -> None:
-        """End quickly: nobody waits for what a dead master would have answered."""
+        """End the process within two seconds, without waiting for a dead master."""
         if self._master is None and self._rospy is not None:
             threading.Timer(2.0, os._exit, (0,)).start()
             self._rospy.signal_shutdown("closed")
@@ -252,9 +252,9 @@ class _Node:
 
     def _start(self, namespace: str, master: str | None, base: int, folder: str) -> str:
         self._namespace, self._base = namespace, base
-        tempfile.tempdir = folder  # what rospy leaves behind goes with it
+        tempfile.tempdir = folder  # rospy's temporary files are deleted with the folder
         if importlib.util.find_spec("rospy") is None:
-            sys.path.append(PACKAGES)  # last, so that it hides nothing of this environment
+            sys.path.append(PACKAGES)  # last, so that it hides no package of this environment
         self._rospy = importlib.import_module("rospy")
         self._types = message_types()
         uri = master or self._start_master(folder)
@@ -313,7 +313,7 @@ class _Node:
 
     def _kill(self) -> str:
         if self._master is None:
-            raise SpidarError("the master is not of this link")
+            raise SpidarError("this link has not started the master")
         self._master.kill()
         self._master.wait()
         return ""
@@ -324,7 +324,7 @@ def _words(error: Exception) -> str:
 
 
 def _die_with_parent() -> None:
-    """In a new master: a node that is killed must not leave it behind (PR_SET_PDEATHSIG of Linux)."""
+    """Make a new master end when its node is killed (PR_SET_PDEATHSIG of Linux)."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 

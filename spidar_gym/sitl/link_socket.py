@@ -1,4 +1,4 @@
-"""The robot's end of the socket: collects messages into the runner's input, tick by tick, and waits for its answer."""
+"""The robot's end of the socket: collects messages into the runner's input at each tick and waits for its answer."""
 
 import contextlib
 import select
@@ -18,20 +18,20 @@ from spidar_gym.sitl.messages import FEEDBACK, ORDERS, STATE_NAMES, Message
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ODOMETRY_FIELDS = {"position_w": "position", "quat_wb": "quat", "velocity_w": "velocity", "omega_b": "omega"}
-"""Members of the runner's odometry, and what they are called in a message."""
+"""Members of the runner's odometry → their names in a message."""
 PATIENCE = 10.0
-"""How long the runner may take to come, or to answer [s]."""
+"""Time limit for the runner to connect or to answer [s]."""
 
 
 class SocketLink:
-    """Lock-step: no clock but the robot's, so that a flight takes as long as it takes and ends the same every time."""
+    """Link in lock-step: the robot's clock is the only one, so that a run does not depend on the machine's speed."""
 
     def __init__(self, *, model: str | None = None, names: tuple[str, ...] = STATE_NAMES) -> None:
         """Listen on the loopback.
 
         Args:
-            model: What the robot says its model is; the present one by default.
-            names: What it calls its angles.
+            model: Hash of the model that the robot reports; the present one by default.
+            names: Names of the robot's angles.
         """
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(0.1)
@@ -52,28 +52,28 @@ class SocketLink:
         self.answer = np.zeros((), log_layouts()["loop_output"])
         """The runner's last answer."""
         self.parting = ""
-        """Why the last runner has gone."""
+        """Why the last runner was disconnected."""
 
     @property
     def place(self) -> str:
-        """HOST:PORT for the runner."""
+        """Address HOST:PORT for the runner."""
         host, port = self._server.getsockname()
         return f"{host}:{port}"
 
     @property
     def awaited(self) -> bool:
-        """Whether a runner has come that nobody has accepted."""
+        """Whether a runner waits to be accepted."""
         return bool(select.select([self._server], [], [], 0.0)[0])
 
     def accept(self, alive: Callable[[], bool] = lambda: True, *, patience: float = PATIENCE) -> None:
-        """Wait for the runner and say who the robot is.
+        """Wait for the runner and send the robot's identity.
 
         Args:
-            alive: Whether there is still somebody to wait for.
-            patience: How long to wait [s].
+            alive: Returns whether the runner's process still runs.
+            patience: Time limit [s].
 
         Raises:
-            SpidarError: When it does not come.
+            SpidarError: When no runner connects.
         """
         end = time.monotonic() + patience
         while self._peer is None:
@@ -81,14 +81,14 @@ class SocketLink:
                 peer, _ = self._server.accept()
             except TimeoutError as error:
                 if time.monotonic() > end or not alive():
-                    raise SpidarError(f"no runner came to {self.place}; valid: one that starts") from error
+                    raise SpidarError(f"no runner connected to {self.place}; valid: one that starts") from error
             except ConnectionError:
-                pass  # it has left before anybody looked
+                pass  # the runner has disconnected already
             else:
                 self._greet(peer)
 
     def _greet(self, peer: socket.socket) -> None:
-        """Say who the robot is, and begin anew with this runner; one that has left already is none."""
+        """Send the robot's identity and reset the link for this runner; a runner that has disconnected is ignored."""
         peer.settimeout(PATIENCE)
         try:
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -102,7 +102,7 @@ class SocketLink:
         self.answer = np.zeros((), self.answer.dtype)
 
     def publish(self, message: Message) -> None:
-        """Keep a message for the runner's next tick."""
+        """Store a message for the runner's next tick."""
         values, record = message.values, self._input
         if message.topic == "mocap/pose":
             self._poses.append(message)
@@ -130,7 +130,7 @@ class SocketLink:
             record["has_thrust"], record["thrust"] = 1, values["thrust"]
 
     def tick(self, now: float) -> list[Message] | None:
-        """Ask the runner; what it publishes, None when it has gone, or has been sent away (`parting` says why)."""
+        """Send the input; return the messages that the runner publishes, None if it is disconnected (see `parting`)."""
         if self._peer is None:
             return None
         m = self._input["measurement"]
@@ -146,7 +146,7 @@ class SocketLink:
             m["specific_force_b"].reshape(IMU_SAMPLES, 3)[k] = message.values["acc"]
         self._poses, self._imu = [], []
         self._input["orders"] = 0
-        if self._orders:  # one message a tick, as the runner's own queue in ROS
+        if self._orders:  # one message per tick, as from the runner's queue in ROS
             text = self._orders.pop(0)
             self._input["orders"][: len(text)] = list(text)
         try:
@@ -159,16 +159,16 @@ class SocketLink:
         return published(self.answer, now)
 
     def _ask(self, peer: socket.socket) -> Any:  # noqa: ANN401 - a numpy record
-        """One question, one answer, and nothing else on the line.
+        """Send the input and receive one answer; any other data on the connection is an error.
 
         Raises:
             OSError: When the connection breaks, or the whole answer takes too long.
-            SpidarError: When the runner has closed it, or says what is no answer.
+            SpidarError: When the runner has closed the connection or sends an invalid answer.
         """
         peer.setblocking(False)
         with contextlib.suppress(BlockingIOError):
             if peer.recv(1):
-                raise SpidarError("it spoke without being asked; valid: one answer to each message")
+                raise SpidarError("it sent data without a request; valid: one answer to each message")
         end, size, data = time.monotonic() + PATIENCE, self.answer.dtype.itemsize, b""
         peer.settimeout(PATIENCE)
         peer.sendall(self._input.tobytes())
@@ -180,25 +180,25 @@ class SocketLink:
             data += part
         answer = np.frombuffer(data, self.answer.dtype)[0]
         if answer["action"] not in tuple(Action):
-            raise SpidarError("it sent what is no answer; valid: those of the interface's runner")
+            raise SpidarError("it sent an invalid answer; valid: those of the interface's runner")
         return answer
 
     def dismiss(self, why: str) -> None:
-        """Let the runner go; another may come."""
+        """Disconnect the runner; another one may connect."""
         self.parting = why
         if self._peer is not None:
             self._peer.close()
         self._peer = None
 
     def close(self) -> None:
-        """Hang up."""
+        """Close both ends."""
         for end in (self._peer, self._server):
             if end is not None:
                 end.close()
 
 
 def published(answer: Any, time: float) -> list[Message]:  # noqa: ANN401 - a numpy record
-    """What a link publishes of an answer."""
+    """Return the messages that a link publishes for an answer of the runner."""
     if answer["action"] == Action.SILENT:
         return []
     if answer["action"] == Action.FORCE_LANDING:

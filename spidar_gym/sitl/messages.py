@@ -1,4 +1,4 @@
-"""What crosses the interface of the real robot: topics, their ROS types and rates, and one message of them."""
+"""Interface of the real robot: topics, their ROS types and rates, and the messages on them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,17 +17,17 @@ class Topic:
     """One topic, under the robot's namespace."""
 
     name: str
-    """Without the namespace."""
+    """Name without the namespace."""
     kind: str
     """ROS type."""
     rate: float
-    """[Hz]; 0 where it comes when it comes."""
+    """Rate [Hz]; 0 for a topic without a fixed rate."""
     doc: str
     """Contents and units."""
 
 
 def _expected(word: str, kind: str, doc: str) -> Topic:
-    """A topic that the runner listens to, at the rate that it expects."""
+    """Return a topic to which the runner subscribes, with the rate that the runner expects."""
     name, rate = TOPICS[word]
     return Topic(name, kind, rate, doc)
 
@@ -37,12 +37,12 @@ FEEDBACK = (
     _expected("imu", "spinal/Imu", "acc [m/s²], gyro [rad/s], angles [rad]; torso axes"),
     _expected("pose", "geometry_msgs/PoseStamped", "pose of the flight controller in the world"),
     _expected("odometry", "nav_msgs/Odometry", "CoG; velocity in the world, angular velocity in torso axes"),
-    Topic("uav/baselink/odom", "nav_msgs/Odometry", 100.0, "the same of the flight controller"),
+    Topic("uav/baselink/odom", "nav_msgs/Odometry", 100.0, "pose and velocity of the flight controller"),
     Topic(TOPICS["state"][0], "std_msgs/UInt8", CONTROL_RATE, "state of the flight stack"),
     Topic("flight_config_ack", "std_msgs/UInt8", 0.0, "echo of a configuration command"),
     Topic("battery_voltage_status", "std_msgs/Float32", 10.0, "[V]"),
 )
-"""What the robot says."""
+"""Topics that the robot publishes."""
 COMMANDS = (
     Topic("four_axes/command", "spinal/FourAxisCommand", CONTROL_RATE, "base_thrust: thrust of the 8 modules [N]"),
     Topic("gimbals_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "position [rad] of 16 gimbals"),
@@ -55,9 +55,9 @@ COMMANDS = (
     Topic("teleop_command/force_landing", "std_msgs/Empty", 0.0, "force the landing"),
     Topic("teleop_command/halt", "std_msgs/Empty", 0.0, "stop at once"),
 )
-"""What the robot hears."""
+"""Topics to which the robot subscribes."""
 ORDERS = Topic("runner/orders", "std_msgs/String", 0.0, "lines of a course; the first is `now` where they interrupt")
-"""What the runner hears besides the robot."""
+"""Topic of the operator to which the runner subscribes."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Message:
     """One message."""
 
     topic: str
-    """Its name, without the namespace."""
+    """Name of the topic, without the namespace."""
     stamp: float
-    """The robot's clock [s]."""
+    """Time by the robot's clock [s]."""
     values: Mapping[str, Any] = field(default_factory=dict)
-    """By field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat` (w, x, y,
-    z), and of odometry `velocity`, `omega`; `thrust` (FourAxisCommand's `base_thrust`); `data` (numbers, text); `cmd`
-    (FlightConfigCmd)."""
+    """Values by field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat`
+    (w, x, y, z), and for odometry `velocity`, `omega`; `thrust` (FourAxisCommand's `base_thrust`); `data` (numbers,
+    text); `cmd` (FlightConfigCmd)."""

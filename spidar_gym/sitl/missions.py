@@ -20,44 +20,44 @@ from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.start import draw_start
 
 PREPARE = 8.0
-"""From the take-over until the experiment begins: the legs move from the landing form to form ① [s]."""
+"""Time from the take-over to the start of the experiment: the legs move from the landing form to form ① [s]."""
 
 COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
-"""Joint speed of a course in flight, where at the paper's 0.2 a form takes eight seconds, and of its crawls [rad/s]."""
+"""Joint speeds of a course in flight and in crawls [rad/s]; at the paper's 0.2 a change of form takes eight seconds."""
 MAP_SECONDS = 300.0
-"""A course by a map takes no longer: the horizon of Course-v0 [s]."""
+"""Time limit of a course by a map, which is the horizon of Course-v0 [s]."""
 
 
 @dataclass(frozen=True)
 class Mission:
-    """What the runner is told, and what that means for whoever evaluates it."""
+    """The runner's mission file and the data needed to evaluate the run."""
 
     name: str
-    """flight, crawl, hover, course, or course_gates of one by a map."""
+    """Name: flight, crawl, hover, course, or course_gates for a course by a map."""
     preset: str
-    """Controller."""
+    """Controller preset."""
     text: str
-    """What the runner reads."""
+    """Content of the mission file."""
     seconds: float
-    """How long it takes from the take-over on, at most [s]."""
+    """Longest duration from the take-over on [s]."""
     begins: float = 0.0
-    """When the experiment begins, since the take-over [s]."""
+    """Start of the experiment since the take-over [s]."""
     way: Pose2 | None = None
-    """Where a crawl ends, seen from its start; None where nothing crawls, or where more happens than that."""
+    """Displacement of a crawl, relative to its start; None for all missions other than a single crawl."""
     crawler: str = ""
-    """Crawler of a course; empty for every other mission."""
+    """Crawler preset of a course; empty for every other mission."""
     commands: tuple[LocomotionCommand, ...] = ()
-    """What a course consists of."""
+    """Commands of a course."""
     orders: tuple[tuple[float, str], ...] = ()
-    """What it is told while it runs: when since the take-over [s], and the lines."""
+    """Orders sent during the run: time since the take-over [s], and the lines."""
     map: Course | None = None
-    """Gates and goal of a course by which the runner decides itself; None where it has commands."""
+    """Gates and goal of a course whose commands the runner derives; None for a course with given commands."""
     speeds: tuple[float, float] = (COURSE_SPEED, COURSE_CRAWL_SPEED)
-    """Joint speed of a course in flight, and of its crawls [rad/s]."""
+    """Joint speeds of a course in flight and in crawls [rad/s]."""
 
     @property
     def is_course(self) -> bool:
-        """Whether the runner does all of it, from the floor to the floor."""
+        """Whether the runner drives a course, which begins and ends on the floor."""
         return bool(self.crawler)
 
     @property
@@ -71,9 +71,9 @@ def _form(start: float, q: Iterable[float]) -> str:
 
 
 def flight_mission(preset: str = "as_flown", *, odometry: bool = False, residual: bool = False) -> Mission:
-    """The paper's flight: ① for 4 s, ②, ③ without a stop, and the two windows without interference rows."""
+    """Build the paper's flight: ① for 4 s, ②, ③ without a stop, and the two windows without interference rows."""
     controller_config(preset)
-    # The paper's sequence draws nothing.
+    # The paper's sequence uses no random numbers.
     forms = draw_start(HoverTask(forms="paper"), np.random.Generator(np.random.PCG64(0))).goals
     lines = [f"flight {preset}", *_switches(odometry, residual), _form(0.0, forms[0].joint_target)]
     lines += [_form(PREPARE + goal.start, goal.joint_target) for goal in forms[1:]]
@@ -83,7 +83,7 @@ def flight_mission(preset: str = "as_flown", *, odometry: bool = False, residual
 
 
 def hover_mission(preset: str = "as_flown", seconds: float = 10.0, *, odometry: bool = False) -> Mission:
-    """Form ①, held: what faults are put into."""
+    """Build a hover in form ①, into which faults are injected."""
     controller_config(preset)
     lines = [f"flight {preset}", *_switches(odometry, False), _form(0.0, np.zeros(16)), f"end {seconds:g}", ""]
     return Mission("hover", preset, "\n".join(lines), seconds)
@@ -93,17 +93,17 @@ def crawl_mission(
     preset: str = "published", way: Pose2 = PAPER_WAY, *, odometry: bool = False,
     residual: bool = False, robot: RobotSpec = ROBOT,
 ) -> Mission:  # fmt: skip
-    """The paper's crawl, or another way (`InvalidValueError` for one out of reach)."""
+    """Build the paper's crawl, or a crawl by another displacement (`InvalidValueError` for one out of reach)."""
     config = crawler_config(preset, robot=robot)
     cycles = plan_cycles(config.gait, Move(way))
     lines = [f"crawl {preset}", *_switches(odometry, residual), f"move {way.x:.6f} {way.y:.6f} {way.yaw:.6f} {cycles}"]
-    # Whoever waits longer than twice the nominal time waits for nothing.
+    # A crawl that takes more than twice the nominal time is not going to finish.
     seconds = 15.0 + 2.0 * nominal_time(config.gait, [Move(way)], joint_speed=config.joint_speed, dt=1.0 / CONTROL_RATE)
     return Mission("crawl", preset, "\n".join([*lines, ""]), seconds, way=way)
 
 
 def fly_over() -> tuple[LocomotionCommand, ...]:
-    """The course of `spidar sitl course`: up, there in the narrow form and on in the flat one, down, and a crawl."""
+    """Return the course of `spidar sitl course`: take off, fly in the narrow and then the flat form, land, crawl."""
     return (
         TakeOff(1.0), FlyTo((1.2, 0.0, 1.3), FORMS["form3"], 0.5), FlyTo((2.4, 0.0, 1.1), FORMS["form1"], 0.5), Land(),
         CrawlTo(Pose2(2.65, 0.0, 0.0)),
@@ -111,7 +111,7 @@ def fly_over() -> tuple[LocomotionCommand, ...]:
 
 
 def order_line(command: LocomotionCommand) -> str:
-    """A command as the line that the runner reads."""
+    """Format a command as a line of the runner's mission file."""
     if isinstance(command, CrawlTo):
         return f"crawl_to {command.pose.x!r} {command.pose.y!r} {command.pose.yaw!r}"
     if isinstance(command, TakeOff):
@@ -130,18 +130,18 @@ def course_mission(
     seconds: float = 120.0, odometry: bool = False,
     orders: tuple[tuple[float, str], ...] = (),
 ) -> Mission:  # fmt: skip
-    """Both gaits, from the floor to the floor.
+    """Build a course of both gaits, which begins and ends on the floor.
 
     Args:
-        commands: What it consists of; `fly_over` if not given.
-        preset: Controller in flight.
-        crawler: Crawler.
-        seconds: How long it takes at most [s].
-        odometry: Whether the runner takes the robot's own estimate.
-        orders: What it is told while it runs, as in `Mission`.
+        commands: Commands of the course; `fly_over` if not given.
+        preset: Controller preset in flight.
+        crawler: Crawler preset.
+        seconds: Longest duration [s].
+        odometry: Whether the runner uses the robot's own estimate.
+        orders: Orders sent during the run, as in `Mission`.
 
     Raises:
-        InvalidValueError: For commands that cannot follow on one another.
+        InvalidValueError: For commands in an order that is not possible.
     """
     controller_config(preset)
     crawler_config(crawler)
@@ -157,14 +157,14 @@ def map_mission(
     course: Course, preset: str = "tuned", crawler: str = "robust_overlapped", *, odometry: bool = False,
     orders: tuple[tuple[float, str], ...] = (),
 ) -> Mission:  # fmt: skip
-    """A course of gates, over, under and through which the runner finds its way by itself, at Course-v0's joint speeds.
+    """Build a course of gates for which the runner derives its commands from the map, at Course-v0's joint speeds.
 
     Args:
-        course: What the map tells.
-        preset: Controller in flight.
-        crawler: Crawler.
-        odometry: Whether the runner takes the robot's own estimate.
-        orders: What it is told while it runs, as in `Mission`; from then on the map decides no more.
+        course: Gates and goal of the map.
+        preset: Controller preset in flight.
+        crawler: Crawler preset.
+        odometry: Whether the runner uses the robot's own estimate.
+        orders: Orders sent during the run, as in `Mission`; after the first one the map is no longer used.
     """
     controller_config(preset)
     crawler_config(crawler)
@@ -178,17 +178,17 @@ def map_mission(
 
 
 def gate_line(gate: Gate) -> str:
-    """A gate as the line that the runner reads."""
+    """Format a gate as a line of the runner's mission file."""
     return f"gate {gate.kind} {gate.begin!r} {gate.end!r} {gate.size!r} {gate.middle!r}"
 
 
 def drawn_course(gates: int, seed: int = 0) -> Course:
-    """The course that Course-v0 draws at a reset with this seed, where it draws so many gates."""
+    """Return the course that Course-v0 samples at a reset with this seed and this number of gates."""
     return CourseTask(count=(gates, gates)).draw_course(np.random.Generator(np.random.PCG64(seed)))
 
 
 def _fence(commands: Iterable[LocomotionCommand]) -> str:
-    """Two metres more than a course needs on every side, above too; a floor that is a little lower than expected."""
+    """Format the fence: two metres beyond the course at the sides and above, and 0.2 m below the floor."""
     places, top = [np.zeros(3)], 0.0
     for command in commands:
         if isinstance(command, CrawlTo):

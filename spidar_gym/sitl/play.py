@@ -1,4 +1,4 @@
-"""Missions played against the simulated robot: build the runner, run it, read what it wrote."""
+"""Run missions with the simulated robot: build the runner, run it, read its log."""
 
 import copy
 from collections.abc import Callable
@@ -23,32 +23,32 @@ from spidar_gym.sitl.session import LATE, Run, Session, ros_session, socket_sess
 from spidar_gym.text import format_table
 
 LINKS = ("ros", "socket")
-"""How robot and runner talk: ROS 1 in real time, or a socket in lock-step."""
+"""Links between robot and runner: ROS 1 in real time, or a socket in lock-step."""
 TRIES = 5
-"""How often a run in real time begins anew where the machine stalled."""
+"""Largest number of attempts at a run in real time when the machine stalls."""
 FAULT_AFTER = 3.0
-"""When a fault begins, since the take-over [s]."""
+"""Start of a fault after the take-over [s]."""
 IN_PHASE = {
     "lie": 1.0, "crawl": 3.0, "spool": 0.7, "climb": 1.0, "hover": 1.0, "form": 0.5, "fly": 0.5, "descend": 1.0,
     "unload": 0.2,
 }  # fmt: skip
-"""When a fault in a phase of a course begins, since the phase has begun [s]."""
+"""Start of a fault in each phase of a course, after the start of the phase [s]."""
 
 
 @dataclass(frozen=True)
 class Played:
-    """A mission played."""
+    """A mission with its run and log."""
 
     mission: Mission
-    """Which."""
+    """Mission that was run."""
     run: Run
-    """What really happened."""
+    """True course of the run."""
     log: RunnerLog
-    """What the runner wrote."""
+    """The runner's log."""
 
 
 def make_robot(mission: Mission, seed: int = 0) -> Robot:
-    """The robot of the in-process experiments with noise: real sensors, delay, unequal rotors."""
+    """Build the robot of the in-process experiments with noise: real sensors, delay, unequal rotors."""
     rng = np.random.Generator(np.random.PCG64(seed))
     if not mission.from_floor:
         return Robot(noisy_robot(rng), seed=seed)
@@ -68,16 +68,16 @@ def play(
     log: Path | None = None,
     on_tick: Callable[[], object] = lambda: None,
 ) -> Played:
-    """Play a mission.
+    """Run a mission.
 
     Args:
-        mission: What the runner is told.
+        mission: Mission of the runner.
         link: `ros` or `socket`.
-        seed: Of the robot and its noise.
-        fault: Name of a fault, from 3 s after the take-over on.
-        phase: Phase of a course in which it begins in place of that.
-        runner: The runner's program; that of the present sources by default.
-        log: Where the runner's log goes; nowhere in the end by default.
+        seed: Seed of the robot and its noise.
+        fault: Name of a fault, which begins 3 s after the take-over unless `phase` is given.
+        phase: Phase of a course in which the fault begins.
+        runner: The runner's program; the one built from the present sources by default.
+        log: File for the runner's log; a temporary one by default.
         on_tick: Called 40 times a second of the robot, for progress.
 
     Raises:
@@ -97,27 +97,27 @@ def play(
     with scratch_folder() as scratch:
         text, written = scratch / "mission.txt", log or scratch / "run.log"
         text.write_text(mission.text, encoding="utf-8")
-        # In real time again where the machine stalled: a robot that stands still in mid-air is no test of a runner …
+        # In real time, repeat the run when the machine stalled: a simulation that pauses in mid-air is no valid test.
         for _ in range(TRIES):
             session = Session(make_robot(mission, seed), mission, copy.deepcopy(injector), on_tick)
             if link == "socket":
                 run = socket_session(session, runner, text, written)
             else:
-                from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
+                from spidar_gym.sitl.link_ros import RosLink  # imported only where ROS is used
 
                 run = ros_session(session, runner, text, written, RosLink())
-            # … and so is a runner that stood still before the fault that it was to be given.
+            # Also repeat it when the run ended before the fault was injected.
             came = injector is None or run.fault_at < np.inf
             if run.late <= LATE and (came or link == "socket"):
                 return Played(mission, run, read_runner_log(written))
-            late.append(f"{1e3 * run.late:.0f} ms late" if run.late > LATE else "at an end before its fault")
+            late.append(f"{1e3 * run.late:.0f} ms late" if run.late > LATE else "finished before the fault")
     raise SpidarError(
         f"this machine cannot run the robot in real time: it was {', '.join(late)}; valid: one with two idle cores"
     )
 
 
 def build_for(link: str, residual: Path | None = None) -> Path:
-    """The runner for a link, with a learned policy perhaps."""
+    """Build the runner for a link, optionally with a learned policy; return its path."""
     if link == "socket":
         return build_runner(residual=residual)
     from spidar_gym.sitl.build_ros import build_ros_runner
@@ -126,7 +126,7 @@ def build_for(link: str, residual: Path | None = None) -> Path:
 
 
 def evaluate(played: Played) -> tuple[FlightLog | CrawlLog, dict[str, Any], str]:
-    """The experiment's part of a drive, its figures with the runner's timing, its table as `spidar paper` prints it."""
+    """Return the experiment's part of a drive, its figures with the runner's timing, and `spidar paper`'s table."""
     run, log, mission = played.run, played.log, played.mission
     if mission.way is not None:
         experiment = crawl_log(run, log, mission)
@@ -141,7 +141,7 @@ def evaluate(played: Played) -> tuple[FlightLog | CrawlLog, dict[str, Any], str]
 def play_faults(
     link: str, names: tuple[str, ...], *, seed: int = 0, on_fault: Callable[[], object] = lambda: None
 ) -> list[dict[str, Any]]:
-    """Faults, each in a hover of its own: figures of each."""
+    """Run each fault in a separate hover; return the figures of each."""
     rows, runner = [], build_for(link)
     for name in names:
         played = play(hover_mission(seconds=60.0), link, seed=seed, fault=name, runner=runner)
@@ -151,6 +151,6 @@ def play_faults(
 
 
 def faults_of(link: str, *, course: bool = False) -> tuple[str, ...]:
-    """Faults that a link allows, in a hover or in a course."""
+    """Return the faults that a link supports, in a hover or in a course."""
     allowed = {name: fault for name, fault in FAULTS.items() if link == "ros" or not fault.ros}
     return tuple(name for name, fault in allowed.items() if course or not fault.only_course)

@@ -1,4 +1,4 @@
-"""What a run against the simulated robot was like: the experiments' own figures, and the table of faults."""
+"""Figures of a run with the simulated robot: those of the paper's experiments, and the table of faults."""
 
 import math
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ from spidar_gym.text import format_table
 
 @dataclass(frozen=True)
 class RunnerLog:
-    """What the runner wrote, tick by tick."""
+    """Records of the runner's log, one per tick."""
 
     inputs: np.ndarray
     """(n,) records of `sp_loop_input`."""
@@ -51,7 +51,7 @@ def _of_a_run(head: np.void) -> bool:
 
 
 def read_runner_log(path: Path) -> RunnerLog:
-    """The log of a run (`SpidarError` for anything else); an incomplete tick at its end is left out."""
+    """Read the log of a run (`SpidarError` for any other file); an incomplete tick at its end is ignored."""
     types = log_layouts()
     head, mission = types["log_head"], types["mission"]
     data = path.read_bytes()
@@ -64,22 +64,22 @@ def read_runner_log(path: Path) -> RunnerLog:
 
 
 def drive_times(run: Run, log: RunnerLog) -> tuple[np.ndarray, np.ndarray]:
-    """Ticks of the drive, and when they were by the robot's clock [s].
+    """Return the ticks of the drive and their times by the robot's clock [s].
 
     Raises:
-        SpidarError: When there was none.
+        SpidarError: When the runner never drove.
     """
     driving = np.flatnonzero(log.outputs["stage"] > Stage.WAITING)
     if not len(driving) or not math.isfinite(run.first_driven):
         raise SpidarError("the runner never drove; valid: a run whose runner says `driving`")
     times = log.inputs["time"][driving]
-    # Over ROS the two clocks begin at different times; the robot stamps with whole steps of its own.
+    # Over ROS the two clocks start at different times; the robot's stamps are multiples of its step.
     stamp = float(log.inputs["measurement"]["encoder_time"][driving[0]])
     return driving, times - (stamp - DT * round((stamp - float(times[0]) + run.first_driven) / DT))
 
 
 def driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
-    """Rows of the drive, and for each the runner's tick whose command acted in it."""
+    """Return the rows of the drive, and for each row the runner's tick whose command acted in it."""
     driving, times = drive_times(run, log)
     rows = [row for row in run.rows if run.first_driven < row.time <= times[-1] + 1.0 / CONTROL_RATE]
     at = np.searchsorted(times, [row.time - 1.0 / CONTROL_RATE + 1e-9 for row in rows], side="right") - 1
@@ -87,7 +87,7 @@ def driven(run: Run, log: RunnerLog) -> tuple[list[Row], np.ndarray]:
 
 
 def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
-    """The experiment's part of a flight, with the true errors against the runner's own reference."""
+    """Return the experiment's part of a flight, with the true errors relative to the runner's reference."""
     rows, at = driven(run, log)
     model, kept = Model(), list[dict[str, Any]]()
     for row, tick in zip(rows, at.tolist(), strict=True):
@@ -121,13 +121,13 @@ def flight_log(run: Run, log: RunnerLog, mission: Mission) -> FlightLog:
 
 
 def _to_goal(goal: Pose2, position_w: np.ndarray, R_wb: np.ndarray) -> np.ndarray:
-    """Goal − torso: x, y [m], world, and yaw [rad]."""
+    """Return goal − torso: x, y in the world [m], and yaw [rad]."""
     yaw = math.remainder(goal.yaw - math.atan2(R_wb[1, 0], R_wb[0, 0]), 2.0 * math.pi)
     return np.array([goal.x - position_w[0], goal.y - position_w[1], yaw])
 
 
 def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
-    """The crawl, with the true errors and what the environment would have said of it."""
+    """Return the crawl, with the true errors and the `info` that the environment would report."""
     rows, at = driven(run, log)
     config = crawler_config(mission.preset)
     assert mission.way is not None
@@ -209,7 +209,7 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
 
 
 def timing(log: RunnerLog) -> dict[str, float]:
-    """How the runner kept its deadlines: computing, start after the due time, ticks missed [µs]."""
+    """Compute the runner's timing: computing time and delay of a tick [µs], longest period [ms], number of ticks."""
     compute, wait = log.clock["compute_us"], log.clock["wait_us"]
     periods = np.diff(log.inputs["time"])
     figures = {"compute_median_us": float(np.median(compute)), "compute_max_us": float(compute.max())}
@@ -220,7 +220,7 @@ def timing(log: RunnerLog) -> dict[str, float]:
 
 
 def within_bounds(outputs: np.ndarray) -> bool:
-    """Whether rotors and joints can do what a drive's answers command (`sp_loop_output`)."""
+    """Return whether all commands of a drive (`sp_loop_output`) are within the limits of rotors and joints."""
     thrust, joints = outputs["command"]["thrust"], np.abs(outputs["command"]["joint_position"])
     return bool(
         np.isfinite(thrust).all() and thrust.min() >= -1e-9 and thrust.max() <= ROBOT.max_thrust + 1e-6
@@ -229,11 +229,11 @@ def within_bounds(outputs: np.ndarray) -> bool:
 
 
 def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
-    """What a fault led to.
+    """Compute the figures of a fault.
 
-    `reaction` is what was specified for it, `as_specified` whether that is what happened: who landed the robot, or that
-    nobody did; that a hold lasted 100 ms at most; that no command was out of bounds; that nothing was published after
-    the landing was commanded.
+    `reaction` is the specified reaction. `as_specified` requires that the reaction happened, that commands were held
+    for at most 100 ms, that no command was out of bounds, and that nothing was published after the landing was
+    commanded.
     """
     end = run.fault_at + AFTER_FAULT if run.landing_at == math.inf else math.inf
     after = [row for row in run.rows if run.fault_at <= row.time <= end]
@@ -276,7 +276,7 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
 
 
 def fault_table(rows: list[dict[str, Any]]) -> str:
-    """The table of faults, as text."""
+    """Format the table of faults."""
 
     def number(value: float | None, digits: int) -> str:
         return "–" if value is None else f"{value:.{digits}f}"

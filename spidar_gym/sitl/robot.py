@@ -25,7 +25,7 @@ from spidar_gym.state import Command, Measurement
 DT = 0.005
 """One step [s]."""
 TICK = 5
-"""Steps of a tick of the flight stack: 40 Hz."""
+"""Steps per tick of the flight stack: 40 Hz."""
 ODOMETRY = 2
 """Steps between two estimates of the flight stack: 100 Hz."""
 SETPOINTS = {
@@ -33,11 +33,11 @@ SETPOINTS = {
     "joints_ctrl": ("joints", JOINT_NAMES, "position", -ROBOT.joint_limit, ROBOT.joint_limit),
     "joints_torque_ctrl": ("torque_limit", JOINT_NAMES, "effort", 0.0, ROBOT.max_joint_torque),
 }
-"""Topic → where the robot keeps its numbers, their names, the message's field, the least and largest number."""
+"""Topic → attribute of the robot, names of its elements, field of the message, least and largest value."""
 
 
 class Robot:
-    """One robot: `step` moves it by 5 ms and says what it publishes, `receive` takes what is published to it."""
+    """One robot: `step` simulates 5 ms and returns the published messages, `receive` applies a command."""
 
     def __init__(
         self,
@@ -48,14 +48,14 @@ class Robot:
         joint_speed: float = ROBOT.joint_speed,
         seed: int = 0,
     ) -> None:
-        """Lay it on the floor.
+        """Place the robot on the floor.
 
         Args:
-            plant: The robot; the described one with real sensors by default.
-            crawls: Whether it is brought up for the ground: it lies in the gait's first pose.
-            gait: Of that pose.
+            plant: The plant; the described robot with real sensors by default.
+            crawls: Whether the robot starts for the ground, lying in the gait's first pose.
+            gait: Gait that defines this pose.
             joint_speed: Largest speed of the joint servos [rad/s].
-            seed: Of noise.
+            seed: Seed of the noise.
         """
         config = replace(plant or PlantConfig(), substeps=IMU_STEPS, sense=True, joint_speed=joint_speed)
         self.plant = Plant(config)
@@ -76,11 +76,11 @@ class Robot:
         self.torque_limit = np.full(N_JOINTS, ROBOT.max_joint_torque)
         self.steps, self._encoder = 0, -1.0
         self.dead_rotor = 0
-        """Module that thrusts no more, whatever it is told, 1 … 8; 0 for none."""
+        """Module with a dead rotor, which ignores commands, 1 … 8; 0 for none."""
         self.driven_at = -math.inf
-        """When a runner commanded last [s]."""
+        """Time of a runner's last command [s]."""
         self.first_driven = math.inf
-        """When it did first [s]."""
+        """Time of a runner's first command [s]."""
         self._torques = np.zeros((2, N_ROTORS))
         self._batch: list[Measurement] = []
         self._echo: list[Message] = []
@@ -93,17 +93,17 @@ class Robot:
 
     @property
     def flight_state(self) -> int:
-        """As it is reported."""
+        """Flight state as reported: FORCE_LANDING while the board lands, otherwise the flight stack's."""
         return int(FlightState.FORCE_LANDING if self.board.landing else self.stack.state)
 
     def receive(self, message: Message) -> None:
-        """Take a command."""
+        """Apply a command."""
         if message.topic.startswith("teleop_command/"):
             self.stack.teleop(message.topic.split("/")[1], self.time)
         elif message.topic == "flight_config_cmd":
             self._configure(int(message.values["cmd"]))
         elif not self.drivable:
-            return  # the flight stack has the wheel: on the robot a multiplexer of the topics sees to that
+            return  # the flight stack is in control: on the robot a multiplexer of the topics blocks the runner
         elif message.topic == "four_axes/command":
             self.driven_at = self.time
             self.first_driven = min(self.first_driven, self.time)
@@ -118,7 +118,7 @@ class Robot:
         return self.stack.state == wanted and not self.board.landing
 
     def _receive_setpoints(self, message: Message) -> None:
-        """Take numbers by name, all in order where there are no names; what does not fit is ignored."""
+        """Store set-points by name, or all in order where no names are given; invalid ones are ignored."""
         own, names, field, least, most = SETPOINTS[message.topic]
         values, target = np.asarray(message.values[field], float), getattr(self, own).copy()
         given = list(message.values.get("name") or names)
@@ -136,14 +136,14 @@ class Robot:
 
     @property
     def driven(self) -> bool:
-        """Whether a runner has the wheel: it has commanded since the present state began, and no landing is forced.
+        """Whether a runner is in control: it has commanded since the present state began, and no landing is forced.
 
-        Once it drives, its silence is not made up for: the board's own timeout lands the robot.
+        If a driving runner stops commanding, the flight stack does not take over; the board's timeout lands the robot.
         """
         return self.drivable and self.driven_at >= self.stack.since
 
     def step(self) -> list[Message]:
-        """5 ms: what is published in them."""
+        """Simulate 5 ms; return the messages published in them."""
         if self.steps % TICK == 0:
             self._decide()
         R_wb = quat_to_matrix(self.state.quat_wb)
@@ -168,11 +168,11 @@ class Robot:
         return messages
 
     def _decide(self) -> None:
-        """The flight stack's tick."""
+        """Run a tick of the flight stack and pass its commands on."""
         stack, board = self.stack, self.board
         before = stack.state
         command = None if board.landing else stack.tick(self.seen, board.base, driven=self.driven)
-        if stack.state != before:  # whoever drives learns of it before the stack's own commands
+        if stack.state != before:  # reported before the stack's own commands, so that a driving runner stops first
             self._echo.append(Message("flight_state", self.time, {"data": self.flight_state}))
         for wish in stack.wishes:
             self._configure(wish)
@@ -184,14 +184,14 @@ class Robot:
             self._echo.append(Message("four_axes/command", self.time, {"thrust": command.thrust}))
 
     def _torque_map(self, R_wb: np.ndarray) -> np.ndarray:
-        """Roll and pitch acceleration per thrust with the rotors where they point, (2, 8) [rad/s²/N]."""
+        """Compute roll and pitch acceleration per thrust at the present vectoring angles, (2, 8) [rad/s²/N]."""
         snapshot = self.model.snapshot(self.seen.joint_position, R_wb, self.seen.vectoring)
         forces = vectoring_to_force(np.ones(N_ROTORS), self.seen.vectoring)
         Q = thrust_map(snapshot.R_bl, snapshot.rotor_c)[3:].reshape(3, N_ROTORS, 3)
         return np.linalg.solve(snapshot.inertia_c, np.einsum("ijk,jk->ij", Q, forces))[:2]
 
     def _publish(self, m: Measurement) -> list[Message]:
-        """What the sensors publish."""
+        """Return the messages of the sensors."""
         angles = euler_angles(quat_to_matrix(self.seen.quat_wb))
         messages = [
             Message(
@@ -212,7 +212,7 @@ class Robot:
         return messages
 
     def _odometry(self) -> list[Message]:
-        """The flight stack's own estimate, of CoG and flight controller."""
+        """Update the flight stack's estimate; return the odometry of CoG and flight controller."""
         for measurement in self._batch:
             self.seen = self._estimator.update(measurement, self.board.base)
         self._batch = []

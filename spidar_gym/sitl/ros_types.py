@@ -1,4 +1,4 @@
-"""What messages are in ROS: types, and how values get into them and out of them."""
+"""ROS types of the messages, and conversion of their values to and from ROS."""
 
 import importlib
 from collections.abc import Callable
@@ -9,15 +9,15 @@ import spidar_gym
 from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, ORDERS
 
 MESSAGES = Path(spidar_gym.__file__).parent / "onboard" / "msg"
-"""The lab's message types, `spinal`, in our own words."""
+"""The lab's message types, `spinal`, as this project defines them."""
 KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS, ORDERS)}
 """Topic → ROS type."""
 RosMessage = Any
-"""A message of a class that rospy makes at run time."""
+"""A message of a class that rospy creates at run time."""
 
 
 def message_types() -> dict[str, Any]:
-    """ROS type → class; those of `spinal` from our own definitions."""
+    """Return ROS type → class; classes of `spinal` are created from this project's definitions."""
     dynamic = importlib.import_module("genpy.dynamic")
     types = {}
     for kind in set(KINDS.values()):
@@ -68,11 +68,11 @@ FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
     "spinal/FourAxisCommand": _copy("base_thrust", "thrust"),
     "spinal/FlightConfigCmd": _copy("cmd", "cmd"),
 }
-"""Type → values into a message."""
+"""Type → function that writes values into a message."""
 READ: dict[str, Callable[[RosMessage], dict[str, Any]]] = {
     "sensor_msgs/JointState": lambda m: {key: list(getattr(m, key)) for key in ("name", "position", "effort")},
     "std_msgs/Empty": lambda m: {},
     "spinal/FourAxisCommand": lambda m: {"thrust": list(m.base_thrust)},
     "spinal/FlightConfigCmd": lambda m: {"cmd": m.cmd},
 }
-"""Type → values of a message."""
+"""Type → function that reads the values of a message."""

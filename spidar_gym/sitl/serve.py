@@ -1,4 +1,4 @@
-"""The simulated robot alone, in real time, for a runner that somebody else starts."""
+"""The simulated robot alone, in real time, for a runner that is started separately."""
 
 import math
 import time as clock
@@ -14,21 +14,21 @@ from spidar_gym.sitl.session import bring_up
 
 
 class Served:
-    """A robot that runs by the wall clock."""
+    """A robot that is simulated in real time."""
 
     def __init__(self, robot: Robot, *, operate: bool, tell: Callable[[str], object]) -> None:
-        """Take it as it lies there.
+        """Serve a robot in its present state.
 
         Args:
-            robot: It.
-            operate: Whether it arms and takes off by itself; otherwise the operator's topics do.
-            tell: Called with a line at every change of its state.
+            robot: The robot.
+            operate: Whether the robot is armed and takes off automatically; otherwise on the operator's topics.
+            tell: Called with a line of text at every change of the flight state.
         """
         self.robot, self._operate, self._tell = robot, operate, tell
         self._start, self._state = clock.monotonic(), -1
 
     def step(self) -> list[Message]:
-        """5 ms, no earlier than they are due; what is published in them."""
+        """Simulate 5 ms, wait until they are due, and return the messages published in them."""
         robot = self.robot
         if self._operate:
             bring_up(robot)
@@ -43,7 +43,7 @@ class Served:
 
 
 def serve_ros(served: Served, link: Any, seconds: float) -> None:  # noqa: ANN401 - a RosLink, whose module needs ROS
-    """Run behind the robot's topics for so long [s]."""
+    """Run the robot behind its ROS topics for a time [s]."""
     link.appear(served.robot.time)
     while served.robot.time < seconds:
         for message in link.heard():
@@ -53,13 +53,13 @@ def serve_ros(served: Served, link: Any, seconds: float) -> None:  # noqa: ANN40
 
 
 def serve_socket(make: Callable[[], Served], link: SocketLink, seconds: float, tell: Callable[[str], object]) -> None:
-    """Run behind a socket: a robot for every runner, one after the other.
+    """Run robots behind a socket: a new one for every runner, one after the other.
 
     Args:
-        make: Makes a robot.
-        link: Where the runners come.
-        seconds: How long it runs since the first has come [s].
-        tell: Called with a line when a runner has gone.
+        make: Builds a robot.
+        link: Link to which the runners connect.
+        seconds: Duration from the first connection on [s].
+        tell: Called with a line of text when a runner is disconnected.
     """
     link.accept(patience=math.inf)
     while seconds > 0.0:
@@ -70,12 +70,12 @@ def serve_socket(make: Callable[[], Served], link: SocketLink, seconds: float, t
         try:
             link.accept(patience=seconds)
         except SpidarError:
-            return  # the time is over, and nobody has come
+            return  # no runner has connected within the time
         seconds -= clock.monotonic() - start
 
 
 def _serve_runner(served: Served, link: SocketLink, seconds: float, tell: Callable[[str], object]) -> None:
-    """For so long [s]; once its runner has gone, until the robot is disarmed or another runner has come."""
+    """Run a robot for a time [s]; once its runner has disconnected, until the robot is disarmed or a runner waits."""
     robot, there, answers = served.robot, True, []
     while robot.time < seconds and (there or (robot.stack.state != FlightState.ARM_OFF and not link.awaited)):
         for message in answers:
@@ -84,8 +84,8 @@ def _serve_runner(served: Served, link: SocketLink, seconds: float, tell: Callab
         for message in served.step():
             link.publish(message)
         if robot.plant.diverged:
-            tell(f"{robot.time:8.2f} s  the simulated robot's state is no number; it is taken away")
-            link.dismiss("its robot is no more")
+            tell(f"{robot.time:8.2f} s  the simulated robot's state is not finite; the robot is removed")
+            link.dismiss("the simulation of its robot failed")
             return
         if there and robot.steps % TICK == 0:
             heard = link.tick(robot.time)

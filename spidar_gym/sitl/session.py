@@ -1,4 +1,4 @@
-"""One run of the runner against the simulated robot: operator, links, faults, and what really happened."""
+"""One run of the runner with the simulated robot: operator, links, faults, and the record of the true state."""
 
 import os
 import signal
@@ -24,85 +24,85 @@ from spidar_gym.sitl.robot import DT, TICK, Robot
 from spidar_gym.state import RobotState
 
 START, TAKEOFF = 0.5, 1.0
-"""When the operator arms, and has it take off [s]."""
+"""Times at which the operator arms the robot and commands the take-off [s]."""
 PATIENCE = 30.0
-"""How long the robot may take to take off and to land, besides the mission [s]."""
+"""Time limit for take-off and landing, in addition to the mission [s]."""
 GIVE_BACK = 0.5
-"""How long the robot stands disarmed before the session ends: the runner notices [s]."""
+"""Time for which the robot stays disarmed before the session ends, so that the runner receives the state [s]."""
 AFTER_FAULT = 6.0
-"""How long is watched after a fault [s]."""
+"""Time simulated after a fault [s]."""
 LANDED = 2.0
-"""How long is watched after a forced landing has touched the floor [s]."""
+"""Time simulated after the touchdown of a forced landing, or after the robot has come to rest [s]."""
 OUTER = 2
 """Module whose rotor dies, the outer one of leg 1."""
 LATE = 0.06
-"""A robot in real time that was later than this [s] was not one: its run ends there."""
+"""Largest delay of the robot in real time; a run with a larger one is aborted [s]."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """What is true at the end of a tick of the robot."""
+    """True quantities at the end of a tick of the robot."""
 
     time: float
-    """Robot's clock [s]."""
+    """Time by the robot's clock [s]."""
     flight_state: int
-    """As reported."""
+    """Flight state as reported."""
     state: RobotState
-    """The true one."""
+    """True state."""
     tilt: float
-    """Roll or pitch, the larger [rad]."""
+    """Angle between the torso's axis and the vertical [rad]."""
     power: float
-    """Electrical [W]."""
+    """Electrical power [W]."""
     energy_wh: float
-    """Since the start [Wh]."""
+    """Energy since the start [Wh]."""
     air_force: np.ndarray
-    """World [N]."""
+    """Force of the air, world axes [N]."""
     qpos: np.ndarray
-    """For pictures."""
+    """MuJoCo's positions, for rendering."""
     in_contact: bool
     """Whether anything touches the floor."""
     touch: Touch | None
-    """What touches it, where the runner begins on the floor."""
+    """Contacts with the floor; None where the runner begins in the air."""
     contacts: np.ndarray
-    """Contact points and forces, (k, 6) [m, N], likewise."""
+    """Contact points and forces, (k, 6) [m, N]; empty where the runner begins in the air."""
     hit: float
     """Largest force in this tick on anything but feet and pegs, where there are gates [N]."""
 
 
 @dataclass
 class Run:
-    """What a session leaves behind."""
+    """Result of a session."""
 
     rows: list[Row] = field(default_factory=list)
-    """The truth, 40 a second."""
+    """True quantities at 40 Hz."""
     first_driven: float = np.inf
-    """When the runner commanded first, robot's clock [s]."""
+    """Time of the runner's first command, robot's clock [s]."""
     board: str = ""
     """Why the board landed; empty where it did not."""
     landing_at: float = np.inf
-    """When the landing was forced [s]."""
+    """Time at which the landing was forced [s]."""
     fault_at: float = np.inf
-    """When the fault began [s]."""
+    """Time at which the fault began [s]."""
     status: int | None = None
     """The runner's exit status; None where it was killed."""
     words: list[str] = field(default_factory=list)
-    """What the runner said."""
+    """Lines that the runner printed."""
     late: float = 0.0
-    """How late the simulated robot itself was at worst, while the runner drove or waited [s]."""
+    """Largest delay of the simulated robot relative to real time [s]."""
 
 
 STAGES = {
     "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING, "released": Stage.RELEASED,
     "forcing the landing": Stage.LANDING, "ending the course": Stage.ENDING, "resting": Stage.RESTING,
 }  # fmt: skip
-"""What the runner says of the stages."""
+"""Text that the runner prints → stage."""
 
 
 class Runner:
-    """The runner's process; its words are read as they come."""
+    """The runner's process, whose output is read as it is printed."""
 
     def __init__(self, command: list[str], environment: dict[str, str] | None = None) -> None:
-        """Start it."""
+        """Start the process."""
         self.words: list[str] = []
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -117,11 +117,11 @@ class Runner:
             self.words.append(line.rstrip())
 
     def said(self, words: str) -> bool:
-        """Whether it has said these words."""
+        """Return whether the runner has printed these words."""
         return any(words in line for line in self.words)
 
     def last_of(self, words: Iterable[str], default: str) -> str:
-        """Which of these words it has said last, as a line's first behind the time."""
+        """Return the last of these words that the runner has printed at the start of a line, after the time."""
         known = set(words)
         for line in reversed(self.words):
             found = line.partition(" s: ")[2].partition(",")[0]
@@ -131,16 +131,16 @@ class Runner:
 
     @property
     def alive(self) -> bool:
-        """Whether it runs."""
+        """Whether the process runs."""
         return self._process.poll() is None
 
     def signal(self, number: int) -> None:
-        """Send a signal, if it still runs."""
+        """Send a signal if the process still runs."""
         if self.alive:
             self._process.send_signal(number)
 
     def finish(self, patience: float = 5.0) -> int | None:
-        """Wait for its end; its exit status, None where it had to be killed."""
+        """Wait for the process to end; return its exit status, None where it was killed."""
         try:
             status = self._process.wait(patience)
         except subprocess.TimeoutExpired:
@@ -155,44 +155,44 @@ class Runner:
 
 
 def bring_up(robot: Robot) -> None:
-    """What the operator does at the beginning: arm, and have it take off, which on the ground does nothing."""
+    """Send the operator's initial commands: arm and take off; a robot that starts for the ground ignores the latter."""
     for word, due in (("start", START), ("takeoff", TAKEOFF)):
         if abs(robot.time - due) < 0.5 * DT:
             robot.receive(Message(f"teleop_command/{word}", robot.time))
 
 
 class Session:
-    """A robot, its operator, a fault perhaps, and the rows of what happened."""
+    """A robot, its operator, an optional fault, and the recorded rows."""
 
     def __init__(
         self, robot: Robot, mission: Mission, injector: Injector | None, on_tick: Callable[[], object] = lambda: None
     ) -> None:
-        """Take the robot as it lies there.
+        """Start a session with a robot in its present state.
 
         Args:
-            robot: It.
-            mission: What the runner was told.
-            injector: The fault.
-            on_tick: Called 40 times a second, for progress.
+            robot: The robot.
+            mission: Mission of the runner.
+            injector: The fault, or None.
+            on_tick: Called 40 times per simulated second, for progress.
         """
         self.robot, self.mission, self.injector, self._on_tick = robot, mission, injector, on_tick
         self.run = Run()
         self.phase, self.stage = PHASES[0], Stage.WAITING
-        """What the runner says of itself, as far as it has been heard."""
+        """Phase and stage that the runner last reported."""
         self._landing_asked = self._touched = self._rested = np.inf
         self._hit = 0.0
         self._orders = list(mission.orders)
 
     def operate(self, *, finished: bool) -> None:
-        """What the operator does now.
+        """Send the operator's commands that are due.
 
         Args:
-            finished: Whether the runner says that its mission is over.
+            finished: Whether the runner reports that its mission is over.
         """
         robot, t = self.robot, self.robot.time
         bring_up(robot)
         over = finished or t > self.run.first_driven + self.mission.seconds
-        if self.mission.is_course:  # in ARM_ON `land` disarms: only where the robot lies
+        if self.mission.is_course:  # in ARM_ON `land` disarms, so it is sent only while the robot lies
             over = finished and self.phase == "lie"
         over = over and (self.injector is None or not self.mission.is_course)
         if over and self._landing_asked == np.inf and not robot.board.landing:
@@ -200,7 +200,7 @@ class Session:
             robot.receive(Message("teleop_command/land", t))
 
     def step(self) -> list[Message]:
-        """5 ms of the robot; what reaches the runner of what it says."""
+        """Simulate 5 ms of the robot; return the messages that reach the runner."""
         robot, run = self.robot, self.run
         messages = robot.step()
         self._hit = max(self._hit, robot.plant.hit)
@@ -220,7 +220,7 @@ class Session:
         return messages if self.injector is None else self.injector.apply(messages, robot.time)
 
     def due(self) -> str:
-        """What happens to the processes now."""
+        """Return the effect on the processes that is due now; a dead rotor is applied here."""
         what = "" if self.injector is None else self.injector.due(self.robot.time)
         if what == "rotor":
             self.robot.dead_rotor, what = OUTER, ""
@@ -242,10 +242,10 @@ class Session:
 
     @property
     def over(self) -> bool:
-        """Whether there is nothing more to see."""
+        """Whether the session has ended (`SpidarError` where the simulation diverged)."""
         robot, run, t = self.robot, self.run, self.robot.time
         if robot.plant.diverged:
-            raise SpidarError(f"the simulated robot's state is no number after {t:.2f} s")
+            raise SpidarError(f"the simulated robot's state is not finite after {t:.2f} s")
         if robot.stack.state == FlightState.ARM_OFF and t > START + 1.0:
             return t > robot.stack.since + GIVE_BACK
         if t > min(run.first_driven, PATIENCE) + self.mission.seconds + PATIENCE:
@@ -258,7 +258,7 @@ class Session:
 
 
 def tilt_of(state: RobotState) -> float:
-    """Angle between the torso's axis and the vertical [rad]."""
+    """Return the angle between the torso's axis and the vertical [rad]."""
     _, x, y, _ = state.quat_wb
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
 
@@ -266,7 +266,7 @@ def tilt_of(state: RobotState) -> float:
 def socket_session(
     session: Session, runner_path: Path, mission_path: Path, log: Path, *, link: SocketLink | None = None
 ) -> Run:  # fmt: skip
-    """Run over the socket, in lock-step, as fast as it goes; a stalled runner is one that is not asked."""
+    """Run over the socket in lock-step, as fast as possible; a stalled runner receives no input."""
     link = link or SocketLink()
     command = [str(runner_path), "sim", link.place, str(mission_path), "--log", str(log)]
     runner = Runner(command)
@@ -307,7 +307,7 @@ def ros_session(
     log: Path,
     link: Any,  # noqa: ANN401 - a RosLink, whose module needs ROS
 ) -> Run:
-    """Run through ROS 1 in real time: two clocks, two processes and whatever the machine does in between."""
+    """Run through ROS 1 in real time, with robot and runner in separate processes with separate clocks."""
     command = [str(runner_path), "ros1", str(mission_path), "--log", str(log)]
     robot, wake = session.robot, np.inf
     link.appear(robot.time)

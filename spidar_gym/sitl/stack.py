@@ -1,4 +1,4 @@
-"""The robot's own flight stack: state machine, take-off, landing; a runner takes over from it and gives back."""
+"""The robot's own flight stack: state machine, take-off, landing; it hands over to a runner and takes over again."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -16,34 +16,34 @@ from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, Reference, RobotState
 
 LANDING_FORM = np.tile([0.0, -0.25, 0.0, 0.72], 4)
-"""Joint angles to take off and land with [rad] [JSK]."""
+"""Joint angles at take-off and landing [rad] [JSK]."""
 TAKEOFF_HEIGHT = 1.0
 """Height of the torso after take-off [m] [JSK]."""
 CLIMB, DESCENT = 0.3, 0.3
-"""Speeds of the set-point on the way up (our choice) and down [m/s] [JSK]."""
+"""Speeds of the set-point upwards (our choice) and downwards [m/s] [JSK]."""
 FORM_REACHED = 0.085
-"""A joint has reached the landing form within this [rad] [JSK]."""
+"""Joint error below which the landing form is reached [rad] [JSK]."""
 TRIM_SECONDS = 0.5
-"""Time constant with which the stack learns what a runner adds to the weight [s]."""
+"""Time constant of the filter that estimates the wrench which a runner adds to the weight [s]."""
 LAND_SHOWN = 0.2
-"""LAND is reported for so long before the stack goes back to HOVER to level its legs [s]."""
+"""Time for which LAND is reported before the stack returns to HOVER to level its legs [s]."""
 
 
 @dataclass
 class Stack:
-    """FlightState machine and controller: the lab's part of the robot, with the controller that the paper flew."""
+    """State machine (`FlightState`) and controller: the lab's part of the robot, with the controller of the paper."""
 
     crawls: bool = False
-    """Whether it is brought up for the ground, where it never takes off."""
+    """Whether the robot starts for the ground, where it never takes off."""
     state: FlightState = FlightState.ARM_OFF
     """Present state."""
     wishes: list[int] = field(default_factory=list)
-    """Configuration commands for the board."""
+    """Configuration commands that are to be sent to the board."""
     since: float = 0.0
-    """When the present state began [s]."""
+    """Start time of the present state [s]."""
 
     def __post_init__(self) -> None:
-        """Build the controller, as gentle with the legs as the real one."""
+        """Build the controller, with the preset `as_flown`."""
         self.controller = FlightController(controller_config("as_flown"))
         self._good = 0.0
         self._levelling = False
@@ -52,7 +52,7 @@ class Stack:
         self._trim: np.ndarray | None = None
 
     def teleop(self, word: str, time: float) -> None:
-        """A word of the operator: start, takeoff, land, force_landing, halt; ignored where not allowed."""
+        """Apply a command of the operator: start, takeoff, land, force_landing, halt; ignored where not allowed."""
         allowed = {
             "start": self.state == FlightState.ARM_OFF,
             "takeoff": self.state == FlightState.ARM_ON and not self.crawls,
@@ -74,12 +74,12 @@ class Stack:
             self._become(FlightState.LAND, time)
             self._levelling = True
             self._reference = None
-        else:  # landing on the ground is disarming
+        else:  # `land` on the ground disarms
             self._become(FlightState.STOP, time)
             self.wishes.append(ARM_OFF)
 
     def acknowledge(self, command: int, time: float) -> None:
-        """The board has obeyed a configuration command."""
+        """Change the state after the board has executed a configuration command."""
         if command == ARM_ON and self.state == FlightState.START:
             self._become(FlightState.ARM_ON, time)
         elif command == ARM_OFF:
@@ -94,12 +94,12 @@ class Stack:
         return self.state in (FlightState.TAKEOFF, FlightState.HOVER, FlightState.LAND)
 
     def tick(self, state: RobotState, thrust: RotorVector, *, driven: bool) -> Command | None:
-        """One tick at 40 Hz: what the stack itself commands; None where it commands nothing.
+        """Run one tick at 40 Hz; return the stack's command, or None where it commands nothing.
 
         Args:
-            state: What the stack sees.
-            thrust: What the rotors were last told [N].
-            driven: Whether a runner drives: the stack only watches.
+            state: Estimated state.
+            thrust: Last commanded thrust of the rotors [N].
+            driven: Whether a runner drives; the stack then commands nothing.
         """
         if self.state in (FlightState.ARM_OFF, FlightState.START, FlightState.STOP):
             return None
@@ -116,7 +116,7 @@ class Stack:
         return command if self.flies else None
 
     def _learn_trim(self, state: RobotState, thrust: RotorVector) -> None:
-        """What the runner adds to the weight to hover: the integrals of who takes over from it."""
+        """Estimate the wrench that the runner adds to the weight; the controller's integrals later start from it."""
         R_wb = quat_to_matrix(state.quat_wb)
         snapshot = self.controller.model.snapshot(state.joint_position, R_wb, state.vectoring)
         forces = vectoring_to_force(thrust, state.vectoring)
@@ -131,7 +131,7 @@ class Stack:
         return state.position_w + R_wb @ snapshot.com_b
 
     def _refer(self, state: RobotState) -> Reference:
-        """What the stack asks of its controller: from where the robot is, up, there, down."""
+        """Advance the controller's reference: from the robot's present pose up, level in place, or down."""
         if self._reference is None:
             R_wb = quat_to_matrix(state.quat_wb)
             yaw = math.atan2(R_wb[1, 0], R_wb[0, 0])
@@ -156,7 +156,7 @@ class Stack:
         return self._reference
 
     def _watch(self, state: RobotState, reference: Reference) -> None:
-        """From one state to the next."""
+        """Change the state when the conditions of the next one are met."""
         time = state.time
         if self.state == FlightState.TAKEOFF:
             error = reference.position_w - self._com(state)
