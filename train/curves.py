@@ -45,7 +45,9 @@ class Args:
     runs: Path = Path("out/train")
     """Folder with runs: NAME/seedK/curve.json; where it is missing only pictures are drawn anew."""
     out: Path = Path("train/curves")
-    """Folder for NAME.json, TRACK.png and TRACK.pdf."""
+    """Folder for NAME.json."""
+    pictures: Path = Path("out/curves")
+    """Folder for TRACK.png."""
     costs: Path = Path("docs/results/learned_costs.json")
     """File for what the rows cost, from which the guide's table is made."""
     control: str = CONTROL
@@ -166,7 +168,7 @@ def main() -> None:
                     for run in c["runs"]
                     if track in run["base"]
                 }
-            picture = args.out / f"{track}.png"
+            picture = args.pictures / f"{track}.png"
             learning_curves(drawn[track], lines, f"{track}: validation scenarios", picture)
             bar.write(str(picture))
     write_costs(curves, args.costs)

@@ -79,8 +79,7 @@ def flight(
     Args:
         preset: Controller that flies: as_flown is what the robot flew, paper is the paper's cost and rows, tuned goes
             beyond it.
-        out: Folder for flight.json, flight.png, flight.pdf and flight.mp4; of --speeds: speeds.json, speeds.png and
-            speeds.pdf.
+        out: Folder for flight.json, flight.png and flight.mp4; with --speeds, for speeds.json and speeds.png.
         speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
         ablation: Instead, the same at 0.2, 0.6, 1.0 rad/s, and with each option of tuned switched off.
         scenarios: Flights of a cell of --speeds and --ablation.
@@ -178,7 +177,7 @@ def crawl(
 
     Args:
         preset: Crawler: published is the paper's gait, overlapped the same without waiting, robust our best defaults.
-        out: Folder for crawl.json, crawl.png, crawl.pdf, cycle.png and crawl.mp4.
+        out: Folder for crawl.json, crawl.png, cycle.png and crawl.mp4.
         overlapped: The same as --preset overlapped.
         speed: Joint speed [rad/s]; the preset's own, 0.2, if not given.
         distance: How far [m].

@@ -78,7 +78,7 @@ def way_figure(course: Course, com_w: np.ndarray, ways: Sequence[str], path: Pat
         course: The map.
         com_w: CoG, one row a moment (n, 3), world [m].
         ways: What the robot did then, n of `WAYS`.
-        path: Where the PNG goes; a PDF goes beside it.
+        path: The file, PNG, PDF or SVG.
     """
     plt = pyplot()
     figure, axes = plt.subplots(2, 1, figsize=(7.2, 4.4), sharex=True, height_ratios=(2.0 * HALF_WIDTH, CEILING))

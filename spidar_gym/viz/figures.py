@@ -147,8 +147,8 @@ def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
     """Error without a part over that of the whole controller: the mean over the tracks with its interval, each track.
 
     Args:
-        rows: Those of `spidar ablations`.
-        path: Where the PNG goes; a PDF goes beside it.
+        rows: Those of `spidar_gym.studies.ablations`.
+        path: The file, PNG, PDF or SVG.
     """
     plt = pyplot()
     groups = list(dict.fromkeys(row["group"] for row in rows))
@@ -176,8 +176,8 @@ def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
     """Share of successes and slip against the height of the steps: a column a terrain, a line a gait and its feet.
 
     Args:
-        rows: Those of `spidar steps`.
-        path: Where the PNG goes; a PDF goes beside it.
+        rows: Those of `spidar_gym.studies.steps`.
+        path: The file, PNG, PDF or SVG.
     """
     plt = pyplot()
     terrains, lines = (list(dict.fromkeys(of(row) for row in rows)) for of in (_terrain, _gait_and_feet))
@@ -210,12 +210,12 @@ def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _terrain(row: Mapping[str, Any]) -> str:
-    """Terrain of a row of `spidar steps`."""
+    """Terrain of a row of `spidar_gym.studies.steps`."""
     return row["terrain"]
 
 
 def _gait_and_feet(row: Mapping[str, Any]) -> tuple[str, str]:
-    """Gait of a row of `spidar steps`, and how high its feet are lifted."""
+    """Gait of a row of `spidar_gym.studies.steps`, and how high its feet are lifted."""
     return row["gait"], row["feet"]
 
 
@@ -225,13 +225,13 @@ def learning_curves(
     title: str,
     path: Path,
 ) -> None:
-    """Learning curves of all runs over ticks and, below, over minutes; classical controllers are lines; PNG and PDF.
+    """Learning curves of all runs over ticks and, below, over minutes; classical controllers are lines.
 
     Args:
         panels: Metric → row → its runs; a column for each metric.
         lines: Row → metric → value.
         title: Title.
-        path: Where the PNG goes.
+        path: The file, PNG, PDF or SVG.
     """
     plt = pyplot()
     figure, axes = plt.subplots(2, len(panels), figsize=(3.9 * len(panels), 5.4), squeeze=False, sharey="col")

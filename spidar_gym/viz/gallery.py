@@ -90,7 +90,6 @@ def draw(name: str, folder: Path) -> Path:
         whole.quantize(colors, dither=Image.Dither.NONE).save(path, optimize=True)
         if path.stat().st_size <= LARGEST:
             break
-    path.with_suffix(".pdf").unlink(missing_ok=True)
     return path
 
 

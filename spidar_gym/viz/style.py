@@ -1,4 +1,4 @@
-"""What all figures share: the style file, colours that everybody tells apart, names at the lines, PNG and PDF."""
+"""What all figures share: the style file, colours that everybody tells apart, names at the lines."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -21,6 +21,8 @@ BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 SKY, BLACK, GREY = "#56B4E9", "#222222", "#8A8A8A"
 Span = tuple[float, float]
 """Start and end of a stretch of time [s]."""
+UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+"""Metadata that leaves out the date, by the suffix of the file."""
 LABEL_GAP = 1.15
 """Names at lines stand at least so many of their heights apart."""
 
@@ -39,13 +41,12 @@ def pyplot() -> Any:  # noqa: ANN401 - a module
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and, beside it, as PDF, each whole or not at all, and close it."""
+    """Write a figure in the format that the path's suffix names (PNG, PDF, SVG), whole or not at all, and close it."""
     plt = pyplot()
     try:
-        for target, stamp in ((path, {}), (path.with_suffix(".pdf"), {"CreationDate": None})):
-            with whole_file(target) as draft:
-                # Without the hour, the same data give the same file.
-                figure.savefig(draft, metadata=stamp)
+        with whole_file(path) as draft:
+            # Without the time of day, the same data give the same file.
+            figure.savefig(draft, metadata=UNDATED.get(path.suffix, {}))
     finally:
         plt.close(figure)
 

@@ -369,7 +369,7 @@ def test_the_leaderboard_is_built_as_a_page_with_its_picture_and_the_same_twice(
         main(["leaderboard", "build", "--rows", str(rows), "--out", out])
         assert "2 rows" in capfd.readouterr().out
         found = files(here / out)
-        assert set(found) == {"LEADERBOARD.md", "leaderboard.pdf", "leaderboard.png"}
+        assert set(found) == {"LEADERBOARD.md", "leaderboard.png"}
         assert found["leaderboard.png"].startswith(b"\x89PNG")
         pages.append(found["LEADERBOARD.md"])
     assert pages[0] == pages[1]

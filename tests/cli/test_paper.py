@@ -18,7 +18,7 @@ def test_the_flight_prints_exactly_one_json_object_on_stdout_and_writes_it_with_
     assert set(result) == {"flight", "paper"}
     assert set(result["paper"]) == {"flight"}
     assert result["flight"]["thrust_form1_n"] == pytest.approx([19.62] * 8)
-    assert sorted(files(here)) == ["a/b/flight.json", "a/b/flight.pdf", "a/b/flight.png"]
+    assert sorted(files(here)) == ["a/b/flight.json", "a/b/flight.png"]
     assert json.loads((here / "a/b/flight.json").read_text(encoding="utf-8")) == result
     assert (here / "a/b/flight.png").read_bytes().startswith(b"\x89PNG")
 
@@ -35,7 +35,7 @@ def test_paper_alone_flies_and_crawls_and_prints_both_tables(still, short_crawl,
     assert "RMSE position" in out
     assert "final position error" in out
     assert sorted(files(here)) == [
-        *(f"out/crawl/crawl.{kind}" for kind in ("json", "pdf", "png")), "out/flight/flight.json",
+        *(f"out/crawl/crawl.{kind}" for kind in ("json", "png")), "out/flight/flight.json",
     ]  # fmt: skip
 
 
@@ -100,14 +100,14 @@ def test_an_output_with_a_file_in_its_way_is_refused_before_anything_flies(argum
     assert files(here) == {"file": b"mine"}
 
 
-@pytest.mark.parametrize("name", ["flight.json", "flight.png", "flight.pdf"])
+@pytest.mark.parametrize("name", ["flight.json", "flight.png"])
 def test_an_output_file_that_is_a_folder_is_one_line_and_leaves_no_half_of_it(name, still, here, capfd):
     (here / "out" / name).mkdir(parents=True)
     with pytest.raises(SystemExit) as stop:
         main(["paper", "flight", "--no-video", "--out", "out"])
     assert stop.value.code == 2
     assert [line for line in capfd.readouterr().err.splitlines() if line.startswith("spidar: ") and name in line]
-    assert set(files(here)) <= {"out/flight.json", "out/flight.pdf", "out/flight.png"}
+    assert set(files(here)) <= {"out/flight.json", "out/flight.png"}
 
 
 @pytest.mark.slow
@@ -117,7 +117,7 @@ def test_the_real_flight_prints_exactly_one_json_object_on_stdout(here, capfd):
     assert flight["preset"] == "as_flown"
     assert len(flight["thrust_form3_n"]) == 8
     assert all(math.isfinite(x) for x in (*flight["rmse_position_m"], *flight["rmse_attitude_rad"]))
-    assert sorted(files(here)) == [f"out/flight/flight.{kind}" for kind in ("json", "pdf", "png")]
+    assert sorted(files(here)) == [f"out/flight/flight.{kind}" for kind in ("json", "png")]
 
 
 def test_the_flight_with_noise_says_so_and_stands_beside_the_papers_rmse(still, here, capfd):
