@@ -172,8 +172,6 @@ GUIDE = (
     Try("spidar leaderboard held-out --policy FILE --against NAME",
         instead="spidar leaderboard held-out --policy mine:Damper --against qp_tuned --scenarios 1"),
     Try("spidar leaderboard answers", "--names qp --tracks flight-paper --scenarios 1"),
-    Try("spidar leaderboard migrate", refusal="or a checkout to work in"),
-    Try("spidar leaderboard migrate --rows FOLDER", instead="spidar leaderboard migrate --rows out/scores"),
     Try("spidar scenarios --check"),
     # To the robot.
     Try("spidar export", "--out onboard",

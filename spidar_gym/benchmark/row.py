@@ -259,8 +259,7 @@ def read_row(path: Path) -> Row:
     path = committed(path)
     content = read_content(path)
     if content["format"] != FORMAT:
-        older = f"; `spidar leaderboard migrate --rows {path.parent}` makes it one" if content["format"] == 1 else ""
-        raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote{older}")
+        raise RowError(f"{path} is no row of format {FORMAT}; valid: a row that `spidar eval` wrote")
     try:
         check_content(content)
     except SpidarError as error:

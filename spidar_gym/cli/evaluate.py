@@ -13,11 +13,9 @@ from spidar_gym import viz
 from spidar_gym.benchmark import answers as answering
 from spidar_gym.benchmark import verify as verifying
 from spidar_gym.benchmark.comparison import compare_rows, comparison_text
-from spidar_gym.benchmark.content import RowError
 from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.leaderboard import as_json, summary, tabulate
 from spidar_gym.benchmark.leaderboard_tables import markdown, report, text
-from spidar_gym.benchmark.migrate import migrate as migrate_row
 from spidar_gym.benchmark.row import (
     ROWS,
     Row,
@@ -29,7 +27,6 @@ from spidar_gym.benchmark.row import (
     read_row,
     read_rows,
     require_one_policy,
-    row_files,
     write_row,
 )
 from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
@@ -187,16 +184,6 @@ def show(
 def _own_rows(folder: Path) -> dict[str, Row]:
     """The rows of a folder; none where it is the default one and not there, as outside a checkout."""
     return {} if folder == Path(ROWS) and not folder.is_dir() else read_rows(folder)
-
-
-@board_app.command
-def migrate(rows: FolderArg = Path(ROWS)) -> None:
-    """Bring rows of an older format, or of policies whose imports moved, up to date: hashes checked, metrics kept."""
-    if not rows.is_dir():  # those of an installed wheel are not written to
-        raise RowError(f"{rows} is no folder; valid: --rows with rows of your own, or a checkout to work in")
-    files = row_files(rows)
-    moved = sum(migrate_row(path) for path in files)
-    print(f"{moved} of {len(files)} rows in {rows} brought up to date")
 
 
 @board_app.command

@@ -386,11 +386,6 @@ def test_without_matplotlib_the_page_is_written_and_it_is_said_what_brings_the_p
     assert set(files(here / "board")) == {"LEADERBOARD.md"}
 
 
-def test_committed_rows_are_migrated_in_a_checkout_only(here, capfd):
-    assert "valid: --rows with rows of your own, or a checkout" in refused(capfd, main, ["leaderboard", "migrate"])
-    assert set(files(here)) == {"mine.py"}
-
-
 @pytest.mark.parametrize("command", ["show", "build", "verify"])
 def test_a_leaderboard_without_rows_is_refused(command, here, capfd):
     assert "valid: one with rows" in refused(capfd, main, ["leaderboard", command, "--rows", "nowhere"])
