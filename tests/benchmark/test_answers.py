@@ -1,4 +1,4 @@
-"""Pins the count of the allocation's answers: every tick of every run once, under its own status."""
+"""Pins the count of the allocation's answers: every tick of every run counts once, under its status."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Pins the committed leaderboard: whole, made of its rows; what the constraint is worth."""
+"""Pins the committed leaderboard: complete, generated from its rows; the benefit of the interference constraint."""
 
 import shutil
 from functools import cache
@@ -67,7 +67,7 @@ def test_on_courses_the_planner_is_better_than_the_rule_and_one_gait_alone_fails
         )
         assert rule.success >= 0.8
         assert planner.success >= 0.9
-        assert planner.difference.high < 0.0, "its error is smaller, interval and all"
+        assert planner.difference.high < 0.0, "the whole interval of the difference is below 0"
         assert max(fly.success, crawl.success) < 0.2
 
 
@@ -86,9 +86,9 @@ def test_readme_and_the_protocol_show_the_scores_and_every_track():
 
 
 @pytest.mark.parametrize("name", ["pinv", "qp_unconstrained"])
-def test_where_rotors_are_stacked_the_constraint_is_worth_something(name):
+def test_where_rotors_are_stacked_the_constraint_reduces_the_error(name):
     cell = board().cells[name, "flight-narrow"]
-    assert cell.difference.low > 0.0, "its error is larger, interval and all"
+    assert cell.difference.low > 0.0, "the whole interval of the difference is above 0"
     assert cell.score.high < 1.0
     assert cell.metrics["violations"] > 0.5
     assert board().cells["qp", "flight-narrow"].metrics["violations"] < 0.05
@@ -132,7 +132,7 @@ def test_in_the_picture_each_panel_names_its_rows_the_best_at_the_top(monkeypatc
         boxes = [label.get_window_extent() for label in ax.get_yticklabels()]
         assert all(above.y0 >= below.y1 - 1.0 for above, below in pairwise(boxes))
         assert all(box.x1 <= ax.bbox.x0 and box.x0 >= 0.0 for box in boxes)
-    # A class has one colour and one mark, and no two classes share either.
+    # Each class has one colour and one marker, which no other class has.
     assert all(len(looks) == 1 for looks in kinds.values())
     assert len({look for looks in kinds.values() for color, mark in looks for look in (color, mark)}) == 2 * len(kinds)
     legend = figure.legends[0].get_window_extent()

@@ -1,4 +1,4 @@
-"""Pins the comparison of two rows: paired differences by hand, the scenarios that both have played, what is printed."""
+"""Pins the comparison of two rows: paired differences computed by hand, common scenarios, printed tables."""
 
 import json
 
@@ -48,7 +48,7 @@ def test_only_scenarios_that_both_have_played_are_compared_each_with_its_own():
     own = made_row({FLIGHT: [flown([0.3, 0.1], indices=(3, 1))]}, "own")
     (found,) = compare_rows(own, base)
     assert found.scenarios == 2
-    assert found.changes["position_rms_m"].before == pytest.approx(0.3)  # of 0.4 and 0.2
+    assert found.changes["position_rms_m"].before == pytest.approx(0.3)  # mean of 0.4 and 0.2
     assert found.changes["position_rms_m"].after == pytest.approx(0.2)
 
 

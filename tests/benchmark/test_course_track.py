@@ -1,4 +1,4 @@
-"""Pins the tracks of courses: what is drawn, an episode the same twice and in Python, errors, who falls short."""
+"""Pins the course tracks: drawn courses, repeatable episodes, equal results in Python, errors and failures."""
 
 from dataclasses import replace
 
@@ -23,13 +23,13 @@ KINDS = {
 
 
 class Rule(CoursePolicy):
-    """The rule."""
+    """The rule-based policy."""
 
     presets = {COURSE: {"action_mode": "waypoint"}}
 
 
 class Lies(CoursePolicy):
-    """Never gets up."""
+    """Stays on the floor."""
 
     presets = {COURSE: {"action_mode": "waypoint"}}
 
@@ -122,7 +122,7 @@ def test_over_a_wall_the_rule_arrives_and_its_error_is_what_the_formula_says():
     assert found["error"] == pytest.approx(error, abs=1e-9)
 
 
-def test_who_stays_on_the_floor_is_late_and_costs_the_cap(monkeypatch):
+def test_a_robot_that_stays_on_the_floor_is_late_and_costs_the_cap(monkeypatch):
     name = "course-gates"
     monkeypatch.setitem(TRACKS, name, replace(TRACKS[name], seconds=5.0))
     found = metrics(Lies(), name, load_scenarios(name)[0][0])
@@ -131,7 +131,7 @@ def test_who_stays_on_the_floor_is_late_and_costs_the_cap(monkeypatch):
     assert found["duration_s"] == 5.0
 
 
-def test_what_only_hovers_is_not_defined_on_a_course():
+def test_a_hover_policy_is_not_defined_on_a_course():
     policy = type("Preset", (PresetPolicy,), {"presets": {HOVER: {"preset": "paper"}}})()
     with pytest.raises(InvalidValueError, match="a track on which the policy is defined"):
         play_scenario(policy, COURSES[0], load_scenarios(COURSES[0])[0][0])

@@ -1,4 +1,4 @@
-"""Pins evaluation: which scenarios, the same numbers in one process, in two and on Ray, and that it resumes whole."""
+"""Pins evaluation: choice of scenarios, equal metrics in one process, in two and on Ray, resuming."""
 
 import hashlib
 import importlib
@@ -28,12 +28,12 @@ from spidar_gym.errors import (
 )
 
 ROOT = Path(__file__).resolve().parents[2]
-# `spidar_gym.benchmark.evaluate` names the function too.
+# `spidar_gym.benchmark.evaluate` is also the name of the function.
 module = importlib.import_module("spidar_gym.benchmark.evaluate")
 QP, HOLD, TRACK = "baselines.qp:QP", "baselines.hold:Hold", "flight-fast5"
 MODULE = '''
 class Zero:
-    """Adds nothing, and fails where it is told to."""
+    """Adds nothing."""
 
     def reset(self, seed):
         pass
@@ -63,7 +63,7 @@ class Zero(PresetPolicy):
 
 @cache
 def first_seen():
-    """How the first observation of a scenario begins, by which a policy can tell it from others."""
+    """Beginning of a scenario's first observation, by which a policy can distinguish the scenario from others."""
     scenario = load_scenarios(TRACK)[0][2]
     env = make_env(TRACKS[TRACK], scenario, {"control": "core"})
     return env.reset(seed=scenario.seed, options=reset_options(scenario))[0][:3].tolist()
@@ -90,7 +90,7 @@ def short(monkeypatch):
 
 @pytest.fixture
 def played(monkeypatch):
-    """The indices that are really played, in order."""
+    """Indices of the scenarios that are really evaluated, in order."""
     indices, play_shards = [], module.play_shards
 
     def spy(shards):
@@ -122,7 +122,7 @@ def refused(error, *arguments, **options) -> str:
 # Which scenarios
 
 
-def test_a_number_means_the_first_ones_and_a_list_just_those_in_its_order(short):
+def test_a_number_selects_the_first_scenarios_and_a_list_exactly_these_in_its_order(short):
     first, chosen = evaluate("mine:Zero", TRACK, 3), evaluate("mine:Zero", TRACK, [2, 0])
     assert first.indices == (0, 1, 2)
     assert chosen.indices == (2, 0)
@@ -150,20 +150,20 @@ def test_a_score_says_what_it_is_of(short):
 
 
 @pytest.mark.parametrize("scenarios", [0, -1, SCENARIOS + 1, [SCENARIOS], [-1], [0, 99]])
-def test_scenarios_that_there_are_not_are_refused_before_anything_is_played(scenarios, played):
+def test_scenarios_out_of_range_are_refused_before_any_evaluation(scenarios, played):
     message = refused(InvalidValueError, "mine:Zero", TRACK, scenarios)
     assert f"1 … {SCENARIOS}" in message or f"0 … {SCENARIOS - 1}" in message
     assert played == []
 
 
-def test_tracks_splits_and_policies_that_there_are_not_are_refused():
+def test_unknown_tracks_splits_and_policies_are_refused():
     assert TRACK in refused(UnknownNameError, "mine:Zero", "flight")
     assert "validation" in refused(UnknownNameError, "mine:Zero", TRACK, 1, split="train")
     assert "valid" in refused(PolicyError, "mine:Nobody", TRACK, 1)
     assert "ground-paper" in refused(InvalidValueError, HOLD, "ground-paper", 1)
 
 
-def test_no_processes_at_all_are_refused():
+def test_zero_processes_are_refused():
     assert "workers" in refused(InvalidValueError, "mine:Zero", TRACK, 1, workers=0)
 
 
@@ -179,15 +179,15 @@ def test_two_processes_give_what_one_gives_bit_for_bit(spec):
     assert (score.errors < CAP).all() == (spec == QP)
 
 
-def test_an_object_plays_what_its_name_plays(short):
+def test_a_policy_object_scores_the_same_as_its_specification(short):
     done = []
     score = evaluate(Zero(), TRACK, [1, 3], on_scenario=lambda: done.append(1))
     assert score.metrics == evaluate("mine:Zero", TRACK, [1, 3]).metrics
     assert len(done) == 2
 
 
-def test_a_policy_is_told_the_runs_number_and_nothing_of_the_scenario(short):
-    """With the scenario's own seed it could draw the robot and the wind to come."""
+def test_a_policy_receives_the_number_of_the_run_and_nothing_of_the_scenario(short):
+    """With the scenario's seed a policy could compute the randomised robot and the future wind."""
     told = []
 
     class Alone(Zero):
@@ -198,7 +198,7 @@ def test_a_policy_is_told_the_runs_number_and_nothing_of_the_scenario(short):
             return np.zeros(6)
 
     class Many(Zero):
-        def reset(self, seed):  # of a scenario that is played alone
+        def reset(self, seed):  # called for a scenario that is evaluated alone
             told.append(seed)
 
         def reset_batch(self, seeds):
@@ -221,7 +221,7 @@ def test_an_object_plays_in_this_process_only(options, here):
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_what_is_wrong_with_a_policy_is_said_in_the_same_words_in_every_process(workers):
+def test_an_error_of_a_policy_has_the_same_message_in_every_process(workers):
     message = refused(UnknownNameError, "mine:Nonsense", TRACK, 2, workers=workers)
     assert "residual_wrench" in message
 
@@ -271,7 +271,7 @@ def test_keeping_changes_no_number(short, here):
     assert evaluate("mine:Zero", TRACK, 2, folder=here / "kept").metrics == evaluate("mine:Zero", TRACK, 2).metrics
 
 
-def test_an_interrupted_evaluation_goes_on_where_it_was(short, here, played, monkeypatch):
+def test_an_interrupted_evaluation_resumes_where_it_stopped(short, here, played, monkeypatch):
     folder, spied = here / "kept", module.play_shards
 
     def interrupted(shards):
@@ -319,7 +319,7 @@ def test_a_kept_file_that_is_no_result_is_played_again(text, short, here, played
     ],
 )
 def test_a_kept_file_that_was_edited_by_hand_is_played_again(change, short, here, played):
-    """Whether its digest is left as it was, or made anew around what no episode gives."""
+    """The digest is stale, or valid for metrics that no episode can have."""
     folder = here / "kept"
     first = evaluate("mine:Zero", TRACK, 1, folder=folder)
     (path,) = kept(folder)
@@ -331,7 +331,7 @@ def test_a_kept_file_that_was_edited_by_hand_is_played_again(change, short, here
 
 
 def kept_file_digest(found, **metrics):
-    """The edited content with the digest that belongs to it."""
+    """Edited content with its valid digest."""
     result = {**found["result"], "metrics": found["result"]["metrics"] | metrics}
     text = json.dumps([found["stem"], result], sort_keys=True)
     return {"result": result, "sha256": hashlib.sha256(text.encode()).hexdigest()}
@@ -378,7 +378,7 @@ def test_a_folder_that_cannot_be_written_is_refused(short, here):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_a_ray_cluster_gives_what_one_process_gives_bit_for_bit_and_says_whose_error_it_was(monkeypatch):
+def test_a_ray_cluster_gives_what_one_process_gives_bit_for_bit_and_errors_name_the_policy(monkeypatch):
     ray = pytest.importorskip("ray")
     monkeypatch.chdir(ROOT)
     done = []
@@ -405,7 +405,7 @@ def test_a_cluster_that_is_not_there_is_one_line(error, monkeypatch, here):
     assert "valid: local" in message
 
 
-def test_an_address_where_nobody_listens_is_refused_before_ray_tries_for_minutes(monkeypatch, here):
+def test_an_address_without_a_server_is_refused_before_ray_tries_for_minutes(monkeypatch, here):
     ray = pytest.importorskip("ray")
     monkeypatch.setattr(ray, "init", lambda **options: pytest.fail("Ray was asked"))
     message = refused(SpidarError, "mine:Zero", TRACK, 1, ray="127.0.0.1:9")
@@ -425,6 +425,6 @@ def test_rays_workers_import_from_the_working_folder_and_from_where_the_caller_d
     assert given["runtime_env"]["env_vars"]["PYTHONPATH"].split(os.pathsep) == [str(here), "/of/the/caller"]
 
 
-def test_without_ray_it_is_said_how_to_install_it(monkeypatch):
+def test_without_ray_the_message_states_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert "pip install 'spidar-gym[ray]'" in refused(MissingDependencyError, "mine:Zero", TRACK, 1, ray="local")

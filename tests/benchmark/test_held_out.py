@@ -1,4 +1,4 @@
-"""Pins the held-out conditions: what is wrong in each and on no track, their scenarios, and who never sees them."""
+"""Pins the held-out conditions: their deviations beyond all tracks, their scenarios, no use in training or tuning."""
 
 import ast
 import json
@@ -49,18 +49,18 @@ HASHES = {
     "wind-fast4": "aac310f4a9d7d925", "payload-crawl": "2f81cf855f0cb999", "servo-crawl": "cbb9b2f71e9d7290",
     "delay-crawl": "3ee78790d5c75577",
 }  # fmt: skip
-"""Beginnings of the hashes of the first `COUNT` scenarios."""
+"""First 16 digits of the hash of each condition's first `COUNT` scenarios."""
 
 
 def plant_of(name: str | None = None) -> Plant:
-    """A condition's robot, or the described one, flat and at rest in the air."""
+    """A condition's robot, or the described one, level and at rest in the air."""
     plant = Plant(PlantConfig() if name is None else CONDITIONS[name].options["plant"])
     plant.reset(np.array([0.0, 0.0, 2.0]), thrust=np.full(N_ROTORS, ROBOT.hover_thrust))
     return plant
 
 
 def mass_matrix(plant: Plant) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass [kg], centre of mass [m] and inertia about it [kg m²] of the whole robot, world, body by body."""
+    """Mass [kg], centre of mass [m] and inertia about it [kg m²] of the whole robot, world axes, summed over bodies."""
     model, data = plant.model, mujoco.MjData(plant.model)
     data.qpos[:] = plant.data.qpos
     mujoco.mj_kinematics(model, data)
@@ -101,7 +101,7 @@ def test_a_flight_with_the_payload_begins_with_the_wrench_that_carries_it():
     ).com_b
     weight, lever = PAYLOAD * GRAVITY, np.array(PLACE) - com
     assert np.linalg.norm(trim[:3]) == pytest.approx(weight, rel=1e-3)
-    # Tilted by a degree at most.
+    # The robot is tilted by a degree at most.
     assert trim[3:5] == pytest.approx([lever[1] * weight, -lever[0] * weight], abs=0.03)
 
 
@@ -153,7 +153,7 @@ def test_joint_speeds_are_those_of_no_track():
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_is_farther_off_than_any_that_is_drawn(name):
+def test_every_robot_has_a_parameter_outside_the_randomised_ranges(name):
     plant, beyond = CONDITIONS[name].options["plant"], 0
     for row in TABLE:
         part, field = row.field.split(".")
@@ -164,7 +164,7 @@ def test_a_robot_is_farther_off_than_any_that_is_drawn(name):
     assert beyond
 
 
-def test_no_condition_is_a_track_and_every_one_says_what_it_is():
+def test_no_condition_is_a_track_and_every_condition_has_a_description():
     assert not set(CONDITIONS) & set(TRACKS)
     for name, condition in CONDITIONS.items():
         assert find_condition(name) is condition
@@ -177,7 +177,7 @@ def test_no_condition_is_a_track_and_every_one_says_what_it_is():
 
 
 def test_neither_tuning_nor_training_imports_them():
-    """Whatever they import of the package: loaded, it has not brought the conditions with it."""
+    """Importing every module of the package that they use does not import the conditions."""
     files = [*(ROOT / "train").rglob("*.py"), *(ROOT / "spidar_gym" / "tune").rglob("*.py")]
     names = set()
     for path in files:
@@ -222,7 +222,7 @@ def test_scenarios_drawn_again_are_the_same_and_fewer_are_the_first_of_more(name
     assert scenarios_digest(few) != scenarios_digest(few[:1])
 
 
-def test_their_generators_are_nobody_elses():
+def test_their_seeds_differ_from_those_of_tracks_tuning_and_training():
     assert DRAWS not in (*range(len(SPLITS)), search.DRAWS)
     seeds = [one.seed for name in CONDITIONS for one in draw_held_out(name)]
     theirs = {one.seed for name in TRACKS for split in SPLITS for one in load_scenarios(name, split)[0]}
@@ -238,7 +238,7 @@ def test_a_scenario_is_what_its_environment_takes(name):
     assert (one.start is not None) == CONDITIONS[name].flies
     env = make_env(CONDITIONS[name], one, {})
     env.reset(seed=one.seed, options=reset_options(one))
-    assert env.fleet is not None, "the engine does it all"
+    assert env.fleet is not None, "not simulated by the engine"
     if one.start is not None:
         goals = FlightStart.parse(one.start).goals
         assert len(goals) > 1
@@ -248,7 +248,7 @@ def test_a_scenario_is_what_its_environment_takes(name):
     env.close()
 
 
-def test_what_does_not_exist_is_refused_in_a_line():
+def test_unknown_conditions_and_counts_are_refused_in_one_line():
     with pytest.raises(UnknownNameError, match="unknown condition 'flight-paper'; valid: payload-fast2"):
         draw_held_out("flight-paper")
     with pytest.raises(InvalidValueError, match="scenarios = 0 is not valid; expected a whole number of at least 1"):
@@ -258,7 +258,7 @@ def test_what_does_not_exist_is_refused_in_a_line():
 # The committed table
 
 
-def test_the_committed_table_was_played_on_these_scenarios():
+def test_the_committed_table_was_evaluated_on_these_scenarios():
     content = read_content(ROOT / HELD_OUT)
     assert set(content["conditions"]) == set(CONDITIONS)
     for name, digest in content["conditions"].items():

@@ -1,4 +1,4 @@
-"""Pins who is played on the held-out conditions and beside whom, and that playing them goes on where it stopped."""
+"""Pins the evaluation of policies under held-out conditions: choice of policies, their bases, resuming."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ def rows():
 
 @pytest.fixture
 def short(monkeypatch):
-    """A condition whose flights take half a second."""
+    """A condition with flights of half a second."""
     draw_held_out.cache_clear()
     monkeypatch.setitem(CONDITIONS, SHORT, replace(CONDITIONS[SHORT], seconds=0.5))
     yield SHORT
@@ -39,7 +39,7 @@ def entrant(policy=QP, name="qp", conditions=(SHORT,)) -> Entrant:
     return Entrant(name, "classical", (policy,), "", conditions)
 
 
-# Who
+# Policies
 
 
 def test_every_row_with_a_controller_below_it_is_played_where_it_is_defined(rows, monkeypatch):
@@ -59,13 +59,13 @@ def test_every_row_with_a_controller_below_it_is_played_where_it_is_defined(rows
     assert set(found["qp"].conditions) == set(CONDITIONS)
 
 
-def test_rows_that_are_named_come_with_whom_they_add_to_and_without_a_controller_too(rows, monkeypatch):
+def test_named_rows_are_chosen_with_their_base_and_even_without_a_controller(rows, monkeypatch):
     monkeypatch.chdir(ROOT)
     assert [one.name for one in choose(rows, ["ppo_paper"])] == ["qp", "ppo_paper"]
     assert [one.name for one in choose(rows, ["hold"])] == ["hold"]
 
 
-def test_a_row_that_adds_to_one_that_is_not_there_is_compared_with_nobody(rows, monkeypatch):
+def test_a_row_whose_base_is_missing_is_compared_with_none(rows, monkeypatch):
     monkeypatch.chdir(ROOT)
     alone = {"ppo_paper": rows["ppo_paper"]}
     assert [(one.name, one.against) for one in choose(alone)] == [("ppo_paper", "")]
@@ -74,7 +74,7 @@ def test_a_row_that_adds_to_one_that_is_not_there_is_compared_with_nobody(rows, 
 @pytest.mark.parametrize(
     ("against", "base"), [("", "qp_tuned_v1"), ("tuned", "qp_tuned"), ("qp_tuned", "qp_tuned"), ("paper", "qp")]
 )
-def test_a_candidate_is_compared_with_its_preset_or_with_whom_one_says(against, base, rows):
+def test_a_candidate_is_compared_with_its_preset_or_a_given_row(against, base, rows):
     rows = {name: row for name, row in rows.items() if name != "supervised_tuned"}
     first, own = choose(rows, policies=[SEED, SEED.replace("seed0", "seed1")], against=against)
     assert (first.name, own.against) == (base, base)
@@ -99,7 +99,7 @@ def test_a_candidate_that_adds_to_nothing_is_played_alone(rows):
         ({"policies": ["baselines.qp:Nobody"]}, PolicyError, "Nobody"),
     ],
 )
-def test_who_cannot_be_played_is_refused_in_a_line(arguments, error, words, rows, monkeypatch):
+def test_invalid_choices_are_refused_in_one_line(arguments, error, words, rows, monkeypatch):
     monkeypatch.chdir(ROOT)
     with pytest.raises(error) as refusal:
         choose(rows, **arguments)
@@ -107,12 +107,12 @@ def test_who_cannot_be_played_is_refused_in_a_line(arguments, error, words, rows
     assert "\n" not in str(refusal.value)
 
 
-def test_a_preset_whose_row_is_not_there_is_refused_with_those_that_are(rows):
+def test_a_preset_without_a_row_is_refused_with_the_existing_rows(rows):
     with pytest.raises(InvalidValueError, match="against = 'tuned_v1' is not valid; expected one of qp, or a preset"):
         choose({"qp": rows["qp"]}, policies=[SEED])
 
 
-def test_a_row_runs_no_code_of_strangers_and_no_file_that_has_changed(rows, monkeypatch):
+def test_a_row_runs_no_code_from_outside_the_package_and_no_changed_file(rows, monkeypatch):
     strange = replace(rows["qp"], policies=("json.decoder:JSONDecoder",))
     with pytest.raises(RowError, match="valid: --trust"):
         choose({"qp": strange})
@@ -121,7 +121,7 @@ def test_a_row_runs_no_code_of_strangers_and_no_file_that_has_changed(rows, monk
         choose({"qp": changed})
 
 
-# The playing
+# Evaluation
 
 
 def test_every_run_plays_the_same_scenarios_of_every_condition_in_order():

@@ -1,4 +1,4 @@
-"""Pins the held-out table: its file, read as it was written or refused, its differences by hand, what a line shows."""
+"""Pins the held-out table: reading and refusing its file, differences computed by hand, the content of its lines."""
 
 import json
 import math
@@ -41,7 +41,7 @@ def walked(time):
 
 
 def made(numbers, *, conditions=(DUCT,), more=None):
-    """The content of a base with one run and a residual with one more, each with its metrics by (policy, condition)."""
+    """Content of a base and a residual with one run each; `numbers` holds the metrics by (policy, condition)."""
     entrants = [
         Entrant("qp", "classical", (OTHER,), "", conditions),
         Entrant("own", "residual", (SPEC,), "qp", more or conditions),
@@ -82,7 +82,7 @@ def test_the_file_is_read_as_it_was_written_with_a_line_for_every_condition(cont
 
 
 def damage(*path):
-    """Set what a path leads to, its last word the value."""
+    """Set the entry at a path; the last argument is its value."""
 
     def change(content):
         *way, key, value = path
@@ -154,7 +154,7 @@ def test_a_difference_is_paired_and_stands_with_its_interval_behind_both_numbers
     assert own[6] == "100% → 100% [+0%, +0%]"
 
 
-def test_conditions_that_were_not_played_have_dashes_and_other_worlds_no_lines(content):
+def test_conditions_without_results_have_dashes_and_other_worlds_no_lines(content):
     lines = held_out_lines(content, "flight")
     flights = [name for name, condition in CONDITIONS.items() if condition.flies]
     assert [line[:2] for line in lines[1:]] == [[name, policy] for name in flights for policy in ("qp", "own")]
@@ -164,7 +164,7 @@ def test_conditions_that_were_not_played_have_dashes_and_other_worlds_no_lines(c
         held_out_lines(content, "air")
 
 
-def test_crawls_are_told_in_seconds_and_watt_hours():
+def test_crawls_are_listed_in_seconds_and_watt_hours():
     numbers = {("qp", CRAWL): [walked(20.0)] * COUNT, ("own", CRAWL): [walked(18.0)] * COUNT}
     lines = held_out_lines(made(numbers, conditions=(CRAWL,)), "ground")
     assert lines[0][3:] == ["time", "energy", "error", "success"]
@@ -181,7 +181,7 @@ def test_the_largest_upper_end_is_found_wherever_it_lies():
     assert line == ["own", "1", "qp", "+3.0%", "attitude", DELAY]
 
 
-def test_a_simulation_that_diverged_hides_behind_no_number(tmp_path):
+def test_a_diverged_simulation_leaves_no_upper_end_and_no_difference(tmp_path):
     lost = flown(None, attitude=None, error=5.0, success=False, failed=True)
     numbers = {("qp", DUCT): [flown(0.01)] * COUNT, ("own", DUCT): [lost, *[flown(0.001)] * (COUNT - 1)]}
     content = made(numbers)
@@ -196,13 +196,13 @@ def test_a_simulation_that_diverged_hides_behind_no_number(tmp_path):
     assert base[3:] == ["–", "–", "5", "0%"]
 
 
-def test_who_is_compared_with_nobody_has_no_line_among_the_worst(content):
+def test_a_policy_without_a_base_has_no_line_among_the_worst(content):
     assert [line[0] for line in worst_lines(content)[1:]] == ["own"]
     alone = sealed(content, damage("policies", 1, "against", ""))
     assert len(worst_lines(alone)) == 1
 
 
-def test_what_made_the_table_and_what_is_wrong_where_stand_in_tables_of_their_own(content):
+def test_the_origin_of_the_table_and_the_conditions_have_separate_tables(content):
     heading, line = origin_lines(content)
     assert dict(zip(heading, line, strict=True))["scenarios a condition"] == str(COUNT)
     assert line[0] == "`spidar leaderboard held-out`"

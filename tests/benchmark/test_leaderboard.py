@@ -1,4 +1,4 @@
-"""Pins the leaderboard: scores of rows by hand, with whom they are compared, and what its tables show."""
+"""Pins the leaderboard: scores computed by hand, the reference of each row, and the content of its tables."""
 
 import json
 import re
@@ -21,7 +21,7 @@ FLIGHT, GROUND = "flight-fast5", "ground-paper"
 
 @pytest.fixture(autouse=True, scope="module")
 def few_draws():
-    """Tables do not become truer by more draws."""
+    """Few draws are enough to test the tables."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(leaderboard, "stratified_bootstrap", partial(stratified_bootstrap, draws=100))
         yield
@@ -44,12 +44,12 @@ def board_of(*rows):
 
 
 def lines_of(page, start):
-    """The lines of a page that begin with a word."""
+    """Lines of a page that begin with a given word."""
     return [line for line in page.splitlines() if line.lstrip("| ").startswith(start)]
 
 
 def cells_of(line):
-    """What stands between the bars of a line of a Markdown table."""
+    """Cells of a line of a Markdown table."""
     return [part.strip() for part in re.split(r"(?<!\\)\|", line)[1:-1]]
 
 
@@ -65,7 +65,7 @@ def test_scores_need_the_row_that_they_refer_to():
         board_of(made_row({FLIGHT: [[0.5]]}, "other"))
 
 
-def test_the_reference_scores_one_against_itself_without_any_doubt():
+def test_the_reference_scores_exactly_one_against_itself():
     board = board_of(qp(GROUPS["flight"]))
     for track in GROUPS["flight"]:
         c = board.cells["qp", track]
@@ -80,7 +80,7 @@ def test_a_cell_is_that_by_hand():
     own = made_row({FLIGHT: [[0.5, 2.0, 2.0, CAP]]}, "own")
     c = board_of(base, own).cells["own", FLIGHT]
     assert c.score.value == pytest.approx(2.5 / 2.375)
-    # Differences −½, 0, −1, 1: the middle ones −½ and 0, over 2.5.
+    # Differences −½, 0, −1, 1: the mean of the middle two, −½ and 0, over 2.5.
     assert c.difference.value == pytest.approx(-0.25 / 2.5)
     assert c.improvement.value == pytest.approx(2.5 / 4.0)
     assert c.error == pytest.approx(2.0)
@@ -155,7 +155,7 @@ def test_an_overall_score_is_the_geometric_mean_and_only_where_no_track_of_the_g
     base = qp(PAPERS)
 
     def row(name, tracks):
-        """Halves the error on the first track, quarters it on the next …"""
+        """A row with half of the error on the first track, a quarter on the next …"""
         return made_row({t: [(0.5**k * base.errors(t)[0]).tolist()] for k, t in enumerate(tracks, 1)}, name)
 
     flights, ground = GROUPS["flight"], GROUPS["ground"]
@@ -186,7 +186,7 @@ def test_only_a_row_that_learned_with_fewer_than_five_runs_is_flagged(kind, runs
         assert "qp †" not in shown
 
 
-def test_on_courses_scores_refer_to_the_rule_and_to_nobody_else():
+def test_on_courses_scores_refer_to_the_rule_alone():
     flown, walked = [1.0, 2.0, 4.0], [0.5, 1.0, CAP]
     rule, other = (made_row({"course-mixed": [e]}, n) for e, n in ((flown, "course_rule"), (walked, "other")))
     board = board_of(qp([FLIGHT]), rule, other)
@@ -221,7 +221,7 @@ def test_a_track_that_stands_apart_is_ordered_by_success_then_error_and_the_othe
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A board of rows that were written and read: three on all tracks, one on flights, one on a single track."""
+    """A board of written and read rows: three on all tracks, one on flights, one on a single track."""
     folder = tmp_path_factory.mktemp("rows")
     base = qp(PAPERS)
     for name, scale, tracks in (
@@ -233,8 +233,8 @@ def full(tmp_path_factory):
     return tabulate(read_rows(folder))
 
 
-def test_tables_are_sorted_by_score_and_rows_without_an_overall_score_have_their_place_in_one_of_their_own(full):
-    """A row that is defined on one track, and leads it, is not below the worst of all."""
+def test_tables_are_sorted_by_score_and_rows_without_an_overall_score_have_a_separate_table(full):
+    """A row that is defined on one track and leads it is not listed below the worst row."""
     page = markdown(full)
     assert [line["policy"] for line in table(page, "All tracks")] == ["good", "flier", "qp", "bad"]
     (lone,) = table(page, "All tracks", partial=True)
@@ -255,7 +255,7 @@ def test_tables_are_sorted_by_score_and_rows_without_an_overall_score_have_their
     assert shown[-1][:7] == ["lone", "classical", "1", GROUND, "1", "of", "4"]
 
 
-def test_a_terminal_shows_lines_of_at_most_120_columns_and_every_metric_when_asked(full):
+def test_a_terminal_shows_lines_of_at_most_120_columns_and_every_metric_on_request(full):
     name = "a_name_as_long_as_ours"
     rows = dict(full.rows) | {name: made_row({FLIGHT: [errors(), errors()]}, name, "learned")}
     board = tabulate(rows)
@@ -290,7 +290,7 @@ def test_the_page_shows_what_the_cells_hold(full):
     assert good["pos. mm"] == "500.0"
 
 
-def test_the_page_has_every_row_and_every_track_and_says_how_to_make_the_row_anew(full):
+def test_the_page_has_every_row_and_every_track_and_the_command_that_makes_the_row(full):
     page, shown = markdown(full), text(full, full.tracks)
     assert full.tracks == PAPERS
     for track in PAPERS:
@@ -304,7 +304,7 @@ def test_the_page_has_every_row_and_every_track_and_says_how_to_make_the_row_ane
     assert "nan" not in shown.lower()
 
 
-def test_a_table_of_the_terminal_has_only_the_tracks_that_were_asked_for(full):
+def test_a_table_of_the_terminal_has_only_the_requested_tracks(full):
     shown = text(full, [FLIGHT, "flight-wind"])
     assert re.findall(r"^((?:flight|ground)-\w+): ", shown, re.MULTILINE) == [FLIGHT, "flight-wind"]
     without = board_of(qp([FLIGHT]))
@@ -318,7 +318,7 @@ def test_the_same_rows_give_the_same_page(full):
 
 
 def test_every_line_of_a_table_has_as_many_cells_as_its_head(full):
-    """Though a policy's own words have a bar in them."""
+    """Even if the description of a policy contains a bar."""
     rows = dict(full.rows) | {"odd": made_row({FLIGHT: [errors()]}, "odd", doc="Error ‖e‖ or |e|, a | b.")}
     page = markdown(tabulate(rows))
     named = {line["policy"] for part in (False, True) for line in table(page, "All tracks", partial=part)}
@@ -353,7 +353,7 @@ def test_a_number_that_no_scenario_has_is_a_dash_null_and_not_a_number():
         ("learned", {}, ""),
     ],
 )
-def test_the_page_says_what_the_training_cost(kind, training, words):
+def test_the_page_states_command_and_steps_of_the_training(kind, training, words):
     own = made_row({FLIGHT: [errors()]}, "own", kind, training=training)
     assert f"- `own`: `spidar eval --policy own`{words}, {own.content['sha256'][:12]}\n" in markdown(
         board_of(qp(), own)
@@ -403,6 +403,6 @@ def test_a_residual_is_compared_with_the_controller_that_it_adds_to_and_with_no_
     assert "`learned` † against `qp_tuned`:" in page
     assert "`learned` † against `qp`:" not in page
     assert "What learning adds" not in markdown(board_of(base, tuned))
-    assert "What learning adds" not in markdown(board_of(base, learned))  # its base has no row there
+    assert "What learning adds" not in markdown(board_of(base, learned))  # no row of its base on this board
     own = made_row({FLIGHT: [errors(0.4)]}, "own", "residual", arguments={"preset": "mine"})
     assert own.base == ""

@@ -1,4 +1,4 @@
-"""Pins the track along paths: whole ways in its files, an episode the same twice and in Python, tuned before paper."""
+"""Pins the path track: paths in its files, repeatable episodes, equal results in Python, tuned better than paper."""
 
 import pathlib
 from dataclasses import replace
@@ -26,7 +26,7 @@ LEARNED = pathlib.Path(__file__).resolve().parents[2] / "baselines" / "learned"
 
 
 def preset(name, **arguments):
-    """A policy that is a preset."""
+    """A policy that uses a preset."""
     return type("Preset", (PresetPolicy,), {"presets": {HOVER: {"preset": name, **arguments}}})()
 
 
@@ -39,7 +39,7 @@ def metrics(policy, scenario, **how):
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_every_scenario_has_a_way_from_rest_that_lasts_at_a_speed_of_the_task(split):
+def test_every_scenario_has_a_path_from_rest_that_outlasts_the_episode_at_a_speed_of_the_task(split):
     fastest, horizon = [], TRACKS[TRACK].seconds
     for path in paths(split):
         assert path.times[0] == PATH_BEGIN
@@ -54,12 +54,12 @@ def test_every_scenario_has_a_way_from_rest_that_lasts_at_a_speed_of_the_task(sp
         assert -0.6 * CLIMB < heights.min() <= heights.max() < 1.6 * CLIMB
         fastest.append(speeds.max())
     assert 0.9 * SPEEDS[0] < min(fastest) < 2.0 * SPEEDS[0]
-    # A spline is faster in its bends than from one point to the next.
+    # A spline is faster in its bends than the chord between its points.
     assert 0.9 * SPEEDS[1] < max(fastest) < 2.0 * SPEEDS[1]
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_there_are_ways_of_every_kind_with_either_heading_in_wind_and_without(split):
+def test_there_are_paths_of_every_kind_with_either_heading_in_wind_and_without(split):
     drawn, found = load_scenarios(TRACK, split)[0], paths(split)
     rests = [sum(not rate.any() for rate in path.rate_w) for path in found]
     kinds = [
@@ -72,7 +72,7 @@ def test_there_are_ways_of_every_kind_with_either_heading_in_wind_and_without(sp
         assert 0.3 < np.mean(one) < 0.7
 
 
-def test_numbers_kept_to_six_digits_leave_the_speed_of_a_lemniscate_constant():
+def test_numbers_rounded_to_six_digits_leave_the_speed_of_a_lemniscate_constant():
     curves = [path for path in paths() if len(path.times) > 80]
     assert curves
     for path in curves:
@@ -119,7 +119,7 @@ def test_the_readable_environment_plays_what_the_engine_does(index, monkeypatch)
             assert readable[name] == value, name
 
 
-def test_the_error_is_the_flights_of_position_and_attitude_off_the_path_and_papers_is_larger(monkeypatch):
+def test_the_error_is_that_of_a_flight_from_the_deviation_off_the_path_and_papers_is_larger(monkeypatch):
     monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=8.0))
     scenarios = load_scenarios(TRACK, "validation")[0][:6]
     paper, tuned = (
@@ -132,7 +132,7 @@ def test_the_error_is_the_flights_of_position_and_attitude_off_the_path_and_pape
         assert slow["error"] == flight_error(slow["position_rms_m"], slow["attitude_rms_rad"], failed=False)
 
 
-def test_what_hovers_flies_along_a_path_unless_it_says_otherwise_and_what_learned_to_hover_does_not():
+def test_a_preset_of_hover_applies_to_paths_by_default_and_a_learned_hover_policy_is_not_defined_there():
     hover, own = {"preset": "tuned"}, {"preset": "paper"}
     for presets, expected in (({HOVER: hover}, hover), ({HOVER: hover, PATH: own}, own), ({CRAWL: own}, None)):
         policy = type("Preset", (PresetPolicy,), {"presets": presets})()
@@ -143,7 +143,7 @@ def test_what_hovers_flies_along_a_path_unless_it_says_otherwise_and_what_learne
         play_scenario(learned, TRACK, load_scenarios(TRACK)[0][0])
 
 
-def test_who_lets_go_fails_and_costs_the_cap():
+def test_a_policy_without_thrust_fails_and_costs_the_cap():
     scenario = load_scenarios(TRACK)[0][0]
 
     class LetsGo(PresetPolicy):

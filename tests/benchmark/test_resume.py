@@ -1,4 +1,4 @@
-"""Pins interrupted work: what is finished is not done again, what was touched is, nothing is taken for another."""
+"""Pins interrupted work: finished pieces are kept, changed files are computed again, none is taken for another."""
 
 import json
 import os
@@ -22,7 +22,7 @@ class Item:
 
 
 def square(item):
-    """A result that only the process itself can tell from another one's."""
+    """A result that contains the id of its process."""
     if item.stop:
         raise KeyboardInterrupt
     DONE.append(item.number)

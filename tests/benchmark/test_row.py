@@ -1,4 +1,4 @@
-"""Pins the rows of the leaderboard: their hash, what is refused, their files, and what they say of their origin."""
+"""Pins the rows of the leaderboard: hashes, refusals, files, and the record of their origin."""
 
 import os
 import platform
@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def row():
-    """Two runs on a flight, two on a crawl, of which one failed."""
+    """Two runs on a flight and two on a crawl, one of which failed."""
     scores = {"ground-paper": [[0.8, CAP], [0.9, 0.1 + 0.2]], TRACK: [[0.5, 1e-300, 1.75], [0.25, 0.7, 1.0 / 3.0]]}
     return made_row(scores, "sham", "residual", doc='½ of ‖x‖, "quoted" | piped.', training={"seed": 3, "steps": 10})
 
@@ -53,7 +53,7 @@ def test_a_row_is_read_as_it_was_written_byte_for_byte(row, tmp_path):
 
 
 def test_a_file_of_a_row_has_a_line_for_every_metric(row, tmp_path):
-    """A number that changes is two changed lines: its own and the hash."""
+    """A changed number changes two lines: its own and the hash."""
     other = changed(row, lambda c: c["tracks"][TRACK]["runs"][1]["error"].__setitem__(2, 0.125))
     lines = row_text(row).splitlines()
     differ = [
@@ -80,13 +80,13 @@ def test_what_has_no_meaning_is_nan_in_a_column_and_truths_are_numbers(row):
     np.testing.assert_array_equal(mixed.column(TRACK, "endurance_min"), [[np.nan, 8.5]])
 
 
-def test_a_row_says_where_it_comes_from(row):
+def test_a_row_records_its_origin(row):
     content = row.content
     assert content["policies_sha256"] == [policy_digest(PresetPolicy())] * 2
     assert content["model_sha256"] == model_hash()
     assert content["given"] == ["observation", "run"]
     older = {key: value for key, value in content.items() if key != "given"}
-    check_content(older)  # rows of before it was said
+    check_content(older)  # older rows lack this field
     with pytest.raises(UnknownNameError, match="given 'seed'"):
         check_content({**content, "given": ["seed"]})
     assert content["versions"] == versions()
@@ -109,7 +109,7 @@ def test_times_do_not_count_for_the_hash(row, tmp_path):
 
 
 def places(content, place=()):
-    """Every place of a row that holds a number, a word or nothing, but for hash and times."""
+    """Every place of a row that holds a number, a word or None, except for hash and times."""
     if isinstance(content, dict | list):
         for key, value in content.items() if isinstance(content, dict) else enumerate(content):
             if place or key not in ("sha256", "timing"):
@@ -121,7 +121,7 @@ def places(content, place=()):
 def test_nothing_else_can_be_changed_by_hand(row, tmp_path):
     whole = list(places(dict(row.content)))
     assert {place[0] for place in whole} == set(row.content) - {"sha256", "timing"}
-    # Of the metrics one number a column will do.
+    # One number of each column is enough for the metrics.
     for place in [p for p in whole if len(p) < 6 or p[-1] == 0]:
         content = deepcopy(dict(row.content))
         *way, last = place
@@ -195,7 +195,7 @@ def test_a_track_whose_numbers_are_not_those_of_its_scenarios_is_refused(row, tm
     ],
 )  # fmt: skip
 def test_a_metric_of_another_type_or_out_of_its_range_is_refused_though_its_hash_is_right(row, tmp_path, metric, value):
-    """700 % of success, energy below zero, a crawl's number in a flight, a failure that costs nothing."""
+    """700 % success, energy below zero, a crawl's metric in a flight, a failure without cost."""
     path = stored(changed(row, lambda c: c["tracks"][TRACK]["runs"][1][metric].__setitem__(0, value)), tmp_path)
     with pytest.raises(RowError, match=rf"row\.json: {TRACK}, run 1, scenario 0: .*expected ") as caught:
         read_row(path)
@@ -205,7 +205,7 @@ def test_a_metric_of_another_type_or_out_of_its_range_is_refused_though_its_hash
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 @pytest.mark.parametrize("place", ['"energy_wh": [', '"wall_s": ', '"steps": '])
-def test_what_is_no_finite_number_is_refused_wherever_it_stands(row, tmp_path, number, place):
+def test_a_number_that_is_not_finite_is_refused_everywhere(row, tmp_path, number, place):
     path = write_row(row, tmp_path)
     head, tail = path.read_text(encoding="utf-8").split(place, 1)
     path.write_text(f"{head}{place}{re.sub(r'^[0-9.e+-]+', number, tail)}", encoding="utf-8")
@@ -238,15 +238,15 @@ def test_what_is_no_finite_number_is_refused_wherever_it_stands(row, tmp_path, n
         lambda c: c["timing"][TRACK].update(step_ms_p50_p99=[1.0]),
     ],
 )  # fmt: skip
-def test_a_field_of_another_type_or_with_words_that_steer_is_refused_though_its_hash_is_right(row, tmp_path, change):
+def test_a_field_of_another_type_or_with_unsafe_text_is_refused_though_its_hash_is_right(row, tmp_path, change):
     with pytest.raises(RowError, match=r"row\.json: .*(valid: |expected )") as caught:
         read_row(stored(changed(row, change), tmp_path))
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 1000
 
 
-def test_a_processor_that_is_renamed_is_found_out(row, tmp_path):
-    """On another processor a check is less strict, so its name counts."""
+def test_a_renamed_processor_is_detected(row, tmp_path):
+    """A check is less strict on another processor, so the hash includes the processor's name."""
     content = deepcopy(dict(row.content))
     content["processor"] = "another"
     with pytest.raises(RowError, match="edited by hand"):
@@ -331,7 +331,7 @@ def test_rows_of_a_folder_come_by_name_the_reference_first(tmp_path):
     assert all(rows[name].name == name for name in names)
 
 
-def test_one_bad_row_spoils_a_folder(row, tmp_path):
+def test_one_invalid_row_makes_a_folder_invalid(row, tmp_path):
     write_row(row, tmp_path)
     (tmp_path / "bad.json").write_text("{}")
     with pytest.raises(RowError, match=r"bad\.json"):
@@ -392,7 +392,7 @@ def test_the_processor_is_its_family_and_the_widths_it_has(monkeypatch, info, ex
     assert processor() == f"{platform.machine()} {expected}"
 
 
-def test_the_processor_has_a_name_where_the_system_tells_none(monkeypatch):
+def test_the_processor_has_a_name_where_the_system_provides_none(monkeypatch):
     monkeypatch.setattr(Path, "read_text", refuse_text)
     assert processor().startswith(platform.machine())
 
@@ -401,7 +401,7 @@ def refuse_text(*_, **__):
     raise FileNotFoundError(2, "no such file")
 
 
-def test_the_command_of_a_row_says_what_is_not_by_default_and_nothing_else():
+def test_the_command_of_a_row_contains_only_options_that_differ_from_the_default():
     assert eval_command(["a:B"], []) == "spidar eval --policy a:B"
     chosen = eval_command(["a:B", "c.npz"], ["flight-fast5"], "validation", 3)
     assert chosen == "spidar eval --policy a:B c.npz --tracks flight-fast5 --split validation --scenarios 3"
@@ -464,7 +464,7 @@ def test_files_of_one_name_that_do_not_go_together_are_refused(row, tmp_path):
     assert read_rows(tmp_path)["sham"].tracks == [TRACK, "ground-paper", "flight-path"]
 
 
-def test_the_committed_row_has_its_later_tracks_and_ones_own_is_it_only_with_the_same_files(tmp_path, monkeypatch):
+def test_the_committed_row_has_its_later_tracks_and_a_row_with_other_files_is_another(tmp_path, monkeypatch):
     write_row(made_row({TRACK: [[0.123]]}, "qp"), tmp_path / ROWS)
     write_row(made_row({"flight-path": [[0.5]]}, "qp"), tmp_path / ROWS / "path")
     monkeypatch.chdir(tmp_path)
@@ -476,7 +476,7 @@ def test_the_committed_row_has_its_later_tracks_and_ones_own_is_it_only_with_the
     assert among_committed({"qp": other})[1] == ["qp (own)"]
 
 
-def test_a_learned_row_says_what_it_asked_its_environment_for_and_a_classical_one_does_not():
+def test_a_learned_row_records_the_arguments_of_its_environment_and_a_classical_row_does_not():
     asked = {"preset": "tuned", "action_mode": "residual_wrench", "controller": object()}
     learned = made_row({TRACK: [[0.1]]}, "learned", "residual", arguments=asked)
     assert learned.content["arguments"] == {"preset": "tuned", "action_mode": "residual_wrench"}

@@ -1,4 +1,4 @@
-"""Pins the scenarios: committed, hashed, drawn again to the bit, within their track's ranges, each with its robot."""
+"""Pins the scenarios: committed files, hashes, bit-exact drawing, ranges of the tracks, the robot of each."""
 
 import hashlib
 import json
@@ -39,7 +39,7 @@ FILES = assets_dir() / "scenarios"
 
 @pytest.fixture
 def copied(tmp_path, monkeypatch):
-    """A copy of the scenario files, which the package reads."""
+    """A copy of the scenario files from which the package reads."""
     shutil.copytree(FILES, tmp_path / "scenarios")
     monkeypatch.setattr(scenario, "assets_dir", lambda: tmp_path)
     load_scenarios.cache_clear()
@@ -107,7 +107,7 @@ def test_a_scenario_file_that_is_not_the_pinned_one_is_refused_by_name(edit, cop
     assert len(load_scenarios("flight-fast5", "validation")[0]) == SCENARIOS
 
 
-def test_a_scenario_file_in_anothers_place_is_refused(copied):
+def test_a_scenario_file_of_another_split_is_refused(copied):
     shutil.copy(copied / "validation" / "flight-fast5.json", copied / "test" / "flight-fast5.json")
     with pytest.raises(StaleAssetError):
         load_scenarios("flight-fast5")
@@ -119,7 +119,7 @@ def test_without_the_hashes_nothing_is_read(copied):
         load_scenarios("ground-paper")
 
 
-def test_a_stale_scenario_file_comes_with_the_command_that_writes_it_anew(copied):
+def test_a_stale_scenario_file_is_refused_with_the_command_that_writes_it(copied):
     (copied / "test" / "flight-fast5.json").unlink()
     with pytest.raises(StaleAssetError, match="`spidar scenarios`"):
         load_scenarios("flight-fast5")
@@ -146,7 +146,7 @@ def test_a_committed_file_stays_where_only_zeros_have_another_sign(copied, monke
         assert scenario.scenario_files()[f"scenarios/{split}/flight-fast5.json"] != text("flight-fast5", split)
 
 
-# Drawing
+# Sampling
 
 
 @pytest.mark.parametrize("split", SPLITS)
@@ -198,7 +198,7 @@ def test_what_is_drawn_lies_within_the_tracks_ranges_and_fills_them(name, split)
 
 
 @pytest.mark.parametrize(("name", "split"), EVERY)
-def test_only_crawls_have_no_start_and_only_robots_that_are_drawn_a_digest(name, split):
+def test_only_crawls_have_no_start_and_only_randomised_robots_a_digest(name, split):
     track, found = TRACKS[name], load_scenarios(name, split)[0]
     drawn = bool(track.options.get("randomization"))
     digests = {one.robot for one in found}
@@ -219,7 +219,7 @@ def test_deadlines_are_what_the_slowest_joint_needs_at_the_tracks_speed(name, sp
         assert len(goals) > 1
         for (_, before, start_q), (start, deadline, q) in pairwise(goals):
             way = np.abs(np.subtract(q, start_q)).max()
-            # Angles are kept to 0.1 mrad, deadlines to 1 µs.
+            # Angles are stored to 0.1 mrad, deadlines to 1 µs.
             assert abs(deadline - start - way / speed) <= 1e-4 / speed + 1e-6
             assert before - 1e-6 <= start <= track.seconds
             assert start * CONTROL_RATE == pytest.approx(round(start * CONTROL_RATE), abs=1e-9)
@@ -227,7 +227,7 @@ def test_deadlines_are_what_the_slowest_joint_needs_at_the_tracks_speed(name, sp
 
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_flight_begins_off_its_reference_and_no_farther_than_promised(name, split):
+def test_a_flight_begins_off_its_reference_within_the_documented_offset(name, split):
     found = load_scenarios(name, split)[0]
     starts = [FlightStart.parse(one.start) for one in found]
     for offsets, most in (([s.position for s in starts], 0.03), ([s.rotation for s in starts], 0.05)):
@@ -237,7 +237,7 @@ def test_a_flight_begins_off_its_reference_and_no_farther_than_promised(name, sp
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_the_integrals_are_preloaded_where_robot_or_weather_are_drawn(name):
+def test_the_integrals_are_preloaded_where_robot_or_weather_are_sampled(name):
     for one in load_scenarios(name)[0]:
         trim = one.start.get("trim")
         assert (trim is None) == (name in FREE)
@@ -248,7 +248,7 @@ def test_the_integrals_are_preloaded_where_robot_or_weather_are_drawn(name):
 
 
 def begun(name, index=0, *, seed=None):
-    """The environment of a scenario, begun with its own seed or another one."""
+    """The environment of a scenario after a reset with the scenario's seed or another one."""
     one = load_scenarios(name)[0][index]
     env = make_env(TRACKS[name], one, {})
     env.reset(seed=one.seed if seed is None else seed, options=reset_options(one))
@@ -256,7 +256,7 @@ def begun(name, index=0, *, seed=None):
 
 
 @pytest.mark.parametrize("name", ["flight-randomised", "ground-uneven"])
-def test_a_scenarios_robot_is_known_and_another_seeds_is_refused(name):
+def test_a_scenarios_robot_is_accepted_and_that_of_another_seed_is_refused(name):
     env, one = begun(name)
     check_drawn(env.sampled_parameters, one, "here")
     assert robot_digest(env.sampled_parameters) == one.robot
@@ -265,7 +265,7 @@ def test_a_scenarios_robot_is_known_and_another_seeds_is_refused(name):
         check_drawn(env.sampled_parameters, one, f"{name}, scenario 0")
 
 
-def test_where_no_robot_is_drawn_every_seed_will_do_but_no_drawn_robot():
+def test_without_randomisation_every_seed_is_valid_but_no_randomised_robot():
     env, one = begun("flight-fast5", seed=1)
     check_drawn(env.sampled_parameters, one, "here")
     with pytest.raises(SpidarError):
@@ -275,7 +275,7 @@ def test_where_no_robot_is_drawn_every_seed_will_do_but_no_drawn_robot():
         check_drawn(env.sampled_parameters, one, "here")
 
 
-def test_the_robot_rests_on_the_seed_alone_and_not_on_what_a_policy_may_choose():
+def test_the_robot_depends_on_the_seed_alone_and_not_on_the_arguments_of_a_policy():
     one = load_scenarios("flight-randomised")[0][1]
     digests = set()
     for arguments in ({}, {"preset": "tuned", "action_mode": "residual"}, {"action_mode": "direct"}):

@@ -1,4 +1,4 @@
-"""Pins an episode of the benchmark: the same twice, its numbers by hand, and no reward for failing or dawdling."""
+"""Pins an episode of the benchmark: repeatable, metrics computed by hand, no gain by failing or moving slowly."""
 
 import json
 import math
@@ -30,7 +30,7 @@ class Paper(PresetPolicy):
 
 
 class Residual(PresetPolicy):
-    """Zero on top of the paper's controllers, through the mode that could change the most."""
+    """Zero residuals on the paper's controllers, in the modes with the largest authority."""
 
     presets = {
         HOVER: {"preset": "paper", "action_mode": "residual"},
@@ -48,7 +48,7 @@ class Slow(PresetPolicy):
 
 
 class Falls(PresetPolicy):
-    """Lets go of everything."""
+    """Turns all rotors off."""
 
     presets = {HOVER: {"action_mode": "direct"}, CRAWL: {"action_mode": "direct"}}
 
@@ -88,7 +88,7 @@ def test_an_episode_is_the_same_twice_whatever_was_played_in_between(short):
 
 
 @pytest.mark.parametrize("name", ["flight-randomised", "ground-directions"])
-def test_a_drawn_robot_with_noisy_sensors_moves_the_same_way_twice(name, monkeypatch):
+def test_a_randomised_robot_with_noisy_sensors_moves_identically_twice(name, monkeypatch):
     shorten(monkeypatch, name)
     assert metrics_of(Paper(), name=name) == metrics_of(Paper(), name=name)
 
@@ -99,7 +99,7 @@ def test_adding_nothing_is_the_preset_to_the_bit(name, monkeypatch):
     assert metrics_of(Residual(), name=name) == metrics_of(Paper(), name=name)
 
 
-def test_the_policy_gets_the_runs_number_and_an_observation_of_its_own(short):
+def test_the_policy_receives_the_number_of_the_run_and_a_copy_of_the_observation(short):
     seeds, policy = [], Paper()
     policy.reset = seeds.append
 
@@ -186,19 +186,19 @@ def test_a_flight_that_ends_early_costs_the_cap():
     assert 0.0 < metrics["duration_s"] < TRACKS["flight-fast5"].seconds
 
 
-def test_who_moves_slowly_flies_better_and_fails_for_being_late(monkeypatch):
+def test_a_slow_policy_tracks_better_and_fails_for_being_late(monkeypatch):
     shorten(monkeypatch, seconds=4.5)
     slow, paper = metrics_of(Slow()), metrics_of(Paper())
     assert (paper["failed"], paper["late_forms"], paper["failure"]) == (False, 0, "")
     assert paper["error"] < CAP
-    # The bait: less error than who is in time.
+    # The temptation: the slow policy has a smaller error than the punctual one.
     assert flight_error(slow["position_rms_m"], slow["attitude_rms_rad"], failed=False) < paper["error"]
     assert (slow["failed"], slow["late_forms"], slow["failure"]) == (True, 1, "late")
     assert (slow["error"], slow["success"]) == (CAP, False)
     assert slow["duration_s"] == 4.5
 
 
-def test_a_form_that_nobody_can_reach_in_time_costs_the_cap(monkeypatch):
+def test_a_form_that_cannot_be_reached_in_time_costs_the_cap(monkeypatch):
     shorten(monkeypatch, seconds=3.0)
     scenario = scene()
     goals = [[start, start, q] for start, _, q in scenario.start["goals"]]
@@ -241,14 +241,14 @@ def test_a_crawl_that_is_not_finished_in_time_costs_the_cap(monkeypatch):
 
 
 def test_a_crawl_ends_a_second_after_it_is_finished_and_its_error_is_by_hand():
-    # A short way with fast joints.
+    # A short distance with fast joints.
     track, scenario = "ground-paper", scene(0, "ground-paper")
     scenario = replace(scenario, options={"distance": 0.1, "direction": 1.0, "turn": 0.1, "joint_speed": 0.6})
     policy, answers = Paper(), []
     policy.act = lambda observation: answers.append(1) or np.zeros(policy._size)
     metrics = metrics_of(policy, scenario, track)
     assert (metrics["failed"], metrics["failure"], metrics["success"]) == (False, "", True)
-    # The tick in which it is finished is the first of the second in which it is watched.
+    # The tick in which the crawl finishes is the first tick of the final second.
     assert len(answers) == round(metrics["duration_s"] * 40.0) + 39
     assert metrics["duration_s"] < TRACKS[track].seconds - 1.0
     rest = metrics["final_error_m"] + 0.5 * metrics["final_yaw_rad"]

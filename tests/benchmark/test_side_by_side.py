@@ -1,4 +1,4 @@
-"""Pins scenarios side by side in the engine: the bits of one by one, whatever their number, and only where they may."""
+"""Pins scenarios in parallel in the engine: same bits as one by one for any number, only for batch policies."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,14 +24,14 @@ class Tuned(PresetPolicy):
 
 
 class Pushes(Tuned):
-    """Pushes one robot at a time."""
+    """Adds a constant push; one robot at a time."""
 
     def act(self, observation):
         return np.full(self._size, 0.1)
 
 
 class PushesAll(Pushes):
-    """The same for many."""
+    """Adds the same push to a batch of robots."""
 
     def act_batch(self, observations):
         return np.full((len(observations), self._size), 0.1)
@@ -60,7 +60,7 @@ def test_scenarios_give_the_same_bits_side_by_side_as_one_by_one(track, monkeypa
     [("ppo_tuned/seed0.npz", "flight-fast5"), ("supervised_paper/seed1.npz", "flight-randomised"),
      ("ppo_direct/seed0.npz", "flight-paper"), ("learned_gait/seed2.npz", "ground-randomised")],
 )  # fmt: skip
-def test_a_network_answers_each_robot_as_if_it_were_alone(artifact, track, monkeypatch):
+def test_a_network_acts_for_each_robot_independently_of_the_others(artifact, track, monkeypatch):
     shorten(monkeypatch, track, 0.3)
     scenarios = load_scenarios(track)[0]
     policy = load_policy(str(LEARNED / artifact))
@@ -70,9 +70,9 @@ def test_a_network_answers_each_robot_as_if_it_were_alone(artifact, track, monke
     assert play_scenario(policy, track, scenarios[20])["metrics"] == fifty[20]
 
 
-def test_episodes_that_end_early_stop_alone_and_change_nobody(monkeypatch):
+def test_episodes_that_end_early_change_no_other_episode(monkeypatch):
     class Falls(Tuned):
-        """Lets the robots of some seeds go."""
+        """Turns off the rotors of the robots with odd seeds."""
 
         presets = {HOVER: {"action_mode": "direct"}}
 
@@ -95,7 +95,7 @@ def test_episodes_that_end_early_stop_alone_and_change_nobody(monkeypatch):
     assert len({one["duration_s"] for one in together}) > 2
 
 
-def test_who_changes_how_one_robot_is_answered_has_to_say_it_for_many(monkeypatch):
+def test_a_policy_that_overrides_act_needs_act_batch_for_batches(monkeypatch):
     shorten(monkeypatch, "flight-fast5", 0.5)
     assert acts_in_batches(Tuned())
     assert isinstance(Tuned(), BatchPolicy)
@@ -118,7 +118,7 @@ def test_the_robots_of_a_track_are_in_one_engine(monkeypatch):
     assert made == [1, 50]
 
 
-def test_what_is_no_array_of_actions_of_all_robots_is_refused_with_its_place(monkeypatch):
+def test_a_batch_of_actions_of_another_shape_is_refused_with_its_place(monkeypatch):
     shorten(monkeypatch, "flight-fast5", 0.1)
     policy = PushesAll()
     policy.act_batch = lambda observations: np.zeros(6)
@@ -127,9 +127,9 @@ def test_what_is_no_array_of_actions_of_all_robots_is_refused_with_its_place(mon
 
 
 @pytest.mark.parametrize("track", ["flight-fast5", "flight-narrow"])
-def test_the_engine_sees_the_same_rotors_blow_on_others_as_python_does(track, monkeypatch):
+def test_the_engine_counts_the_same_violations_as_python(track, monkeypatch):
     class Unrestricted(PresetPolicy):
-        """Asks of no rotor to keep off another."""
+        """Allocates without the interference constraint."""
 
         presets = {HOVER: {"preset": "paper", "avoid_interference": False}}
 

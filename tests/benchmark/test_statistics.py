@@ -24,7 +24,7 @@ def rng(seed=0):
 
 
 def dyadic(shape, seed=0):
-    """Errors in 64ths, so that sums and halves of them are exact."""
+    """Errors in 64ths, whose sums and halves are exact."""
     return rng(seed).integers(1, 300, shape) / 64.0
 
 
@@ -90,13 +90,13 @@ BASE = np.array([1.0, 2.0, 3.0, 4.0])
 @pytest.mark.parametrize(
     ("own", "ratio", "difference", "better"),
     [
-        # Differences 1, 0, −1, −2: the middle ones over 2.5; a tie, two wins.
+        # Differences 1, 0, −1, −2: mean of the middle two over 2.5; one tie, two wins.
         ([[2.0, 2.0, 2.0, 2.0]], 2.5 / 2.0, -0.5 / 2.5, 2.5 / 4.0),
         ([[0.5, 1.0, 1.5, 2.0]], 2.0, -0.5, 1.0),
         ([[2.0, 4.0, 6.0, 8.0]], 0.5, 1.0, 0.0),
-        # Means of the two runs 2, 2, 4, 4: differences 1, 0, 1, 0; among the eight two losses and six ties.
+        # Means of the two runs 2, 2, 4, 4: differences 1, 0, 1, 0; two losses and six ties among the eight.
         ([[3.0, 2.0, 3.0, 4.0], [1.0, 2.0, 5.0, 4.0]], 2.5 / 3.0, 0.5 / 2.5, 3.0 / 8.0),
-        # A run that is far better and one that is far worse.
+        # One run is far better, the other far worse.
         ([[0.0, 0.0, 0.0, 0.0], [9.0, 9.0, 9.0, 9.0]], 2.5 / 4.5, 2.0 / 2.5, 0.5),
     ],
 )
@@ -113,7 +113,7 @@ def test_scores_depend_neither_on_the_order_of_scenarios_nor_on_that_of_runs(sta
     score = SCORES[statistic]
     shuffled = float(score(base[order], own[::-1][:, order]))
     assert shuffled == pytest.approx(float(score(base, own)), rel=1e-12)
-    # Other partners are another comparison, but for the means.
+    # Other pairs of scenarios change every score except the ratio of means.
     apart = float(score(base, own[:, order]))
     assert (apart == pytest.approx(shuffled, rel=1e-12)) == (statistic == "ratio")
 
@@ -132,8 +132,8 @@ def test_a_policy_like_the_base_is_exactly_neutral_and_its_interval_has_no_width
     assert ends(interval) == (NEUTRAL[statistic],) * 3
 
 
-def test_scenarios_are_drawn_together_for_base_and_policy():
-    """Errors that spread over two decades, all of them halved."""
+def test_scenarios_are_drawn_jointly_for_base_and_policy():
+    """Widely spread errors, all of them halved: the paired scores have no spread."""
     base = dyadic(17)
     strata = [(base, 0.5 * base[None])]
     assert ends(bootstrap(strata, on_one_track(ratio_score))) == (2.0, 2.0, 2.0)
@@ -162,7 +162,7 @@ def test_the_interval_holds_the_value_and_a_single_scenario_has_none_to_draw_fro
 
 
 def test_runs_are_drawn_too():
-    """A run like the base and one of twice its error: in a quarter of the draws there is only the one, or the other."""
+    """One run equals the base, one has twice its error: in a quarter of the draws only one of the two occurs."""
     base, own = np.ones(8), np.array([np.ones(8), np.full(8, 2.0)])
     np.testing.assert_allclose(
         ends(bootstrap([(base, own)], on_one_track(ratio_score))), [2.0 / 3.0, 0.5, 1.0], rtol=1e-12
@@ -172,14 +172,14 @@ def test_runs_are_drawn_too():
 
 
 def test_a_run_is_drawn_whole():
-    """Were runs drawn scenario by scenario, hardly a draw would be near one of them."""
+    """If runs were drawn separately for each scenario, hardly any draw would be near one of the runs."""
     base = np.ones(40)
     interval = bootstrap([(base, np.array([np.full(40, 0.5), np.full(40, 1.5)]))], on_one_track(paired_difference))
     np.testing.assert_allclose(ends(interval), [0.0, -0.5, 0.5], atol=1e-12)
 
 
 def test_tracks_are_not_mixed():
-    """Each has a score of its own, whatever is drawn within it."""
+    """Each track has a constant score, whichever scenarios are drawn."""
     strata = [
         (dyadic(5), dyadic(5)[None]),
         (100.0 * dyadic(9), 20.0 * dyadic((1, 9))),
@@ -189,7 +189,7 @@ def test_tracks_are_not_mixed():
 
 
 def test_a_track_is_drawn_from_as_often_as_it_has_scenarios():
-    """Three wins in six: no win has 1.6 % of the draws, one or none 11 %."""
+    """Three wins in six: 1.6 % of the draws have no win, 11 % at most one."""
     strata = [(np.ones(6), np.array([[0.5, 0.5, 0.5, 2.0, 2.0, 2.0]]))]
     np.testing.assert_allclose(ends(bootstrap(strata, on_one_track(improvement))), [1 / 2, 1 / 6, 5 / 6], rtol=1e-12)
 
@@ -206,7 +206,7 @@ def test_the_interval_of_a_share_is_that_of_the_binomial(n, wins):
 
 @pytest.mark.parametrize("statistic", ["ratio", "difference"])
 def test_intervals_hold_the_truth_about_as_often_as_they_say(statistic):
-    """Normal errors that scenarios share: drawn apart, the intervals would be far too wide."""
+    """Most of the normal error is common to base and policy: without pairing, the intervals would be far too wide."""
     source, held, widths, repeats = rng(7), 0, [], 200
     truth = {"ratio": 1.0 / 0.8, "difference": -0.2}[statistic]
     for repeat in range(repeats):
@@ -217,7 +217,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say(statistic):
         held += interval.low <= truth <= interval.high
         widths.append(interval.high - interval.low)
     assert 0.85 * repeats <= held <= 0.99 * repeats
-    # Half of four standard errors of one mean alone.
+    # Half of four standard errors of a single mean.
     assert np.median(widths) < 0.5 * 4.0 * 0.2 / np.sqrt(50.0)
 
 

@@ -1,4 +1,4 @@
-"""Pins the tracks: their ids, that each is an environment, and that an error is what its formula says."""
+"""Pins the tracks: their ids, the environment of each, and errors that agree with their formulas."""
 
 import math
 import re
@@ -24,7 +24,7 @@ IDS = [
 
 
 def by_words(formula: str, **numbers: float) -> float:
-    """What a formula in words gives: its names replaced by numbers, its units left out."""
+    """Evaluate a formula in words: its names are replaced by numbers, its units are left out."""
     text = formula.split(", a radian")[0].replace("½", "0.5 *").replace("¼", "0.25 *")
     for name, number in numbers.items():
         assert name.replace("_", " ") in text

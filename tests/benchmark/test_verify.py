@@ -1,4 +1,4 @@
-"""Pins the check of rows: what is played again, what counts as the same, what is refused."""
+"""Pins the check of rows: which scenarios are evaluated again, the tolerances, and refusals."""
 
 import inspect
 import json
@@ -48,7 +48,7 @@ def verify(rows, sample, rng, **how):
 
 @pytest.fixture
 def replay(monkeypatch):
-    """Answers with what a row says, after a change, instead of playing; keeps what was asked for."""
+    """Replace the evaluation by the metrics of a row after a change; record the requested shards."""
 
     def start(row, change=lambda metrics: None):
         asked = []
@@ -77,7 +77,7 @@ def flight(error=0.5):
 
 
 def elsewhere(row, folder, change=lambda c: c["versions"].update(numpy="1.0")):
-    """The row as another machine has it."""
+    """The row as made on another machine."""
     return read_row(stored(changed(row, change), folder))
 
 
@@ -88,7 +88,7 @@ def check_of(row, sample=1):
 
 @pytest.fixture(scope="module")
 def rows():
-    """Two rows on other scenarios than the first ones, one of them of the split for one's own use."""
+    """Two rows on scenarios other than the first, one of them on the split `validation`."""
     one = {TRACK: [score(TRACK, [0.3, 0.4, CAP], indices=(9, 2, 30))], GROUND: [score(GROUND, [0.7], indices=(4,))]}
     other = {GROUND: [score(GROUND, [0.8, 0.9], indices=(0, 49), split="validation")]}
     return {"qp": made_row(one), "own": made_row(other, "own")}
@@ -147,7 +147,7 @@ def test_runs_are_drawn_each_with_its_own_policy(tmp_path, monkeypatch):
 
 
 def written_policies(folder, monkeypatch, *names):
-    """Policies in files of their own, as specifications."""
+    """Write each policy to a separate file; return the specifications."""
     monkeypatch.syspath_prepend(folder)
     for name in names:
         code = f"class Own:\n    name = 'own'\n    def reset(self, seed): '{name}'\n    def act(self, o): return o\n"
@@ -175,7 +175,7 @@ def test_all_is_every_scenario_once_and_a_draw_per_run_leaves_out_no_run(rows):
     assert drawn_per_run(every, 9, draw()) == every
 
 
-def test_shards_are_those_of_the_row_and_progress_is_told(rows, replay):
+def test_shards_are_those_of_the_row_and_progress_is_reported(rows, replay):
     asked, told = replay(rows["qp"]), []
     verify({"qp": rows["qp"]}, 3, draw(), workers=3, on_check=told.append)
     ((shards, workers),) = asked
@@ -185,7 +185,7 @@ def test_shards_are_those_of_the_row_and_progress_is_told(rows, replay):
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0 - 1e-15, 1.0 + 1e-12])
-def test_a_number_that_was_made_better_is_found_out_though_the_hash_is_right(tmp_path, replay, factor):
+def test_an_improved_number_is_detected_though_the_hash_is_right(tmp_path, replay, factor):
     honest = flight()
     better = read_row(
         stored(changed(honest, lambda c: c["tracks"][TRACK]["runs"][0].update(error=[0.5 * factor])), tmp_path)
@@ -231,7 +231,7 @@ def test_another_version_or_processor_may_change_every_number_a_little(tmp_path,
 
 @pytest.mark.parametrize("track", [TRACK, GROUND, "course-mixed"])
 @pytest.mark.parametrize("share", [0.99, 1.01, -0.99, -1.01])
-def test_how_little_a_metric_may_change_is_its_own_affair(tmp_path, replay, track, share):
+def test_every_metric_has_its_own_tolerance(tmp_path, replay, track, share):
     row = elsewhere(made_row({track: [[0.5]]}), tmp_path)
     world = TRACKS[track].world
     numbers = {n: m for n, m in told_in(world).items() if m.kind is float and world in m.worlds}
@@ -249,10 +249,10 @@ def test_how_little_a_metric_may_change_is_its_own_affair(tmp_path, replay, trac
     [("position_rms_m", 1e-6), ("energy_wh", 1.0), ("endurance_min", 60.0), ("torque_share", 0.1), ("unsolved", 1),
      ("late_forms", 1), ("failure", "tilt"), ("success", False), ("violations", 0.5), ("thrust_mean", 0.9)],
 )  # fmt: skip
-def test_a_forged_metric_is_found_out_whatever_processor_or_versions_the_row_names(
+def test_a_forged_metric_is_detected_whatever_processor_or_versions_the_row_names(
     tmp_path, replay, change, name, forged
 ):
-    """1 µm, 1 Wh and 60 minutes, re-hashed under another processor's name."""
+    """Invented metrics with a valid hash, under another processor's name."""
     honest = flight()
 
     def forge(content):
@@ -268,7 +268,7 @@ def test_a_forged_metric_is_found_out_whatever_processor_or_versions_the_row_nam
         require_verified([check])
 
 
-def test_the_summary_says_by_which_measure_each_row_was_held(tmp_path, replay):
+def test_the_summary_states_the_measure_by_which_each_row_was_checked(tmp_path, replay):
     here, there = flight(), elsewhere(flight(), tmp_path, lambda c: c.update(processor="another"))
     assert other_conditions(here) == ""
     assert other_conditions(there) == "another"
@@ -283,7 +283,7 @@ def test_the_summary_says_by_which_measure_each_row_was_held(tmp_path, replay):
     assert largest_differences(verify({"qp": there}, 1, draw())) == "energy_wh 50.00%"
 
 
-def test_each_file_of_a_row_is_held_by_the_measure_of_its_own_processor(replay, tmp_path):
+def test_each_file_of_a_row_is_checked_by_the_measure_of_its_processor(replay, tmp_path):
     there = elsewhere(flight(), tmp_path, lambda c: c.update(processor="another"))
     row = replace(there, added=(made_row({"flight-path": [[0.5]]}, "qp"),))
     replay(row)
@@ -297,7 +297,7 @@ def test_each_file_of_a_row_is_held_by_the_measure_of_its_own_processor(replay, 
         assert check.passes == (check.conditions == "another")
 
 
-def test_the_readable_controllers_are_held_to_the_tolerance_for_their_rounding_is_another_one(tmp_path, replay):
+def test_the_python_controllers_are_checked_within_tolerance_as_their_rounding_differs(tmp_path, replay):
     row = flight()
     asked = replay(row, lambda metrics: metrics.update(energy_wh=10.5 + 5e-7))
     (check,) = verify({"qp": row}, 1, draw(), control="python")
@@ -317,8 +317,8 @@ def test_no_version_turns_a_failure_into_none_or_none_into_one(tmp_path, replay,
         require_verified([check])
 
 
-def test_how_a_robot_falls_is_held_on_the_same_processor_only(tmp_path, replay):
-    """Rounding grows to centimetres within a fall; what it costs is the cap, and why it ended stays."""
+def test_metrics_of_a_fall_are_checked_on_the_same_processor_only(tmp_path, replay):
+    """Rounding grows to centimetres within a fall, but its error is the cap and the kind of failure stays."""
     fall = flight(CAP)
     for row, passes in ((fall, False), (elsewhere(fall, tmp_path), True)):
         replay(row, lambda metrics: metrics.update(energy_wh=2.0 * metrics["energy_wh"]))
@@ -339,7 +339,7 @@ def test_one_wrong_scenario_among_many_is_enough():
 
 
 def planted(folder, monkeypatch, name, code=""):
-    """A row of a policy in a file that leaves a mark when it is run."""
+    """A row whose policy file creates the file `ran` when it is executed."""
     spec = f"{name}:Own"
     path = folder / f"{name.replace('.', '/')}.py"
     path.parent.mkdir(exist_ok=True)
@@ -363,7 +363,7 @@ def test_a_policy_whose_file_has_changed_is_refused_before_it_is_imported(tmp_pa
 
 
 @pytest.mark.parametrize("name", ["foreign", "folder.foreign", "tests_of_mine.baselines"])
-def test_a_policy_from_outside_the_package_is_not_even_looked_into_without_trust(tmp_path, monkeypatch, name):
+def test_a_policy_from_outside_the_package_is_neither_run_nor_imported_without_trust(tmp_path, monkeypatch, name):
     row, _ = planted(tmp_path, monkeypatch, name)
     before = list(sys.path)
     with pytest.raises(RowError, match=rf"row own: {name}:Own is code from outside the package.*; valid: --trust"):
@@ -397,8 +397,8 @@ def test_a_policy_that_is_not_there_is_one_line_and_nothing_is_imported(tmp_path
     assert not (tmp_path / "ran").exists()
 
 
-def test_a_row_that_was_really_flown_is_flown_again_bit_for_bit_and_a_check_goes_on(tmp_path, monkeypatch):
-    """By a policy without feedback, which is soon lost."""
+def test_an_evaluated_row_is_reproduced_bit_for_bit_and_a_check_resumes(tmp_path, monkeypatch):
+    """A policy without feedback soon fails."""
     spec = "baselines.hold:Hold"
     flown = make_row([load_policy(spec)], [spec], {TRACK: [evaluate(spec, TRACK, [1])]}, command="")
     row = read_row(write_row(flown, tmp_path))
