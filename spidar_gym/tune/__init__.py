@@ -1,1 +1,1 @@
-"""The search for the presets `tuned` and `robust_overlapped`: by CMA-ES or by pattern, on scenarios of its own."""
+"""The search for the presets `tuned` and `robust_overlapped`, by CMA-ES or pattern search on separate scenarios."""

@@ -1,4 +1,4 @@
-"""The searches on the ground, `crawl` and `recrawl`: footsteps, phases, margins, thrust, at the paper's joint speed."""
+"""The crawl searches, `crawl` and `recrawl`: footsteps, phases, margins and thrust, at the paper's joint speed."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,9 +9,9 @@ from spidar_gym.control.presets import ROBUST_OVERLAPPED_V1 as FIRST
 from spidar_gym.tune.parameter import Parameter
 
 REFERENCE = "robust_overlapped_v1"
-"""Preset that crawls beside every generation."""
-# Three strides where the paper's way took four, a low lift, legs that swing while they rise and are lowered before
-# they have arrived, the least electrical power: tried one after the other, all of them without a failure.
+"""Preset that is evaluated beside every generation."""
+# Three strides for the paper's displacement instead of four, a low lift, legs that swing while they rise and are
+# lowered before they arrive, least electrical power: changes tried one after the other, all without a failure.
 START = replace(
     FIRST,
     gait=replace(
@@ -23,9 +23,9 @@ START = replace(
     foot_friction=0.2,
     power=True,
 )  # fmt: skip
-"""Where the search begins: what trials by hand made of the reference."""
+"""Start of the search: the reference after manual trials."""
 UNSUCCESSFUL = 0.3
-"""What a crawl that is no success adds to its error: half of what a good one has, so that feet are not dragged."""
+"""Added to the error of an unsuccessful crawl: half the error of a good crawl, so that dragging feet does not pay."""
 
 _GAIT: dict[str, tuple[float, float]] = {
     "swing_at": (0.2, 1.0),
@@ -39,12 +39,12 @@ _GAIT: dict[str, tuple[float, float]] = {
     "trim_gain": (1.0, 10.0),
     "max_distance": (0.1, 0.4),
 }
-"""Fields of `GaitConfig`, in logarithms."""
+"""Bounds of fields of `GaitConfig`, searched on a logarithmic scale."""
 _GAIT_LINEAR: dict[str, tuple[float, float]] = {
     "inner": (-0.75, -0.35),
     "outer": (1.1, 1.5),
 }
-"""Fields of `GaitConfig` that may be 0 or negative."""
+"""Bounds of fields of `GaitConfig` that may be 0 or negative, searched on a linear scale."""
 _CRAWLER: dict[str, tuple[float, float]] = {
     "torque_limit": (3.0, 6.0),
     "foot_friction": (0.15, 0.5),
@@ -53,18 +53,17 @@ _CRAWLER: dict[str, tuple[float, float]] = {
     "feed_forward": (0.5, 1.3),
     "leg_stiffness": (5.0, 150.0),
 }
-"""Fields of `CrawlerConfig`, in logarithms."""
+"""Bounds of fields of `CrawlerConfig`, searched on a logarithmic scale."""
 
 
 def parameters(start: CrawlerConfig, **wider: tuple[float, float]) -> tuple[Parameter, ...]:
-    """Footsteps and phases, then margins and thrust.
+    """Return the parameters of a search: footsteps and phases, then margins and thrust.
 
-    Joint speed and rate are the paper's; what is left out stays as `start` has it, so that fewer generations find the
-    rest.
+    Joint speed and rate are the paper's. All other fields keep their values in `start`, which saves generations.
 
     Args:
         start: First guess.
-        **wider: Other bounds than the usual ones.
+        **wider: Bounds that replace the default ones.
     """
 
     def bounded(of: object, bounds: Mapping[str, tuple[float, float]], *, linear: bool = False) -> list[Parameter]:
@@ -74,19 +73,19 @@ def parameters(start: CrawlerConfig, **wider: tuple[float, float]) -> tuple[Para
 
 
 def configuration(values: Mapping[str, float], start: CrawlerConfig = START) -> CrawlerConfig:
-    """The crawler with these parameters (`InvalidValueError` for a start pose out of reach)."""
+    """Return the crawler with these parameters (`InvalidValueError` for a start pose out of reach)."""
     gait = replace(start.gait, **{name: values[name] for name in (*_GAIT, *_GAIT_LINEAR)})
     return replace(start, gait=gait, **{name: values[name] for name in _CRAWLER})
 
 
 PARAMETERS = parameters(START)
-"""What is searched for `robust_overlapped`."""
-# Of its parts the least power is not worth its place on slippery floors, and a friction of 0.47 is more than they give.
-# The rest came of trials by hand, sixteen scenarios a track: near the servos' 7 Nm it is fast, and with feet that are
-# lowered later, more force on each and stiffer legs as many drawn robots do not slide as with 6 Nm.
+"""Parameters of the search for `robust_overlapped`."""
+# On slippery floors minimising the power does not pay, and the friction is lower than the assumed 0.47. The other
+# values are from manual trials with sixteen scenarios per track. A torque limit near the servos' 7 Nm is fast. With
+# feet that are lowered later, more force on each foot and stiffer legs, as few randomised robots slide as with 6 Nm.
 RESTART = replace(
     ROBUST_OVERLAPPED,
     gait=replace(ROBUST_OVERLAPPED.gait, swing_at=0.37, lower_at=0.25, raise_angle=0.09),
     power=False, torque_limit=6.8, foot_friction=0.3, min_normal=22.0, leg_stiffness=30.0,
 )  # fmt: skip
-"""Where the search for `retuned` begins."""
+"""Start of the search `recrawl`."""

@@ -1,4 +1,4 @@
-"""How a search goes on from what it is told: CMA-ES where costs are noisy, a pattern search where they are not."""
+"""Search algorithms: CMA-ES for noisy costs, a pattern search for costs without noise."""
 
 import math
 from collections.abc import Sequence
@@ -7,31 +7,31 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 SMALLEST, LEAST = 0.01, 2e-4
-"""A coordinate whose step is shorter than this rests; what is not better by this much is no better."""
+"""Step below which a coordinate is no longer changed, and the least decrease of the cost that counts as better."""
 GROWTH, SHRINK = 1.3, 0.5
-"""What becomes of a step that was worth it, and of one that was not."""
+"""Factors of a step that lowered the cost, and of a step that did not."""
 
 
 @runtime_checkable
 class Evolution(Protocol):
-    """What asks for points of the search, is told their costs, and rests on nothing else."""
+    """Interface of a search algorithm, whose state is determined by the costs that it receives."""
 
     @property
     def mean(self) -> np.ndarray:
-        """The answer so far."""
+        """Present solution."""
         ...
 
     @property
     def sigma(self) -> float:
-        """Size of its steps."""
+        """Present step size; 0 at the end of the search."""
         ...
 
     def ask(self) -> list[np.ndarray]:
-        """Points that are to be played."""
+        """Return the points to evaluate next."""
         ...
 
     def tell(self, points: Sequence[np.ndarray], costs: Sequence[float]) -> None:
-        """Learn what they cost; last stands the cost of the mean."""
+        """Update the search from the costs of the points, followed by the cost of the mean."""
         ...
 
 
@@ -42,7 +42,7 @@ class Cma:
         """Begin at the origin."""
         import cma
 
-        # Of its own: whatever draws from NumPy's global generator meanwhile would change the search.
+        # A separate generator: other users of NumPy's global generator would change the search.
         draw = np.random.RandomState(seed + 1).randn
         options = {"popsize": population, "randn": draw, "seed": math.nan, "verbose": -9, "CMA_diagonal": True}
         self._cma: Any = cma.CMAEvolutionStrategy(np.zeros(size), step, options)
@@ -54,23 +54,23 @@ class Cma:
 
     @property
     def sigma(self) -> float:
-        """Its size."""
+        """Step size of the distribution."""
         return float(self._cma.sigma)
 
     def ask(self) -> list[np.ndarray]:
-        """Points of the distribution."""
+        """Sample points of the distribution."""
         return self._cma.ask()
 
     def tell(self, points: Sequence[np.ndarray], costs: Sequence[float]) -> None:
-        """Change the distribution; what the mean costs does not count."""
+        """Update the distribution; the cost of the mean is not used."""
         self._cma.tell(points, list(costs[:-1]))
 
 
 class Pattern:
-    """One coordinate at a time, a step to either side: what is better is kept, and its step grows [Hooke1961].
+    """Pattern search: a step to either side of one coordinate at a time; the better point is kept [Hooke1961].
 
-    On the same scenarios a cost has no noise, so that a thousandth is seen; and where the answer stands at the edge of
-    what is allowed, one coordinate finds its way along it that a cloud of points does not fit in.
+    On fixed scenarios the cost has no noise, so that differences of a thousandth are significant. At the edge of the
+    feasible region, single coordinates still make progress along the edge where a cloud of points does not fit.
     """
 
     def __init__(self, size: int, step: float) -> None:
@@ -80,12 +80,12 @@ class Pattern:
 
     @property
     def sigma(self) -> float:
-        """The longest step; 0 where all coordinates rest."""
+        """Longest step; 0 where all steps are below `SMALLEST`."""
         longest = float(self._steps.max())
         return longest if longest >= SMALLEST else 0.0
 
     def ask(self) -> list[np.ndarray]:
-        """A step to either side along the next coordinate that does not rest."""
+        """Return a step to either side along the next coordinate whose step is at least `SMALLEST`."""
         while self._steps[self._k] < SMALLEST and self.sigma:
             self._k = (self._k + 1) % len(self._steps)
         step = np.zeros(len(self.mean))
@@ -93,7 +93,7 @@ class Pattern:
         return [self.mean + step, self.mean - step]
 
     def tell(self, points: Sequence[np.ndarray], costs: Sequence[float]) -> None:
-        """Go where it costs less."""
+        """Move to the better point, if any, and adapt the step of the coordinate."""
         chosen = better(costs)
         if chosen < len(points):
             self.mean = points[chosen]
@@ -102,6 +102,6 @@ class Pattern:
 
 
 def better(costs: Sequence[float]) -> int:
-    """Which of the points a pattern search goes to; the last one is where it stands."""
+    """Return the index of the point that a pattern search moves to; the last point is the present one."""
     chosen = int(np.argmin(costs))
     return chosen if costs[chosen] < costs[-1] - LEAST else len(costs) - 1

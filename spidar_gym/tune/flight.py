@@ -1,4 +1,4 @@
-"""The search for `tuned`: gains and compensations of the flight controller, margins held."""
+"""The search for `tuned`: gains and compensations of the flight controller, subject to stability margins."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -12,15 +12,15 @@ from spidar_gym.control.presets import TUNED, TUNED_V1
 from spidar_gym.tune.parameter import Parameter
 
 LEAST_GAIN, LEAST_DELAY, MOST_SENSITIVITY, MOST_NOISE = 2.0, 0.040, 2.2, 16.0
-"""Margins that every loop must keep: gain factor, more delay [s], largest sensitivity, gain of noise [1/s]."""
+"""Margins that every loop must keep: gain factor, additional delay [s], largest sensitivity, gain of noise [1/s]."""
 INSIDE = 1.002
-"""At the edge they are kept with this factor, so that four digits of a number keep them."""
+"""Factor by which `at_the_edge` tightens the margins, so that rounding to four digits does not violate them."""
 REFERENCE = "tuned_v1"
-"""Preset that flies beside every generation; the search begins at its numbers."""
+"""Preset that is evaluated beside every generation; the search starts from its numbers."""
 
 
 def axes(config: ControllerConfig) -> dict[str, Gains]:
-    """Gains of the four axes that differ, by the name that parameters begin with."""
+    """Return the gains of the four distinct axes, by the prefix of their parameters' names."""
     gains = config.centroidal
     return {
         "xy": gains.position_gains[0],
@@ -39,8 +39,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "observer_time": (0.05, 2.0),
     "observer_lag": (0.01, 0.3),
 }
-"""Fields of `CompensationConfig`. The ramp of the joints is fixed, for the deadlines bound it and not the errors; so is
-the gain of the reference's acceleration, which none of the tracks has."""
+"""Bounds of fields of `CompensationConfig`. The ramp of the joints is fixed, because deadlines bound it and not errors.
+The gain of the reference's acceleration is fixed, because no track has such an acceleration."""
 MORE_BOUNDS = {
     "torque_observer_gain": (0.1, 0.98),
     "torque_observer_time": (0.05, 2.0),
@@ -48,19 +48,19 @@ MORE_BOUNDS = {
     "lead_gain": (0.01, 2.0),
     "lead_time": (0.02, 0.5),
 }
-"""Those that `retuned` has besides."""
+"""Bounds of further fields, which `retuned` tunes."""
 NAMES = tuple(BOUNDS)
-"""What is tuned by default."""
+"""Compensations that are tuned by default."""
 
 
 def pids(xy: Gains, z: Gains, tilt: Gains, yaw: Gains) -> CentroidalConfig:
-    """Gains of all axes, from those of the four that differ."""
+    """Return the gains of all axes from those of the four distinct axes."""
     return CentroidalConfig(position_gains=(xy, xy, z), attitude_gains=(tilt, tilt, yaw))
 
 
-# As `tuned` is, but that each observer may go its own way (that of the torque is at its best where it exaggerates the
-# lag of the rotors, for so it adds to what is fed forward of the legs; that of the force has nothing to add to), and a
-# little lead.
+# As `tuned`, but with separate parameters of the two observers and a small lead. The torque observer works best with an
+# exaggerated lag of the rotors, because it then adds to the feed-forward of the legs. The force observer has no such
+# feed-forward to add to.
 RETUNED_START = replace(
     TUNED,
     compensation=replace(
@@ -68,20 +68,20 @@ RETUNED_START = replace(
         lead_gain=0.05, lead_time=0.08,
     ),
 )  # fmt: skip
-"""Where the search for `retuned` begins."""
+"""Start of the search for `retuned`."""
 RETUNED_NAMES = (*(name for name in NAMES if name not in ("momentum_filter", "servo_bandwidth")), *MORE_BOUNDS)
-"""What is tuned of it: the model of the servos stays that of `tuned`."""
+"""Compensations that `retuned` tunes; the model of the servos is that of `tuned`."""
 
 
 def parameters(
     start: ControllerConfig, names: Sequence[str] = NAMES, *, stiffness: bool = True
 ) -> tuple[Parameter, ...]:
-    """Gains of the PIDs that are not 0, within a factor of 5, then compensations: a search that begins at `start`.
+    """Return the parameters of a search: non-zero PID gains within a factor of 5, then compensations.
 
     Args:
         start: First guess.
-        names: Which compensations are tuned, of `BOUNDS` and `MORE_BOUNDS`; the others stay.
-        stiffness: Whether the proportional gains are among them.
+        names: Compensations to tune, from `BOUNDS` and `MORE_BOUNDS`; the others are fixed.
+        stiffness: Whether the proportional gains are tuned too.
     """
     gains = (
         Parameter(f"{axis}_{term}", value, value / 5.0, value * 5.0)
@@ -98,7 +98,7 @@ PARAMETERS = parameters(TUNED_V1)
 
 
 def configuration(values: Mapping[str, float], start: ControllerConfig = TUNED_V1) -> ControllerConfig:
-    """The controller with these parameters; what they do not name is as `start` has it."""
+    """Return the controller with these parameters; all other numbers are those of `start`."""
 
     def pid(axis: str, row: Gains) -> Gains:
         p, i, d = row
@@ -110,13 +110,13 @@ def configuration(values: Mapping[str, float], start: ControllerConfig = TUNED_V
 
 
 def at_the_edge(values: Mapping[str, float], start: ControllerConfig) -> dict[str, float]:
-    """The same parameters, each axis as stiff as its margins allow.
+    """Complete parameters so that each axis is as stiff as its margins allow.
 
-    Proportional and differential gains belong together as in the loop that is f times as fast: f² p and f d.
+    Proportional and differential gains are scaled as for a loop that is f times as fast: f² p and f d.
 
     Args:
-        values: Parameters without the proportional gains, which are those of `start` at first.
-        start: What they do not name.
+        values: Parameters without the proportional gains, which start from those of `start`.
+        start: Controller with all other numbers.
     """
     found = dict(values)
     for k, (name, (p, _, d)) in enumerate(axes(start).items()):
@@ -133,12 +133,12 @@ def at_the_edge(values: Mapping[str, float], start: ControllerConfig) -> dict[st
 
 
 def most(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """The largest number, to a thousandth of itself, for which something holds; 1 where it does for none.
+    """Find the largest number for which a condition holds, to a relative 10⁻³; 1 where it holds for none.
 
     Args:
-        holds: Whether it does.
+        holds: Condition.
         low: Least number.
-        high: Largest.
+        high: Largest number.
     """
     coarse = np.geomspace(high, low, 40)
     first = next((k for k, f in enumerate(coarse.tolist()) if holds(f)), None)
@@ -152,17 +152,17 @@ def most(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def loops(config: ControllerConfig) -> list[Margins]:
-    """Margins of every one of `AXES`."""
+    """Return the margins of each of `AXES`."""
     return [margins(config, axis) for axis in range(len(AXES))]
 
 
 def shortfall(found: Sequence[Margins]) -> float:
-    """How far margins fall short, 0 where all are kept."""
+    """Return the sum of the margins' shortfalls; 0 where all margins are kept."""
     return sum(map(lack, found))
 
 
 def lack(m: Margins, inside: float = 1.0) -> float:
-    """How far the margins of one loop fall short, each asked for by a factor more."""
+    """Return the shortfall of the margins of one loop, with each bound tightened by a factor."""
     total = max(0.0, 1.0 - m.gain / (inside * LEAST_GAIN)) + max(0.0, 1.0 - m.delay / (inside * LEAST_DELAY))
     for value, bound in ((m.sensitivity, MOST_SENSITIVITY), (m.noise, MOST_NOISE)):
         total += max(0.0, inside * min(value, 1000.0) / bound - 1.0)
@@ -170,7 +170,7 @@ def lack(m: Margins, inside: float = 1.0) -> float:
 
 
 def margin_lines(found: Sequence[Margins]) -> list[list[str]]:
-    """Margins of every one of `AXES`: the cells of a table."""
+    """Return the margins of each of `AXES` as the cells of a table."""
     lines = [["axis", "gain margin", "phase margin", "delay margin", "sensitivity", "gain of noise"]]
     for name, m in zip(AXES, found, strict=True):
         cells = f"{m.gain:.2f}", f"{m.phase:.2f} rad", f"{1e3 * m.delay:.0f} ms", f"{m.sensitivity:.2f}"

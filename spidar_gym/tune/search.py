@@ -1,4 +1,4 @@
-"""`spidar tune`: CMA-ES over a controller's parameters, counted by the benchmark's errors on scenarios of its own."""
+"""`spidar tune`: search over a controller's parameters, with the benchmark's errors on separate scenarios as cost."""
 
 import hashlib
 import importlib.util
@@ -31,16 +31,16 @@ from spidar_gym.tune.evolution import Cma, Evolution, Pattern, better
 from spidar_gym.tune.parameter import Parameter, decode
 
 DRAWS = 2
-"""Scenarios are drawn as those of a split of this number would be, which no split has (0 is test, 1 validation)."""
+"""Number of the split in the scenarios' seeds, which no split of the benchmark has (0 is test, 1 validation)."""
 POPULATION = 12
-"""Candidates a generation, usually."""
+"""Default number of candidates per generation."""
 MARGIN_COST = 10.0
-"""Cost of margins that fall short by their own size."""
+"""Cost of a margin whose relative shortfall is 1."""
 STEP = 0.15
 """First step of a search, in halves of the parameters' ranges."""
 
 MOST_BYTES = 2**26
-"""No log is larger."""
+"""Largest size of a log [bytes]."""
 FORM = {
     "settings": {"search": str, "population": int, "scenarios": int, "seed": int},
     "log": [
@@ -51,40 +51,40 @@ FORM = {
     ],
     "sha256": str,
 }  # fmt: skip
-"""What stands in it."""
+"""Structure of a log."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched for, and on which tracks."""
+    """Definition of a search: its parameters, tracks and algorithm."""
 
     name: str
-    """What its log is called."""
+    """Name of its log."""
     group: str
     """Group of tracks."""
     reference: str
-    """Preset that is played beside every generation."""
+    """Preset that is evaluated beside every generation."""
     parameters: tuple[Parameter, ...]
-    """What is tuned."""
+    """Tuned parameters."""
     arguments: Callable[[dict[str, float]], dict[str, Any]]
-    """Parameters → what `gym.make` is told; `InvalidValueError` for what is no controller."""
+    """Parameters → arguments of `gym.make`; raises `InvalidValueError` for an invalid controller."""
     loops: Callable[[dict[str, float]], Sequence[Margins]] | None = None
-    """Parameters → margins of the loops; None where there are none, as of a gait: what it stands is flown."""
+    """Parameters → margins of the loops; None where no margins are defined, as for a gait."""
     unsuccessful: float = 0.0
-    """What an episode that is no success adds to its error."""
+    """Added to the error of an unsuccessful episode."""
     by_pattern: bool = False
-    """Whether it is a `Pattern` on the same scenarios in all generations, for a search near a good controller, and not
-    CMA-ES on others in each."""
+    """Whether the search is a `Pattern` on the same scenarios in all generations, for starts near a good controller,
+    instead of CMA-ES on new scenarios in each."""
     settle: Callable[[dict[str, float]], dict[str, float]] = dict
-    """Parameters → those and what follows from them: all that `arguments` and `loops` are told."""
+    """Parameters → these and those derived from them, which are passed to `arguments` and `loops`."""
 
     @property
     def tracks(self) -> tuple[str, ...]:
-        """Tracks that are played."""
+        """Tracks on which candidates are evaluated."""
         return tuple(name for name, track in TRACKS.items() if track.group == self.group)
 
     def shortfall(self, values: dict[str, float]) -> float:
-        """How far margins fall short."""
+        """Return the shortfall of the margins."""
         return 0.0 if self.loops is None else flight.shortfall(self.loops(values))
 
 
@@ -97,15 +97,15 @@ def flight_search(
     by_pattern: bool = False,
     **fixed: Any,  # noqa: ANN401 - whatever `gym.make` takes
 ) -> Search:
-    """A search for a flight controller's numbers, margins held.
+    """Define a search for a flight controller's numbers, subject to stability margins.
 
     Args:
-        name: What its log is called.
-        start: Where it begins; what it does not tune stays as it is there.
-        reference: Preset that is played beside every generation.
-        names: Which compensations are tuned, of `flight.BOUNDS`.
-        by_pattern: As of `Search`; each axis is then as stiff as the margins allow, and its damping is tuned.
-        **fixed: What `gym.make` is told besides.
+        name: Name of its log.
+        start: Start of the search, and the values of all numbers that are not tuned.
+        reference: Preset that is evaluated beside every generation.
+        names: Compensations to tune, from `flight.BOUNDS` and `flight.MORE_BOUNDS`.
+        by_pattern: As in `Search`; each axis is then as stiff as the margins allow, and its damping is tuned.
+        **fixed: Further arguments of `gym.make`.
     """
     configuration = partial(flight.configuration, start=start)
     return Search(
@@ -120,14 +120,14 @@ def ground_search(
     name: str, start: CrawlerConfig, *, reference: str = "robust_overlapped", by_pattern: bool = False,
     **wider: tuple[float, float],
 ) -> Search:  # fmt: skip
-    """A search for a crawler's numbers.
+    """Define a search for a crawler's numbers.
 
     Args:
-        name: What its log is called.
-        start: Where it begins; what it does not tune stays as it is there.
-        reference: Preset that crawls beside every generation.
-        by_pattern: As of `Search`.
-        **wider: Other bounds than the usual ones.
+        name: Name of its log.
+        start: Start of the search, and the values of all numbers that are not tuned.
+        reference: Preset that is evaluated beside every generation.
+        by_pattern: As in `Search`.
+        **wider: Bounds that replace the default ones.
     """
     configuration = partial(crawl.configuration, start=start)
     return Search(
@@ -143,15 +143,15 @@ SEARCHES: dict[str, Search] = {
     "crawl": ground_search("crawl", crawl.START, reference=crawl.REFERENCE),
     "recrawl": ground_search("recrawl", crawl.RESTART, by_pattern=True, torque_limit=(3.0, 7.0)),
 }
-"""The searches of the house by name; any other is `module:NAME`."""
+"""Built-in searches by name; a custom one is given as `module:NAME`."""
 
 
 def find_search(name: str) -> Search:
-    """A search by its name, or the one of a module, `module:NAME`.
+    """Return a built-in search by its name, or a custom one by `module:NAME`.
 
     Raises:
-        UnknownNameError: For a name that nothing has; it lists those of the house.
-        InvalidValueError: For a module that is not there, or has no such search.
+        UnknownNameError: For an unknown name; lists the built-in searches.
+        InvalidValueError: For a module that cannot be imported or does not contain the search.
     """
     if ":" not in name:
         require_name("search", name, [*SEARCHES, "module:NAME"])
@@ -160,7 +160,7 @@ def find_search(name: str) -> Search:
     try:
         module, own = module_of(name)
         found = getattr(load_module(module), own, None)
-    except SpidarError as error:  # whose words are about policies
+    except SpidarError as error:  # its message is about policies
         raise InvalidValueError("search", name, wanted) from error
     if not isinstance(found, Search):
         raise InvalidValueError("search", name, wanted)
@@ -169,20 +169,20 @@ def find_search(name: str) -> Search:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A controller on a track's scenarios: the smallest piece of work."""
+    """A controller and the scenarios of one track: the smallest job of a search."""
 
     search: str
     """Name of the search."""
     values: Mapping[str, float] | None
-    """Its parameters; None for the reference preset."""
+    """The controller's parameters; None for the reference preset."""
     track: str
-    """Track."""
+    """Name of the track."""
     scenarios: tuple[Scenario, ...]
-    """Which episodes."""
+    """Scenarios to run."""
 
 
 def play_candidate(candidate: Candidate) -> dict[str, Any]:
-    """Play it: the `errors` of its scenarios, the benchmark's and what failing adds, and the `ticks` simulated."""
+    """Run a candidate; return the `errors` of its scenarios, with `unsuccessful` added, and the simulated `ticks`."""
     search = find_search(candidate.search)
     if candidate.values is None:
         arguments: dict[str, Any] = {"preset": search.reference}
@@ -192,13 +192,13 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
         except InvalidValueError:
             return {"errors": [CAP] * len(candidate.scenarios), "ticks": 0}
     played = play(OwnController(arguments), candidate.track, candidate.scenarios)
-    seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where it diverged
+    seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where the simulation diverged
     errors = [one["metrics"]["error"] + search.unsuccessful * (not one["metrics"]["success"]) for one in played]
     return {"errors": errors, "ticks": round(seconds * CONTROL_RATE)}
 
 
 def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[str, tuple[Scenario, ...]]:
-    """The scenarios of a generation: others each time, the same for all candidates; track → scenarios."""
+    """Sample the scenarios of a generation, which all its candidates share; return track → scenarios."""
     found = {}
     for track in find_search(name).tracks:
         rngs = (
@@ -210,15 +210,15 @@ def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[st
 
 
 def cost(errors: Mapping[str, float], shortfall: float) -> float:
-    """Cost of a controller: mean over the tracks of log(mean error), and what its margins lack.
+    """Compute the cost of a controller: mean over the tracks of log(mean error), plus the cost of its margins.
 
-    So it is the logarithm of what the leaderboard's score turns on, the geometric mean over tracks.
+    The first term is the logarithm of the geometric mean over tracks, on which the leaderboard's score is based.
     """
     return float(np.mean(np.log(list(errors.values())))) + MARGIN_COST * shortfall
 
 
 def check_search(name: str, *, generations: int, population: int, scenarios: int, seed: int, workers: int) -> None:
-    """Refuse a search that cannot be made."""
+    """Raise an error for settings with which a search cannot run."""
     if not find_search(name).by_pattern and importlib.util.find_spec("cma") is None:
         raise MissingDependencyError("cma", "pip install 'spidar-gym[tune]'")
     require_least(1, generations=generations, scenarios=scenarios, workers=workers)
@@ -227,23 +227,23 @@ def check_search(name: str, *, generations: int, population: int, scenarios: int
 
 
 def candidates(name: str, population: int | None) -> int:
-    """Candidates a generation of a search: as many as given, or as is usual.
+    """Return the number of candidates per generation of a search: the given one, or the default.
 
     Raises:
-        InvalidValueError: For a pattern search with any but two.
+        InvalidValueError: For a pattern search with a number other than two.
     """
     by_pattern = find_search(name).by_pattern
     if population is None:
         return 2 if by_pattern else POPULATION
     if by_pattern and population != 2:
-        raise InvalidValueError("population", population, "2 of a pattern search: a step to either side")
+        raise InvalidValueError("population", population, "2 for a pattern search: a step to either side")
     return population
 
 
 def pieces(name: str, population: int, generation: int = 0) -> int:
-    """How many pieces of work a generation has: candidates, the mean and the reference, on every track.
+    """Return the number of jobs of a generation: candidates, the mean and the reference, on every track.
 
-    A pattern search knows the last two from its first generation on.
+    A pattern search evaluates the mean and the reference in its first generation only.
     """
     search = find_search(name)
     known = 2 if search.by_pattern and generation > 0 else 0
@@ -262,19 +262,19 @@ def tune(
     on_piece: Callable[[], object] = lambda: None,
     on_generation: Callable[[dict[str, Any]], object] = lambda _: None,
 ) -> dict[str, Any]:
-    """Search, or go on with the search in `folder`.
+    """Run a search, or resume the one in `folder`.
 
     Args:
         name: One of `SEARCHES`, or `module:NAME`.
-        folder: Where the log of the search is written after every generation; what was told is all of its state. What
-            has been played of an unfinished generation lies there too.
-        generations: How many in all.
-        population: Candidates a generation.
-        scenarios: Scenarios of each track a candidate.
-        seed: Seed of the search; other settings than those of an unfinished search are refused.
-        workers: Processes.
-        on_piece: Called after every piece of work.
-        on_generation: Called with the head of each line of the log.
+        folder: Folder of the log, which is written after every generation and determines the state of the search, and
+            of the results of an unfinished generation.
+        generations: Total number of generations.
+        population: Number of candidates per generation.
+        scenarios: Number of scenarios per track and candidate.
+        seed: Seed of the search; settings that differ from those of an unfinished search are refused.
+        workers: Number of processes.
+        on_piece: Called after every job.
+        on_generation: Called with the first entries of each line of the log.
 
     Returns:
         The last line of the log: the mean of the search distribution, its cost, errors and margins.
@@ -290,12 +290,12 @@ def tune(
     for _ in range(sum(pieces(name, population, k) for k in range(len(lines)))):
         on_piece()
     for generation in range(len(lines), generations):
-        if not evolution.sigma:  # it rests, perhaps since an earlier call
+        if not evolution.sigma:  # the search has ended, perhaps in an earlier call
             break
         points, mean = evolution.ask(), evolution.mean.copy()
         values: list[dict[str, float] | None] = [search.settle(decode(search.parameters, x)) for x in points]
         knows = search.by_pattern and generation > 0
-        # The mean of the distribution is played too: it is the answer, so its cost belongs in the log.
+        # The mean of the distribution is evaluated too: it is the solution, so the log must contain its cost.
         values += [] if knows else [search.settle(decode(search.parameters, mean)), None]
         drawn = draw_scenarios(name, 0 if search.by_pattern else generation, seed, scenarios)
         jobs = [Candidate(name, own, track, drawn[track]) for own in values for track in drawn]
@@ -316,17 +316,17 @@ def tune(
 
 
 def _answer(search: Search, costs: Sequence[float]) -> int:
-    """Whose cost a line of the log tells: the mean that was played, of a pattern where it stands afterwards."""
+    """Return the index of the cost in a line of the log: the evaluated mean, or a pattern search's point afterwards."""
     return better(costs[:-1]) if search.by_pattern else len(costs) - 2
 
 
 def log_name(name: str) -> str:
-    """Name of a search's file."""
+    """Return the file name of a search's log."""
     return f"{find_search(name).name}.json"
 
 
 def _shortfall(search: Search, values: dict[str, float] | None) -> float:
-    """What the margins of parameters lack; those of the reference are not counted."""
+    """Return the shortfall of the margins of parameters; 0 for the reference."""
     try:
         return 0.0 if values is None else search.shortfall(values)
     except InvalidValueError:
@@ -334,7 +334,7 @@ def _shortfall(search: Search, values: dict[str, float] | None) -> float:
 
 
 def _evolution(search: Search, population: int, seed: int) -> Evolution:
-    """A search at its beginning: what it does from here on rests on the costs that it is told, and on nothing else."""
+    """Build the algorithm of a search in its initial state; later states depend on the costs only."""
     size = len(search.parameters)
     return Pattern(size, STEP) if search.by_pattern else Cma(size, STEP, population, seed)
 
@@ -343,7 +343,7 @@ def _line(
     name: str, generation: int, costs: list[float], errors: dict[str, float], ticks: int, mean: np.ndarray,
     evolution: Evolution,
 ) -> dict[str, Any]:  # fmt: skip
-    """The log's line of a generation, from its costs, those of mean and reference last; the search was told them."""
+    """Build the log's line of a generation from its costs (mean and reference last), after the search's update."""
     search, answer = find_search(name), _answer(find_search(name), costs)
     settled = search.settle(decode(search.parameters, evolution.mean))
     played = settled if search.by_pattern else decode(search.parameters, mean)
@@ -362,11 +362,11 @@ def _line(
 
 
 def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """The lines of a search's file; none where there is no file (`SpidarError` for one that is not this search's).
+    """Read the lines of a search's log; none where there is no file (`SpidarError` for the log of another search).
 
     Args:
-        path: Its file.
-        settings: What it has to have been begun with.
+        path: File of the log.
+        settings: Settings that the log must have.
     """
     if not path.exists():
         return []
@@ -386,7 +386,7 @@ def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _replay(name: str, evolution: Evolution, lines: list[dict[str, Any]], path: Path) -> None:
-    """Bring a search to where the one of the log was (`SpidarError` where it does not get there)."""
+    """Replay the log's costs to restore a search's state (`SpidarError` where the states differ)."""
     for generation, line in enumerate(lines):
         points, mean = evolution.ask(), evolution.mean.copy()
         fits = len(line["costs"]) == len(points) + 2
@@ -395,13 +395,13 @@ def _replay(name: str, evolution: Evolution, lines: list[dict[str, Any]], path: 
         of = partial(_line, name, generation, line["costs"], line["errors"], line["ticks"], mean)
         if not fits or line != of(evolution):
             raise SpidarError(
-                f"{path}: told its costs, the search does not come to generation {generation} of the log; "
+                f"{path}: with the log's costs, the search does not reproduce generation {generation} of the log; "
                 "valid: the versions of cma and numpy that wrote it, or another folder"
             )
 
 
 def log_text(settings: dict[str, Any], lines: list[dict[str, Any]]) -> str:
-    """The file of a search, with its checksum."""
+    """Format the log of a search, with its checksum."""
     content = {"settings": settings, "log": lines}
     digest = hashlib.sha256(json.dumps(content).encode()).hexdigest()
     return json_text({**content, "sha256": digest}) + "\n"

@@ -1,4 +1,4 @@
-"""Pins the simulated robot behind the real one's interface: board, flight stack, topics, what it obeys."""
+"""Pins the simulated robot behind the real one's interface: board, flight stack, topics, accepted commands."""
 
 import numpy as np
 import pytest
@@ -133,7 +133,7 @@ def test_the_robot_takes_off_hovers_and_lands_by_itself_and_reports_its_states_i
             teleop(robot, "land")
 
     heights = []
-    teleop(robot, "takeoff")  # nothing happens: it is not armed
+    teleop(robot, "takeoff")  # ignored: the robot is not armed
     run_robot(robot, 0.5, watch)
     assert states == [State.ARM_OFF]
     teleop(robot, "start")

@@ -1,4 +1,4 @@
-"""Pins how a search goes on: a pattern search finds minima, also at the edge of what is allowed, and comes to rest."""
+"""Pins the pattern search: it finds minima, also at the edge of the feasible region, and then ends."""
 
 import itertools
 
@@ -13,7 +13,7 @@ from spidar_gym.tune.search import SEARCHES
 
 
 def search(cost, size, step=0.3, most_steps=2000):
-    """Let a pattern search run until it rests; it and the costs of where it stood."""
+    """Run a pattern search until it ends; return it and the costs of its successive points."""
     pattern, now, costs = Pattern(size, step), cost(np.zeros(size)), []
     for _ in range(most_steps):
         if not pattern.sigma:
@@ -50,7 +50,7 @@ def test_nothing_is_better_that_is_not_better_by_a_little():
 
 @pytest.mark.parametrize(("edge", "found"), [(0.7, 0.7), (1.9, 1.9), (0.4, 1.0), (3.0, 2.0)])
 def test_the_largest_number_for_which_something_holds_is_found_to_a_thousandth(edge, found):
-    """1 where it holds for none, the largest where it holds for all."""
+    """The result is 1 where the condition holds for none, and the largest number where it holds for all."""
     assert most(lambda f: f <= edge, 0.5, 2.0) == pytest.approx(found, rel=1.1e-3)
     assert most(lambda f: f <= edge, 0.5, 2.0) <= found
 
@@ -63,7 +63,7 @@ def test_at_the_edge_every_axis_keeps_its_margins_and_bears_no_stiffer_loop(star
     assert shortfall(loops(config)) == 0.0
     stiffer = configuration({k: v * (1.004 if k.endswith("_d") else 1.008) for k, v in settled.items()}, start)
     assert all(lack(margins(stiffer, axis), INSIDE) > 0.0 for axis in range(len(AXES)))
-    # The damping that was asked for belongs to the stiffness of the start.
+    # The requested damping is relative to the stiffness of the start.
     row, first = config.centroidal.position_gains[0], start.centroidal.position_gains[0]
     assert row[2] / row[0] ** 0.5 == pytest.approx(6.5 / first[0] ** 0.5)
     assert row[1] == first[1]
@@ -76,7 +76,7 @@ def test_four_digits_of_what_is_at_the_edge_keep_its_margins():
         values = {p.name: p.value(rng.uniform(-0.2, 0.2)) for p in found.parameters}
         settled = found.settle(values)
         assert set(settled) == {*values, "xy_p", "z_p", "roll_pitch_p", "yaw_p"}
-        if found.shortfall(settled) == 0.0:  # there are loops that no stiffness keeps within them
+        if found.shortfall(settled) == 0.0:  # some loops do not keep their margins at any stiffness
             assert found.shortfall({name: float(f"{value:.4g}") for name, value in settled.items()}) == 0.0
             kept += 1
     assert kept >= 3

@@ -1,4 +1,4 @@
-"""Pins what is tuned: bounds and reflection of parameters, and where each stands in a controller."""
+"""Pins tuned parameters: their bounds and reflection, and the field of the controller that each one sets."""
 
 from dataclasses import fields
 
@@ -77,7 +77,7 @@ def test_bounds_that_do_not_hold_the_start_or_have_no_logarithm_are_refused(star
 
 
 def leaves(config, path=()):
-    """Every number of a configuration by its place."""
+    """Return every number of a configuration by its path."""
     found = {}
     for field in fields(config):
         value = getattr(config, field.name)

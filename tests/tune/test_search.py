@@ -1,4 +1,4 @@
-"""Pins the search for `tuned` and `robust_overlapped`: its cost, its scenarios, its files, its interruptions."""
+"""Pins the search for `tuned` and `robust_overlapped`: cost, scenarios, files and resuming."""
 
 import importlib
 import itertools
@@ -64,7 +64,7 @@ def test_a_rivals_search_is_made_on_all_flights_and_begins_and_ends_with_its_mar
     assert search.shortfall(search.settle({p.name: p.start for p in search.parameters})) == 0.0
 
 
-def test_a_search_of_ones_own_is_found_in_its_module_and_nothing_else_is(monkeypatch, tmp_path):
+def test_a_custom_search_is_found_in_its_module_and_nothing_else_is(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "searched_for.py").write_text(
         "from spidar_gym.tune.search import SEARCHES\nMINE, NUMBER = SEARCHES['flight'], 3\n"
@@ -121,12 +121,12 @@ def test_a_crawl_that_arrives_with_dragged_feet_costs_more_than_its_error():
         play_candidate(Candidate("crawl", values | own, "ground-uneven", scenarios))["errors"]
         for own in ({"swing_at": 0.6, "raise_angle": 0.12}, {"swing_at": 0.2, "raise_angle": 0.04})
     )
-    assert dragged - crawl.UNSUCCESSFUL < lifted < dragged  # it is faster, and would be searched for
+    assert dragged - crawl.UNSUCCESSFUL < lifted < dragged  # dragging is faster: errors alone would favour it
 
 
 @pytest.fixture
 def short(monkeypatch):
-    """Tracks of eight ticks."""
+    """Shorten tracks to eight ticks."""
     monkeypatch.setattr(scoring, "_steps_of", lambda seconds, env: 8)
     monkeypatch.setattr(tuning, "draw_scenarios", lambda name, *_: {
         track: load_scenarios(track, "validation")[0][:1] for track in ("flight-paper", "flight-forms")
@@ -157,7 +157,7 @@ def test_a_search_writes_its_log_and_answers_with_its_last_line(short, tmp_path)
 def test_the_log_has_the_cost_of_the_mean_of_the_distribution_and_of_the_reference_on_the_same_scenarios(
     short, tmp_path
 ):
-    """They are the same controller at the beginning."""
+    """In the first generation the mean and the reference are the same controller."""
     line = tuning.tune("flight", tmp_path, generations=1, **BUDGET)
     assert line["cost"] == line["reference"] == pytest.approx(cost(line["errors"], 0.0))
     assert line["shortfall"] == 0.0
@@ -169,7 +169,7 @@ def test_the_log_has_the_cost_of_the_mean_of_the_distribution_and_of_the_referen
 def test_an_interrupted_search_goes_on_as_if_it_had_not_been(short, tmp_path):
     tuning.tune("flight", tmp_path / "whole", generations=3, **BUDGET)
     for generations in (1, 2, 3):
-        # Another process would start with another state of NumPy's global generator, and others draw from it.
+        # Another process would start with another state of NumPy's global generator, and other code draws from it.
         np.random.seed(generations)  # noqa: NPY002 - the global state must not matter
         draw = lambda: np.random.random(generations)  # noqa: E731, NPY002, B023 - called at once
         tuning.tune("flight", tmp_path / "parts", generations=generations, **BUDGET, on_piece=draw)
@@ -180,7 +180,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(short, tmp_path):
 
 @pytest.fixture
 def by_pattern(monkeypatch):
-    """A pattern search whose costs are those of a bowl; gives how often it played."""
+    """Replace the costs of a pattern search by those of a bowl; return the number of jobs of each generation."""
     played = []
 
     def finish(call, jobs, *, on_done, **_):
@@ -194,7 +194,7 @@ def by_pattern(monkeypatch):
     search = SEARCHES["retuned"]
     drawn = {track: load_scenarios(track, "validation")[0][:1] for track in search.tracks}
     monkeypatch.setattr(tuning, "draw_scenarios", lambda *_: drawn)
-    # Margins, and the stiffness that they allow, take seconds.
+    # Computing margins, and the stiffness that they allow, takes seconds.
     monkeypatch.setitem(SEARCHES, "retuned", replace(search, loops=None, settle=dict, arguments=lambda _: {}))
     return played
 
@@ -204,7 +204,7 @@ def test_a_pattern_search_plays_the_same_scenarios_and_tells_what_its_answer_cos
     done = []
     last = tuning.tune("retuned", tmp_path, generations=40, **how, on_piece=lambda: done.append(None))
     tracks = len(SEARCHES["retuned"].tracks)
-    assert by_pattern == [4 * tracks, *[2 * tracks] * 39]  # the mean and the reference are known from then on
+    assert by_pattern == [4 * tracks, *[2 * tracks] * 39]  # mean and reference: in the first generation only
     assert sum(tuning.pieces("retuned", 2, k) for k in range(40)) == len(done) == sum(by_pattern)
     lines = json.loads((tmp_path / "retuned.json").read_text(encoding="utf-8"))["log"]
     assert all(later["cost"] <= earlier["cost"] for earlier, later in itertools.pairwise(lines))
@@ -218,9 +218,9 @@ def test_a_pattern_search_plays_the_same_scenarios_and_tells_what_its_answer_cos
 
 def test_a_pattern_search_has_two_candidates_and_ends_where_it_rests(by_pattern, tmp_path, monkeypatch):
     assert [tuning.candidates("retuned", None), tuning.candidates("flight", None)] == [2, 12]
-    with pytest.raises(InvalidValueError, match=r"population = 12 .*2 of a pattern search"):
+    with pytest.raises(InvalidValueError, match=r"population = 12 .*2 for a pattern search"):
         tuning.candidates("retuned", 12)
-    monkeypatch.setitem(sys.modules, "cma", None)  # which it does not need
+    monkeypatch.setitem(sys.modules, "cma", None)  # a pattern search does not need cma
     monkeypatch.setattr(tuning, "STEP", 0.015)
     how = {"population": 2, "scenarios": 1, "seed": 0, "workers": 1}
     last = tuning.tune("retuned", tmp_path, generations=1000, **how)
@@ -228,7 +228,7 @@ def test_a_pattern_search_has_two_candidates_and_ends_where_it_rests(by_pattern,
     assert last["generation"] < 200
     played = len(by_pattern)
     assert tuning.tune("retuned", tmp_path, generations=1000, **how) == last
-    assert len(by_pattern) == played, "a search that rests is not taken up again"
+    assert len(by_pattern) == played, "a search that has ended is not resumed"
 
 
 def test_another_seed_is_another_search(short, tmp_path):
@@ -275,7 +275,7 @@ def test_a_log_whose_costs_do_not_lead_to_it_is_refused_though_its_checksum_is_r
     content = log(tmp_path)
     change(content["log"])
     (tmp_path / "flight.json").write_text(tuning.log_text(content["settings"], content["log"]), encoding="utf-8")
-    with pytest.raises(SpidarError, match=r"told its costs, the search does not come to generation .*; valid: "):
+    with pytest.raises(SpidarError, match=r"log's costs, the search does not reproduce generation .*; valid: "):
         tuning.tune("flight", tmp_path, generations=3, **BUDGET)
 
 
