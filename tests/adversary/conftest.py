@@ -1,4 +1,4 @@
-"""How much an adversary tries: a sample in CI, all of it with `pytest tests/adversary --whole`."""
+"""Number of tries of the adversary tests: a sample in CI, all with `pytest tests/adversary --whole`."""
 
 from collections.abc import Callable
 
@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 
 SAMPLE = 0.05
-"""Share of the tries that CI makes; together the folder takes a minute and a half of one core there."""
+"""Fraction of the tries made in CI, where the whole folder takes 1.5 min on one core."""
 
 
 @pytest.fixture(scope="session")
 def tries(request) -> Callable[[int], int]:
-    """How many of so many tries are made: all with `--whole`, else a sample, at least one."""
+    """Map a full number of tries to the number to make: all with `--whole`, else a sample of at least one."""
     whole = request.config.getoption("--whole")
     return lambda count: count if whole else max(1, round(SAMPLE * count))
 
 
 @pytest.fixture
 def rng(request) -> np.random.Generator:
-    """A generator of each test's own, the same in every run."""
+    """A generator seeded by the test's id, the same in every run."""
     return np.random.default_rng(list(request.node.nodeid.encode()))
 
 
 @pytest.fixture
 def unchecked(monkeypatch) -> None:
-    """Users have no type checker, which would refuse on its own."""
+    """Disable the type checker, which users do not have and which would refuse input first."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

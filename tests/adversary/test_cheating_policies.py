@@ -1,4 +1,4 @@
-"""Policies that cheat, a kind each: none has a better score than its honest self, and what goes wrong is one line."""
+"""Cheating policies, one for each method: none scores better than the honest one; each failure is one line."""
 
 import json
 import os
@@ -52,7 +52,7 @@ class Patches(Honest):
 
 
 class Seed(Honest):
-    """Knows the robot and the wind to come where it is given the scenario's own seed."""
+    """Could compute the robot and the future wind if it received the scenario's seed."""
 
     def reset(self, seed):
         from spidar_gym.benchmark import load_scenarios
@@ -60,7 +60,7 @@ class Seed(Honest):
 
     def cheat(self, observation):
         if self.known:
-            raise RuntimeError("knows the scenario")
+            raise RuntimeError("received the scenario's seed")
 
 
 class Mutates(Honest):
@@ -69,7 +69,7 @@ class Mutates(Honest):
 
 
 class Reaches(Honest):
-    """Looks for the environment, the tally and the parent's memory."""
+    """Searches for the environment, the tally and the parent's memory."""
 
     def cheat(self, observation):
         kinds = {"SpidarEnv", "HoverEnv", "Fleet", "Tally", "Scenario", "FleetWatch"}
@@ -83,7 +83,7 @@ class Reaches(Honest):
 
 
 class Sleeps(Honest):
-    """Does not hear alarms, nor that it is to end."""
+    """Ignores alarms and signals to end."""
 
     def cheat(self, observation):
         for number in (signal.SIGALRM, signal.SIGTERM, signal.SIGINT):
@@ -94,7 +94,7 @@ class Sleeps(Honest):
 
 
 class Forks(Honest):
-    """Thinks on in a process that outlives its answer."""
+    """Continues in a process that outlives its answer."""
     forked = False
 
     def cheat(self, observation):
@@ -107,7 +107,7 @@ class Forks(Honest):
 
 
 class Forges(Honest):
-    """Writes results of the scenarios to come, each as whole as one that was played."""
+    """Writes results of later scenarios with valid digests."""
 
     def cheat(self, observation):
         import pathlib
@@ -135,7 +135,7 @@ class Pickles(Honest):
 
 
 class Talks(Honest):
-    """Answers by itself, with a message that promises more than a memory holds."""
+    """Writes to every file descriptor a message whose stated length exceeds any memory."""
 
     def cheat(self, observation):
         for line in range(3, 20):
@@ -189,9 +189,9 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=0.25))
     (tmp_path / "scratch").mkdir()
-    monkeypatch.setattr(guest.tempfile, "tempdir", str(tmp_path / "scratch"))  # other tests have processes, too
+    monkeypatch.setattr(guest.tempfile, "tempdir", str(tmp_path / "scratch"))  # apart from other tests
     yield tmp_path
-    assert "mine" not in sys.modules  # its code never runs in this process
+    assert "mine" not in sys.modules  # the policy's code never runs in this process
     close_guests()
 
 
@@ -210,7 +210,7 @@ def played(name, **how):
 
 
 def running(folder):
-    """Processes whose files for a while lie there."""
+    """Processes with this text in their environment."""
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
@@ -224,7 +224,7 @@ def running(folder):
 def test_a_cheat_gets_the_score_of_its_honest_self(name, honest, here):
     better = {"metrics": {k: v[0] for k, v in honest.metrics.items()} | {"error": 1e-9}, "timing": honest.timing[0]}
     (here / "better.json").write_text(json.dumps(better), encoding="utf-8")
-    for _ in range(2 if name == "Forges" else 1):  # a second call reads what the first one kept
+    for _ in range(2 if name == "Forges" else 1):  # a second call reads the results stored by the first
         assert played(name, folder=here / "kept").metrics == honest.metrics
     assert not running(b"TMPDIR=" + os.fsencode(here / "scratch") + b"/spidar-policy-")
 

@@ -1,4 +1,4 @@
-"""An adversary's artifacts: mutated, rebuilt and blown up; each is refused in a line, or is a policy that acts."""
+"""An adversary's artifacts: mutated, rebuilt and inflated; each is refused in one line, or is a policy that acts."""
 
 import io
 import json
@@ -58,13 +58,13 @@ def flipped(data, rng):
 
 
 def cut(data, rng):
-    """Truncated, with something lost in the middle, or something more."""
+    """Truncated, with a part removed or replaced, or with additional bytes."""
     a, b = sorted(rng.integers(len(data) + 1, size=2).tolist())
     return (data[:a], data[:a] + data[b:], data[:a] + rng.bytes(b - a) + data[b:], data + data[a:b])[rng.integers(4)]
 
 
 def directory(data, rng):
-    """A number of the zip's own changed: sizes, offsets, methods, flags."""
+    """A number in the zip's headers changed: sizes, offsets, methods, flags."""
     out = bytearray(data)
     at = data.index((b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06")[rng.integers(3)]) + int(rng.integers(4, 46))
     size = int(rng.integers(1, 5))
@@ -73,7 +73,7 @@ def directory(data, rng):
 
 
 def places(value, at=()):
-    """Every place in a JSON value."""
+    """Path to every place in a JSON value."""
     yield at
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, each in inside:
@@ -81,11 +81,11 @@ def places(value, at=()):
 
 
 def reworded(data, rng):
-    """A value of the words replaced, removed or doubled, anywhere."""
+    """One or two values of `policy.json` replaced, removed or added, anywhere."""
     content = parts(data)
     meta = json.loads(content["policy.json"])
     for _ in range(rng.integers(1, 3)):
-        # As often near the root as deep in the observation's pieces.
+        # More often near the root than deep in the observation's pieces.
         everywhere = [at for at in places(meta) if at]
         shallow = [at for at in everywhere if at[0] != "interface" and at[:2] != ("training", "curve")]
         *path, last = (shallow if rng.random() < 0.7 else everywhere)[rng.integers(len(shallow))]
@@ -104,7 +104,7 @@ def reworded(data, rng):
 
 
 def retyped(data, rng):
-    """Words that are no words, or too many."""
+    """A `policy.json` that is no JSON, or has too much of it."""
     content = parts(data)
     content["policy.json"] = (
         b"", b"null", b"[]", b"{", b"\xff\xfe", b"[" * 100_000, b'{"a":' * 50_000, b"1" * 5000, b" " * 6_000_000,
@@ -130,7 +130,7 @@ def reshaped(data, rng):
 
 
 def reheaded(data, rng):
-    """An array that says something else of itself than what is there."""
+    """An array whose header does not describe its content."""
     content = parts(data)
     name = [name for name in content if name.endswith(".npy")][rng.integers(len(content) - 1)]
     header = HEADERS[rng.integers(len(HEADERS))].encode() + b"\n"
@@ -140,20 +140,20 @@ def reheaded(data, rng):
 
 
 def compressed(data, rng):
-    """As it was, but compressed; and damaged."""
+    """The same content, compressed and mostly damaged."""
     out = packed(parts(data), (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)[rng.integers(3)])
     return out if rng.random() < 0.3 else flipped(out, rng)
 
 
 def bomb(data, rng):
-    """Little in the file, much when unpacked."""
+    """A small file that is large when unpacked."""
     content = parts(data)
     content[("weight0.npy", "policy.json", "mean.npy")[rng.integers(3)]] = bytes(1) * 60_000_000
     return packed(content, zipfile.ZIP_DEFLATED)
 
 
 def crowded(data, rng):
-    """Very many parts."""
+    """A zip with very many entries."""
     count = int(rng.integers(300, 100_000))
     entry = b"PK\x01\x02" + bytes(24) + (1).to_bytes(2, "little") + bytes(16) + b"x"
     tail = b"PK\x05\x06" + bytes(4) + b"\xff\xff" * 2 + (len(entry) * count).to_bytes(4, "little") + bytes(6)
@@ -171,7 +171,7 @@ RARE = (bomb, crowded, large)
 
 @pytest.fixture
 def quick(monkeypatch):
-    """The environments' interfaces, asked for once: what is measured is the reader."""
+    """Cache the environments' interfaces, so that the reader alone is measured."""
     known = {}
 
     def once(env_id, arguments):
@@ -187,11 +187,11 @@ def quick(monkeypatch):
 
 
 def attempt(path, *, memory=False):
-    """The policy of a file that was not refused; None where it was, in one line that says what would be valid.
+    """The policy of a file, or None if the file was refused in one line that states what would be valid.
 
     Args:
         path: File.
-        memory: Whether memory is measured, which takes its time, or time.
+        memory: Whether memory is measured, which is slow, instead of time.
     """
     policy, message = None, "valid"
     began = time.process_time()

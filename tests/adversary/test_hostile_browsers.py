@@ -1,4 +1,4 @@
-"""Pages and browsers that ask `spidar view --web` for what is not theirs, and messages that no page of it sends."""
+"""Foreign pages and browsers that connect to `spidar view --web`, and messages that no page of it sends."""
 
 import contextlib
 import math
@@ -17,7 +17,7 @@ from spidar_gym.viz.live.session import Session
 
 pytestmark = needs_viser
 MESSAGES = 2000
-"""Hostile ones."""
+"""Number of hostile messages."""
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [3.0, 0.0, 1.0],
     "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 0.0, 1.0], "fov": 0.7, "near": 0.1, "far": 1000.0,
@@ -39,7 +39,7 @@ VALUES = (
 
 @pytest.fixture
 def flying():
-    """A page that is served while its robot flies, its address without http, and whether it still flies."""
+    """A served page whose robot flies, its address without `http://`, and the thread of its simulation."""
     session = Session(HOVER)
     over = threading.Event()
     with served(session, {}, port=0) as (page, address):
@@ -54,7 +54,7 @@ def flying():
 
 
 def socket(place, **headers):
-    """A socket that has come in as a browser's, with other headers."""
+    """A WebSocket as a browser opens it, with additional headers."""
     import viser
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
@@ -72,7 +72,7 @@ def encoded(message):
 
 
 def answers(place, path="/", upgrade="", **headers):
-    """The status of a request of these bytes."""
+    """Status code of a GET request with these headers."""
     import socket as sockets
 
     host, port = place.split("/")[0].split(":")
@@ -122,7 +122,7 @@ def test_a_network_needs_the_token_and_asks_for_any_name():
 
 
 def hostile(rng, gui):
-    """A message that no page sends: bytes, or a message of the page with something else in it."""
+    """A message that no page sends: random bytes, or a message of the page with a wrong value."""
     handles, commands = gui._gui_input_handle_from_uuid, gui._command_handle_from_uuid
     value = VALUES[rng.integers(len(VALUES))]
     uuid = list(handles)[rng.integers(len(handles))]
@@ -168,7 +168,7 @@ def test_messages_that_no_page_sends_end_nothing_and_change_nothing(flying, rng,
             message = hostile(rng, gui)
             refused = refusal(gui, message)
             if not refused:
-                continue  # a person could have sent it
+                continue  # a valid message
             assert "\n" not in refused
             before = [handle.value for handle in handles.values()]
             with contextlib.suppress(TimeoutError):
@@ -186,7 +186,7 @@ def test_messages_that_no_page_sends_end_nothing_and_change_nothing(flying, rng,
         assert not session.env.plant.diverged
 
 
-def test_a_refused_value_is_told_to_the_browser_that_sent_it_and_a_valid_one_is_done(flying, monkeypatch):
+def test_a_refused_value_is_reported_to_the_browser_that_sent_it_and_a_valid_one_takes_effect(flying, monkeypatch):
     page, place, _ = flying
     told = []
     monkeypatch.setattr("spidar_gym.viz.live.gate.notify", lambda client, words: told.append((client.client_id, words)))

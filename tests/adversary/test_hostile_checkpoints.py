@@ -1,4 +1,4 @@
-"""An adversary's checkpoints: every flipped bit is noticed, and what has a right checksum is held to its form."""
+"""An adversary's checkpoints: every flipped bit is detected; content with a valid checksum must have its form."""
 
 import json
 import time
@@ -35,7 +35,7 @@ def run(tmp_path):
 
 
 def outcome(run):
-    """What is loaded and no message, or nothing and why it was refused."""
+    """The loaded state, or None if it was refused in a line that states what would be valid."""
     began = time.process_time()
     try:
         state = run.load()
@@ -70,7 +70,7 @@ def test_every_damaged_checkpoint_is_refused(run, tries, rng):
 
 
 def test_no_rebuilt_checkpoint_gets_past_its_form(run, tries, rng):
-    """Whoever changes a checkpoint can make its checksum anew."""
+    """An adversary who changes a checkpoint can also recompute its checksum."""
     whole, refused, count = run.checkpoint.read_bytes(), 0, tries(300)
     for _ in range(count):
         content, arrays = unpack(TITLE, whole, sealed=True)

@@ -1,4 +1,4 @@
-"""Clients of `spidar sitl robot` that leave, stammer, flood or lie: one line about each, and the next one is served."""
+"""Hostile clients of `spidar sitl robot` (leave, stall, flood, lie): one line about each; the next is served."""
 
 import contextlib
 import math
@@ -21,7 +21,7 @@ from spidar_gym.sitl.play import make_robot
 from spidar_gym.sitl.serve import Served, serve_socket
 
 CLIENTS = 200
-"""Hostile ones."""
+"""Number of hostile clients."""
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def link():
 
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch):
-    """Nobody waits: neither a robot for its next 5 ms, nor long for a client."""
+    """No waiting for the next period of 5 ms, and a short timeout for clients."""
     monkeypatch.setattr(serve, "clock", SimpleNamespace(monotonic=time.monotonic, sleep=lambda seconds: None))
     monkeypatch.setattr(link_socket, "PATIENCE", 1.0)
 
@@ -89,7 +89,7 @@ def say_nothing(peer, link, rng):
 
 
 def stammer(peer, link, rng):
-    """A byte at a time, each before anybody loses patience."""
+    """Send a byte at a time, each before the timeout."""
     listen(peer, link)
     while True:
         peer.send(b"\0")
@@ -97,7 +97,7 @@ def stammer(peer, link, rng):
 
 
 def shout(peer, link, rng):
-    """Far more than was asked for, and lengths that mean nothing here."""
+    """Send far more than expected, with a meaningless length."""
     peer.sendall(struct.pack("<q", 2**62) + rng.bytes(200_000))
     say_nothing(peer, link, rng)
 
@@ -110,7 +110,7 @@ def babble(peer, link, rng):
 
 
 def command_wildly(peer, link, rng):
-    """Whole answers whose numbers are no commands; then it leaves."""
+    """Send complete answers with invalid commands, then leave."""
     listen(peer, link)
     for _ in range(rng.integers(1, 12)):
         all_of(peer, link._input.nbytes)
@@ -135,13 +135,13 @@ def gone(lines):
 
 
 def visit(link, kind, rng):
-    """As long as the server lets it."""
+    """Act as a hostile client until the server disconnects it."""
     with connect(link) as peer, contextlib.suppress(ConnectionError, TimeoutError):
         kind(peer, link, rng)
 
 
 def good(link, ticks):
-    """A runner that answers as it should."""
+    """Act as a runner that answers correctly."""
     with connect(link) as peer:
         listen(peer, link)
         for _ in range(ticks):
@@ -151,7 +151,7 @@ def good(link, ticks):
 
 @pytest.fixture
 def serving(link):
-    """Start the server in a thread of its own, with a robot on the ground that may be driven once it is armed."""
+    """Start the server in a separate thread, with a robot on the ground which can be armed and driven."""
     threads, over = [], threading.Event()
 
     def start(seconds, *, operate=False):
@@ -165,7 +165,7 @@ def serving(link):
             try:
                 serve_socket(make, link, seconds, lines.append)
             except (OSError, ValueError):
-                if not over.is_set():  # the test is over: the listening socket has been closed
+                if not over.is_set():  # closing the listening socket at the end of the test raises here
                     raise
 
         threads.append(threading.Thread(target=run))
@@ -208,7 +208,7 @@ def test_many_clients_that_misbehave_and_one_that_does_not(link, serving, rng, t
     assert len(gone(lines)) <= count + 1
 
 
-def test_when_the_time_is_over_and_nobody_comes_it_ends(link, serving, rng):
+def test_when_the_time_is_over_and_no_client_connects_it_ends(link, serving, rng):
     thread, lines, _ = serving(0.5)
     visit(link, leave, rng)
     thread.join(60.0)

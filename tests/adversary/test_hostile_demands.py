@@ -1,4 +1,4 @@
-"""Demands at the limit of the rotors, against a solver for second-order cones: no answer makes a false claim."""
+"""Demands at the rotors' limits, compared with a second-order cone solver: the status of every answer is true."""
 
 from collections import Counter
 from dataclasses import replace
@@ -13,7 +13,7 @@ from spidar_gym.control.allocation.problem import FORCE_SCALE, assemble
 from spidar_gym.robot import ROBOT
 
 SHARES = 4
-"""Demands for each limit that is looked for: the search costs more than an answer."""
+"""Demands for each limit, since the search for a limit takes longer than an allocation."""
 NO_FORCES = np.zeros((8, 3))
 
 
@@ -53,7 +53,7 @@ def test_projections(tries, rng):
     for k in range(tries(3000)):
         if k % SHARES == 0:
             limit = demand_at_the_limit(rng, "as_flown")
-        # A robot that was drawn heavier, or that lost rotors.
+        # A robot that is heavier or lighter, or has lost rotors.
         heavy, lost = rng.uniform(0.7, 2.0), rng.random(8) < rng.choice([0.0, 0.15])
         demand = replace(limit, gravity_torque=heavy * limit.gravity_torque, lost=lost)
         wish = rng.choice([20.0, 60.0, 200.0]) * rng.uniform(-1.0, 1.0, (8, 3))

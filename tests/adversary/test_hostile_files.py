@@ -1,14 +1,14 @@
-"""Writers, readers and planters of links at one file, at once; more copies of the core than a process can hold."""
+"""Concurrent writers, readers and planters of links at one file; more cores than a process can hold."""
 
 import subprocess
 import sys
 
 WRITES, READS = 3000, 149_000
-"""Of all processes together."""
+"""Total over all processes."""
 COUNT = 3
-"""Processes that write, and that read."""
+"""Number of writing processes, and of reading processes."""
 CORES = 11_000
-"""One more than 10,810 was one too many."""
+"""More than the 10,810 copies that a process could hold."""
 
 ABOUT = """
 import hashlib, os, random, sys
@@ -63,7 +63,7 @@ def test_many_writers_readers_and_planted_links_of_one_file(tmp_path, tries):
     folder = tmp_path / "shared"
     folder.mkdir()
     path, victim = folder / "one.bin", folder / "victim"
-    whole = bytes.fromhex("e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855")  # of nothing
+    whole = bytes.fromhex("e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855")  # of an empty body
     for file in (path, victim):
         file.write_bytes(whole)
     parts = [(WRITER, tries(WRITES) // COUNT), (READER, tries(READS) // COUNT)] * COUNT + [(PLANTER, tries(WRITES))]
@@ -80,7 +80,7 @@ def test_many_writers_readers_and_planted_links_of_one_file(tmp_path, tries):
 
 
 def test_more_cores_are_made_and_dropped_than_a_process_can_hold(tries):
-    """In a process of its own: what other tests of this one still hold is mapped as well."""
+    """In a separate process, since this one may still map the cores of other tests."""
     answer = subprocess.run(
         [sys.executable, "-c", LOADER, str(tries(CORES))],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""What a client hands in by mistake or malice: actions, options of reset, arguments; it works, or is refused whole."""
+"""Mistaken or malicious actions, options of reset and arguments: each works, or is refused without any effect."""
 
 import copy
 import math
@@ -17,7 +17,7 @@ from spidar_gym.sim.config import PlantConfig
 
 KINDS = {"hover": HoverEnv, "crawl": CrawlEnv}
 QUICK = {HoverEnv: {"forms": "form1", "wake": False}, CrawlEnv: {"distance": 0.15, "turn": 0.0, "wake": False}}
-"""Arguments with which an environment is made and stepped fast."""
+"""Arguments for fast construction and steps."""
 FORM = FORMS["form1"].tolist()
 START = {"goals": [[0.0, 0.0, FORM]], "position": [0.0] * 3, "rotation": [0.0] * 3}
 STORM = {"wind": 1.0, "push": 10.0, "lost_rotor": 1, "fault": "thrust", "fault_time": 0.1}
@@ -27,11 +27,11 @@ ARGUMENTS = {
     "slope", "slope_direction", "steps", "obstacles", "idle_thrust", "plant", "wake", "battery", "sensors",
     "randomization", "disturbances", "render_mode", "camera", "width", "height", "nothing", "",
 }  # fmt: skip
-"""Names of arguments, some of both environments, some of one, two of none."""
+"""Names of arguments: some of both environments, some of one, two of neither."""
 
 
 class Odd:
-    """An object that is rude to whoever looks at it."""
+    """An object whose conversions raise."""
 
     def __repr__(self):
         raise RuntimeError("no")
@@ -41,7 +41,7 @@ class Odd:
 
 
 def number(rng):
-    """Some number, mostly not a usable one."""
+    """A number, mostly an invalid one."""
     return rng.choice(
         np.array(
             [
@@ -55,7 +55,7 @@ def number(rng):
 
 
 def thing(rng, depth=0):
-    """Something of any type."""
+    """A value of a random type."""
     kind = rng.integers(9 if depth < 3 else 4)
     if kind == 0:
         return number(rng)
@@ -78,7 +78,7 @@ def thing(rng, depth=0):
 
 
 def spoilt(rng, value):
-    """A valid value with one part replaced by something else, or a key too many or too few."""
+    """A valid value with one part replaced, or with a key renamed or removed."""
     if not isinstance(value, dict | list) or not value or rng.random() < 0.2:
         return number(rng) if isinstance(value, float | int) and rng.random() < 0.7 else thing(rng)
     value = copy.copy(value)
@@ -94,7 +94,7 @@ def spoilt(rng, value):
 
 
 def action(rng, size):
-    """Something in place of an action of that size."""
+    """A value instead of an action of this size."""
     kind = rng.integers(4)
     if kind == 0:
         return thing(rng)
@@ -111,7 +111,7 @@ def action(rng, size):
 
 
 def options(rng, kind):
-    """Something in place of the options of reset."""
+    """A value instead of the options of reset."""
     valid = {"disturbances": STORM, "forms": "form2", "start": START} if kind is HoverEnv else {"disturbances": STORM}
     return thing(rng) if rng.random() < 0.1 else spoilt(rng, valid)
 
@@ -124,7 +124,7 @@ def arguments(rng, kind):
 
 
 def assert_sound(env, observation, info):
-    """What an environment hands out is in its space, and finite."""
+    """Assert that an observation is in its space and `info` is finite."""
     assert observation in env.observation_space
     for key, value in info.items():
         if np.asarray(value).dtype.kind == "f":
@@ -132,7 +132,7 @@ def assert_sound(env, observation, info):
 
 
 def continuation(env, steps=2):
-    """The next steps of the episode in progress and the first of the one that a plain reset begins, as bytes."""
+    """Next steps of the current episode, then a reset and the first steps of the next episode, as bytes."""
     zero, seen = np.zeros(env.action_space.shape), []
     for k in range(2 * steps + 1):
         if k == steps:
@@ -152,7 +152,7 @@ def kind_(request):
 
 
 def begun(kind) -> SpidarEnv:
-    """An environment in the midst of an episode, in a storm that a reset has chosen."""
+    """An environment in the middle of an episode, with disturbances set by reset."""
     env = kind(**QUICK[kind], disturbances={"push": 20.0})
     env.reset(seed=3, options={"disturbances": {"wind": 1.0}})
     env.step(np.full(env.action_space.shape, 0.1))
@@ -191,7 +191,7 @@ def test_options_of_any_kind_begin_a_sound_episode_or_are_refused_and_the_presen
             assert_sound(env, step[0], step[4])
             env = begun(kind)
         elif rng.random() < 0.2:
-            # Once in a while: the episode in progress, and the one after it, as if nothing had been asked.
+            # Sometimes check that the current episode and the next are as if no reset had been tried.
             expected = expected or continuation(begun(kind))
             assert continuation(env) == expected
             env = begun(kind)
@@ -216,7 +216,7 @@ def test_arguments_of_any_kind_make_a_sound_environment_or_are_refused(kind, rng
 
 @pytest.mark.parametrize("mode", ["direct", "residual_force", "residual"])
 def test_extreme_actions_never_make_anything_that_is_not_finite(kind, mode, rng, request):
-    """What held before: 390,000 steps with actions at the edges of the space, in every kind of weather."""
+    """With `--whole`, 390,000 steps over all cases with extreme actions, in all disturbances."""
     env = kind(**QUICK[kind] | {"wake": True}, action_mode=mode, sensors=True, randomization=1.0)
     size = env.action_space.shape[0]
     env.reset(seed=int(rng.integers(2**31)))

@@ -1,4 +1,4 @@
-"""Kills commands and their workers at random moments: no orphan, no half a file, no traceback, nothing finished lost.
+"""Kills commands and their workers at random times: no orphan, no partial file, no traceback, no finished work lost.
 
 `pytest tests/adversary/test_hostile_kills.py -n0 -s --whole` makes all 70 kills and 20 Ctrl-C, and prints how long each
 Ctrl-C took.
@@ -36,13 +36,13 @@ LAST_WORDS = {"eval": "written to", "speeds": "condition", "tune": "written to",
               "supervised": "measure it:"}  # fmt: skip
 NEEDS = {"tune": "cma", "supervised": "torch"}
 PATIENCE = 15.0
-"""A machine that does much else may take so long to end a command [s]; quiet ones need a fraction of a second."""
+"""Timeout for the end of a command on a busy machine [s]; an idle one needs a fraction of a second."""
 ORPHANS = 5.0
-"""Nobody may be left after this [s]."""
+"""Timeout for the end of all worker processes [s]."""
 
 
 def start(name: str, folder: Path) -> subprocess.Popen:
-    """A command in a session of its own, as soon as its first bar is drawn."""
+    """Start a command in a new process session; return when its first progress bar appears."""
     folder.mkdir(exist_ok=True)
     env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     with (folder / "said").open("wb") as said:
@@ -76,7 +76,7 @@ def require_nobody(leader: int) -> None:
 
 
 def require_whole(folder: Path, *, killed: bool) -> None:
-    """Every file can be read; a writer who was not killed has cleaned up."""
+    """Assert that every file can be read, and that a writer which was not killed left no temporary file."""
     for path in folder.rglob("*"):
         inside = any(part.startswith(".spidar.") for part in path.relative_to(folder).parts)
         assert killed or not inside
@@ -95,7 +95,7 @@ def choose(rng: np.random.Generator) -> str:
 
 
 def resume(name: str, folder: Path) -> list:
-    """Let a command end by itself; what its row says of its scenarios."""
+    """Run a command to its end; return its row's results."""
     before = finished(folder)
     process = start(name, folder)
     assert process.wait(600.0) == 0, (folder / "said").read_text()
@@ -128,7 +128,7 @@ def test_kills_at_random_moments_leave_no_orphan_and_no_half_of_a_file(tries, rn
             (os.killpg if whom == "all" else os.kill)(process.pid, kind)
         status = process.wait(PATIENCE if expected != 2 else 300.0)
         said = (folder / "said").read_text(encoding="utf-8")
-        # Who has said the last word already may end as it would have ended, or as Python does on its way out.
+        # A command that has printed its last words may end regularly, or by the signal while Python shuts down.
         over = LAST_WORDS[name] in said
         assert status == expected or (over and status in (0, -kind)), (name, kind, whom, said)
         assert "Traceback" not in said

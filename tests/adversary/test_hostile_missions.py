@@ -1,4 +1,4 @@
-"""Missions of junk and logs with spoilt bytes: the runner refuses them in a line or stays within its bounds."""
+"""Junk missions and corrupted logs: the runner refuses them in one line or stays within its bounds."""
 
 import re
 from collections import Counter
@@ -7,11 +7,11 @@ import numpy as np
 from support.runner import Loop, check_bounds, junk, read_mission, said
 
 TICKS = 20
-"""Of a log that is spoilt."""
+"""Ticks of a corrupted log."""
 
 
 def test_missions(tries, rng, library, hover, crawl, course):
-    """What can be read is driven: the wait, the take-over, and half a second."""
+    """Valid missions are driven: the wait, the take-over, and half a second."""
     found = Counter()
     for _ in range(tries(123_000)):
         mission = read_mission(library, junk(rng).replace(b"\0", b""))
@@ -32,14 +32,14 @@ def test_missions(tries, rng, library, hover, crawl, course):
 
 
 def test_logs(tries, rng, checked, library, stream, tmp_path):
-    """Under sanitizers: a log is replayed, or refused in a line."""
+    """Under sanitizers, a log is replayed or refused in one line."""
     inputs = stream.inputs[stream.drives - TICKS // 2 :][:TICKS]
     stream.write(tmp_path / "log", inputs, Loop(library, stream.mission).run(inputs))
     whole = np.frombuffer((tmp_path / "log").read_bytes(), np.uint8)
     answers = Counter()
     for _ in range(tries(5_150)):
         spoilt = whole.copy()
-        # The head more often than its share: there stand the counts.
+        # The head, which has the counts, more often than its share.
         end = rng.choice([400, len(spoilt)])
         places = rng.integers(end, size=rng.integers(1, 30))
         spoilt[places] = rng.choice([0, 255, 127, 128, 1, int(rng.integers(256))], size=len(places))

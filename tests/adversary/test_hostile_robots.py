@@ -1,4 +1,4 @@
-"""Robots with numbers of any size and kind, from mappings and TOML files: simulated with finite numbers, or refused."""
+"""Robots with arbitrary numbers, from mappings and TOML files: simulated with finite numbers, or refused."""
 
 from dataclasses import fields
 
@@ -22,7 +22,7 @@ FIELDS = [f.name for f in fields(RobotSpec) if f.name not in ("part_masses", "pa
 
 
 def near(rng, value):
-    """A number around another one: mostly like it, now and then any."""
+    """A number near another one; sometimes an arbitrary value."""
     kind = rng.random()
     if kind < 0.1:
         return SPECIAL[rng.integers(len(SPECIAL))]
@@ -33,13 +33,13 @@ def near(rng, value):
 
 
 def several(rng, values):
-    """Numbers, now and then too many or too few."""
+    """Several numbers, sometimes too many or too few."""
     found = [near(rng, value) for value in values]
     return found if rng.random() < 0.95 else found * 2 if rng.random() < 0.5 else found[:-1]
 
 
 def payload(rng):
-    """A load, of which something may be missing."""
+    """A payload, with some fields missing."""
     mass, size = 10.0 ** rng.uniform(-4.0, 1.0), rng.uniform(0.02, 0.2, 3)
     found = {
         "body": CARRIERS[rng.integers(len(CARRIERS))] if rng.random() < 0.9 else "tail",
@@ -52,7 +52,7 @@ def payload(rng):
 
 
 def robot(rng):
-    """Numbers of a robot by name."""
+    """Fields of a robot by name."""
     found = {}
     for name in rng.choice(FIELDS, rng.integers(0, 4), replace=False).tolist():
         value = getattr(ROBOT, name)
@@ -66,7 +66,7 @@ def robot(rng):
 
 
 def toml(value):
-    """A value as TOML has it; what TOML has no word for becomes text."""
+    """A value as TOML; types that TOML lacks become text."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
@@ -77,7 +77,7 @@ def toml(value):
 
 
 def ranges(rng):
-    """Ranges of some fields of the randomisation, and now and then a strength."""
+    """Ranges of some fields of the randomisation, sometimes with a strength."""
     found = {}
     for k in rng.choice(len(TABLE), rng.integers(1, 4), replace=False).tolist():
         ends = [near(rng, 1.0), near(rng, 1.0)]
@@ -87,7 +87,7 @@ def ranges(rng):
 
 
 def flown(env_id, seed, **given):
-    """Ten steps of a robot, or as many as it lasts, of finite numbers."""
+    """Step a robot ten times, or until termination, and assert finite numbers."""
     env = gymnasium.make(env_id, **given)
     try:
         seen, _ = env.reset(seed=seed)

@@ -1,4 +1,4 @@
-"""An adversary's rows: bytes flipped, parts exchanged and hashed anew; each is refused in one line, or sound."""
+"""An adversary's rows: flipped bytes, or exchanged parts with a valid hash; each is refused in one line, or sound."""
 
 import json
 import math
@@ -31,7 +31,7 @@ def honest():
 
 
 def places(content, place=()):
-    """Every place of a row, folders and leaves alike."""
+    """Path to every place of a row, containers and leaves alike."""
     for key, value in content.items() if isinstance(content, dict) else enumerate(content):
         yield (*place, key)
         if isinstance(value, dict | list):
@@ -39,7 +39,7 @@ def places(content, place=()):
 
 
 def mutated(content, whole, rng):
-    """The content with one to three places changed: exchanged for junk, left out, doubled, renamed, or swapped."""
+    """The content with one to three places replaced by junk, removed, duplicated, renamed or negated."""
     content = deepcopy(content)
     for _ in range(rng.integers(1, 4)):
         *way, last = whole[rng.integers(len(whole))]
@@ -49,7 +49,7 @@ def mutated(content, whole, rng):
                 within = within[key]
             was = within[last]
         except (KeyError, IndexError, TypeError):
-            continue  # what an earlier change has taken away
+            continue  # removed by an earlier change
         action = rng.integers(6)
         junk = deepcopy(JUNK[rng.integers(len(JUNK))])
         if action <= 2:
@@ -66,7 +66,7 @@ def mutated(content, whole, rng):
 
 
 def broken(data, rng):
-    """Bytes flipped, cut, or put in."""
+    """Bytes with bits flipped, parts removed or inserted."""
     data = bytearray(data)
     for _ in range(rng.integers(1, 5)):
         at = int(rng.integers(len(data)))
@@ -81,7 +81,7 @@ def broken(data, rng):
 
 
 def assert_sound(row):
-    """What a table may be made of."""
+    """Assert that a row is valid and that its tables are sound."""
     assert row.kind in KINDS
     assert row.tracks
     assert all(word.isprintable() for word in (row.name, row.doc, row.content["command"], row.content["processor"]))
@@ -109,7 +109,7 @@ def assert_sound(row):
 
 
 def outcome(path):
-    """Whether a row is taken; a refusal is one line that says what would have been valid."""
+    """Whether a row is accepted; a refusal is one line that states what would be valid."""
     try:
         row = read_row(path)
     except RowError as error:
@@ -130,7 +130,7 @@ def test_no_row_whose_content_was_changed_and_hashed_anew_is_taken_unless_it_is_
         bad = mutated(content, whole, rng)
         try:
             digest = row_hash(bad)
-        except UnicodeEncodeError:  # of words that no file can hold: the adversary writes them escaped
+        except UnicodeEncodeError:  # surrogates, which UTF-8 cannot encode: the adversary escapes them
             digest = ""
         path.write_text(json.dumps({**bad, "sha256": digest}), encoding="utf-8")
         taken += outcome(path)
@@ -142,6 +142,6 @@ def test_no_row_whose_bytes_were_changed_is_taken(tries, rng, tmp_path):
     data = row_text(row).encode()
     for _ in range(tries(300)):
         path.write_bytes(broken(data, rng))
-        if outcome(path):  # times are not hashed, nor is white space
+        if outcome(path):  # the hash excludes times and white space
             again = read_row(path)
             assert {**again.content, "timing": None} == {**row.content, "timing": None}

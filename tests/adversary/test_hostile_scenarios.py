@@ -1,4 +1,4 @@
-"""An adversary's scenario files: whatever is in them, each is refused in a line, or gives episodes of its track."""
+"""An adversary's scenario files: each is refused in one line, or yields valid episodes of its track."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ VALUES = (None, True, -1, 0, 1e6, -1e308, 10**30, 2**63 - 1, 1e999, float("nan")
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """A copy of the scenario files, which the package reads."""
+    """A copy of the scenario files from which the package reads."""
     shutil.copytree(assets_dir() / "scenarios", tmp_path / "scenarios")
     monkeypatch.setattr(scenario, "assets_dir", lambda: tmp_path)
     load_scenarios.cache_clear()
@@ -27,7 +27,7 @@ def files(tmp_path, monkeypatch):
 
 
 def pin(files, name, data):
-    """Write a file and its hash: the adversary can do that too."""
+    """Write a file and its hash, as an adversary can."""
     (files / "test" / f"{name}.json").write_bytes(data)
     pins = files / "SHA256SUMS"
     lines = [line for line in pins.read_text().splitlines() if not line.endswith(f"  test/{name}.json")]
@@ -35,7 +35,7 @@ def pin(files, name, data):
 
 
 def places(value, at=()):
-    """Every place in a JSON value."""
+    """Path to every place in a JSON value."""
     yield at
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, each in inside:
@@ -43,7 +43,7 @@ def places(value, at=()):
 
 
 def mutated(data, rng):
-    """Bytes, or values, that are not what they were."""
+    """The file with changed bytes or values."""
     kind = rng.integers(5)
     if kind == 0:
         out = bytearray(data)
@@ -69,7 +69,7 @@ def mutated(data, rng):
 
 
 def outcome(name):
-    """The scenarios and no message, or none and why they were refused."""
+    """The scenarios and an empty message, or no scenarios and the message of the refusal."""
     try:
         return load_scenarios(name)[0], ""
     except StaleAssetError as error:
@@ -116,7 +116,7 @@ def test_a_scenario_that_is_none_of_its_track_is_refused(change, files):
     path = files / "test" / "flight-wind.json"
     content = json.loads(path.read_bytes())
     pin(files, "flight-wind", json.dumps(content).encode())
-    assert len(load_scenarios("flight-wind")[0]) == 50, "rewritten without a change it is as good as it was"
+    assert len(load_scenarios("flight-wind")[0]) == 50, "a file rewritten without a change is valid"
     load_scenarios.cache_clear()
     change(content["scenarios"][3])
     pin(files, "flight-wind", json.dumps(content).encode())
@@ -166,6 +166,6 @@ def test_a_scenario_file_or_its_hashes_in_other_words_pipes_or_sizes_are_refused
         with pytest.raises(StaleAssetError):
             load_scenarios("flight-wind")
     path.unlink()
-    os.mkfifo(path)  # nobody writes into it
+    os.mkfifo(path)  # a pipe without a writer
     with pytest.raises(StaleAssetError):
         load_scenarios("flight-wind")

@@ -1,4 +1,4 @@
-"""Saved robots and states of which one thing was changed and the seal made anew: refused, or flown on."""
+"""Corrupted saved robots and states with a valid checksum: refused, or simulated further."""
 
 import json
 import re
@@ -21,11 +21,11 @@ KINDS = {"hover": "hover", "path": "hover", "crawl": "crawl", "course": "course"
 TESTS = Path(__file__).resolve().parents[1]
 STRUCTS = {name: f"{kind}_robot" for name, kind in KINDS.items()}
 VALUES = 6
-"""To which each whole number is changed."""
+"""Number of values to which each integer is changed."""
 
 
 def plans(case, tries):
-    """What is tried: every whole number, and 2,000 others, of each kind of state."""
+    """Tries for each kind of state: every integer, and up to 2,000 floats or words."""
     whole = VALUES * len(numbers(STRUCTS[case], whole=True))
     counts = {
         "vector:integers": whole, "core:integers": whole, "python:integers": whole, "vector:floats": 2000,
@@ -119,7 +119,7 @@ def _far(r):
     ],
 )  # fmt: skip
 def test_numbers_that_do_not_fit_together_are_refused(name, change, words):
-    """Each is within its bounds; some led out of arrays, others into loops without an end."""
+    """Each number is within its bounds, but some of these states once led out of arrays or into endless loops."""
     env: Any = gymnasium.make_vec(name, 1).unwrapped
     env.reset(seed=0)
     env.step(np.zeros(env.action_space.shape))

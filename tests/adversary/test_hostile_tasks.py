@@ -1,4 +1,4 @@
-"""Tasks of users that answer with anything: a step works with finite numbers, or is refused in one line of ours."""
+"""Custom tasks that return arbitrary values: a step has finite results, or is refused in one line."""
 
 import gymnasium
 import jaxtyping
@@ -15,7 +15,7 @@ ROBOTS = 2
 
 
 def wild(rng, robots):
-    """Something in place of an array with an entry for every robot, and what is wrong with it as reals and booleans."""
+    """A value instead of an array with one entry for each robot; invalid as reals, as booleans, or as both."""
     bad = rng.choice([np.nan, np.inf, -np.inf])
     return [
         np.full(robots, bad), np.zeros(robots, int), np.ones(robots, bool), np.full(robots, 1j), np.zeros(robots + 1),
@@ -25,7 +25,7 @@ def wild(rng, robots):
 
 
 def hostile(base, method, value):
-    """A task that answers with a value in one of its methods."""
+    """A task of which one method returns a given value."""
 
     class Hostile(base):
         fields = (Field("own", 1, 1.0, "m", ""),)

@@ -1,4 +1,4 @@
-"""Pins the architecture: layers, what the package may import, and the shape of its files."""
+"""Pins the architecture: imports of the package, the docstrings of its files, and its random generators."""
 
 import ast
 import subprocess
@@ -18,8 +18,8 @@ def test_the_package_imports_without_learning_frameworks_and_without_drawing_any
     assert result.stdout.strip() == "[]"
 
 
-def test_every_module_says_in_its_first_line_what_it_is_for_and_every_docstring_stands_alone():
-    """They become help texts and comments of the C header, where nothing goes before them."""
+def test_every_module_states_its_purpose_in_its_first_line_and_every_docstring_stands_alone():
+    """Docstrings become help texts and comments of the C header, where they have no context."""
     for path in MODULES:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         docstring = ast.get_docstring(tree)

@@ -1,4 +1,4 @@
-"""Pins the test command: it says what it does and how long that takes, and leaves nothing out."""
+"""Pins the test command: it prints its stages and their durations, and includes every test."""
 
 import itertools
 import sys
@@ -9,7 +9,7 @@ import pytest
 
 SPEC = spec_from_file_location("check", Path(__file__).resolve().parents[2] / ".ci" / "check.py")
 check = module_from_spec(SPEC)
-sys.modules["check"] = check  # its dataclasses look for their module
+sys.modules["check"] = check  # dataclasses look up their module by name
 SPEC.loader.exec_module(check)
 CHECKS, GUIDE, FAST, FULL, ROOT = check.CHECKS, check.GUIDE, check.FAST, check.FULL, check.ROOT
 Stage, main, play = check.Stage, check.main, check.play
@@ -51,7 +51,7 @@ def test_all_static_checks_and_the_guide_are_in_the_whole():
     assert FULL[0].commands == CHECKS | GUIDE
 
 
-def test_a_stage_says_how_long_it_took_and_a_failure_stops(capfd, monkeypatch):
+def test_a_stage_prints_its_duration_and_a_failure_stops(capfd, monkeypatch):
     monkeypatch.setattr(check, "BIN", Path(sys.executable).parent)
     name = Path(sys.executable).name
     play(Stage("nothing", {"nothing": [name, "-c", "pass"]}, 0.5))

@@ -1,4 +1,4 @@
-"""Pins the table of clients: every client has a test, shown code that the test runs, and a committed outcome."""
+"""Pins the table of clients: every client has a test, code in the guide that the test runs, a committed outcome."""
 
 import json
 import re
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "clients"
 SPEC = spec_from_file_location("matrix", FOLDER / "__main__.py")
 matrix = module_from_spec(SPEC)
-sys.modules["matrix"] = matrix  # its dataclass looks for its module
+sys.modules["matrix"] = matrix  # dataclasses look up their module by name
 SPEC.loader.exec_module(matrix)
 RESULT = json.loads((ROOT / "docs" / "results" / "clients.json").read_text(encoding="utf-8"))
 
@@ -57,7 +57,7 @@ SKIPPED = '<skipped message="not installed"/>'
 FAILED = '<failure message="AssertionError: assert 1 == 2&#10; more">text</failure>'
 
 
-def test_an_outcome_is_what_the_tests_say():
+def test_an_outcome_follows_from_the_results_of_the_tests():
     client = matrix.Client("x", (), (), "")
     glued = replace(client, glue="a wrapper", but="this")
     assert (client.works, glued.works) == ("unchanged", "glue: a wrapper; but not this")
@@ -66,7 +66,7 @@ def test_an_outcome_is_what_the_tests_say():
     assert matrix.verdict(report("", FAILED), glued.works) == "fails: AssertionError: assert 1 == 2"
 
 
-def test_what_cannot_be_installed_is_said_and_is_a_failure(tmp_path, monkeypatch, capsys):
+def test_a_failed_installation_is_reported_and_is_a_failure(tmp_path, monkeypatch, capsys):
     nowhere = matrix.Client("gymnasium", ((str(tmp_path / "nothing.whl"),),), ("gymnasium",), "nothing")
     monkeypatch.setitem(matrix.CLIENTS, "Nobody", nowhere)
     out = tmp_path / "result.json"

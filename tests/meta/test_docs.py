@@ -1,4 +1,4 @@
-"""Pins the guide: every table of figures is what its committed result gives, and says what made it."""
+"""Pins the guide: every table of figures is generated from its committed result and names its command."""
 
 import json
 import re
@@ -103,7 +103,7 @@ def test_the_cost_of_methods_is_that_of_their_rows_and_of_the_searches_that_made
     assert tuned[1:3] == [f"{max(own['step_ms_p50_p99'][k] for own in timing):.1f} ms" for k in (0, 1)]
 
 
-def test_a_card_tells_what_the_row_says_and_what_the_loops_bear():
+def test_a_card_shows_the_row_and_the_margins_of_the_loops():
     for name, base in (("mpc", "qp_tuned"), ("walking", "qp_robust_overlapped"), ("qp_tuned", "qp")):
         heading, *lines = card_lines(ROOT, name, base)
         card, rows = dict(lines), {n: read_rows(ROOT / "baselines/scores", n)[n] for n in (name, base)}
@@ -120,11 +120,11 @@ def test_a_card_tells_what_the_row_says_and_what_the_loops_bear():
     assert card["its loops bear"].startswith(f"a gain of {least:.2f}, ")
 
 
-def test_what_is_drawn_from_figures_has_a_result():
+def test_every_table_generated_from_figures_has_a_result():
     assert set(DRAWN) == {result["table"] for result in map(read_result, FILES) if "table" in result}
 
 
-def test_a_link_to_no_page_and_one_to_no_anchor_are_found(tmp_path):
+def test_links_to_missing_pages_and_missing_anchors_are_found(tmp_path):
     (tmp_path / "b.html").write_text('<h1 id="here">', encoding="utf-8")
     (tmp_path / "a.html").write_text(
         '<p id="top"><a href="b.html#here"><a href="#top"><a href="https://x.org/y"><a href="b.html#gone">'

@@ -1,4 +1,4 @@
-"""Pins the equation ledger of the guide: every equation has a function that cites it and a test that exists."""
+"""Pins the equation ledger of the guide: every equation has a function that cites it and an existing test."""
 
 import ast
 import importlib

@@ -1,4 +1,4 @@
-"""Pins the guide's notebook: it runs in Jupyter, what is committed came from such a run, and it becomes a page."""
+"""Pins the guide's notebook: it runs in Jupyter, its committed outputs are of such a run, it converts to a page."""
 
 import base64
 import json
@@ -20,7 +20,7 @@ def outputs(kind):
     return [output for cell in CODE for output in cell["outputs"] if output["output_type"] == kind]
 
 
-def test_what_is_committed_was_run_whole_in_order_and_without_an_error():
+def test_the_committed_notebook_was_run_completely_in_order_and_without_an_error():
     assert [cell["execution_count"] for cell in CODE] == list(range(1, len(CODE) + 1))
     assert {output["output_type"] for cell in CODE for output in cell["outputs"]} == {"stream", "display_data"}
     assert {output["name"] for output in outputs("stream")} == {"stdout"}, "no warning"
@@ -41,7 +41,7 @@ def test_it_shows_two_figures_that_are_small():
     assert all(picture.startswith(b"\x89PNG") and len(picture) < 100_000 for picture in pictures)
 
 
-def test_it_says_where_to_go_next_and_its_links_lead_to_pages():
+def test_it_has_a_next_section_and_its_links_lead_to_pages():
     words = "\n".join("".join(cell["source"]) for cell in CELLS if cell["cell_type"] == "markdown")
     assert "\n## Next\n" in words
     links = re.findall(r"\]\(([^)#]+)\)", words)
@@ -50,7 +50,7 @@ def test_it_says_where_to_go_next_and_its_links_lead_to_pages():
         assert (PATH.parent / link).is_file(), link
 
 
-def test_a_notebook_becomes_a_page_with_its_code_what_it_printed_and_what_it_drew():
+def test_a_notebook_becomes_a_page_with_its_code_prints_and_pictures():
     pytest.importorskip("myst_parser", reason="the extra `docs` is not installed")
     spec = spec_from_file_location("conf", ROOT / "docs" / "conf.py")
     conf = module_from_spec(spec)

@@ -1,4 +1,4 @@
-"""Pins the guide's explanations: their code runs, and the files, classes and layers that they name exist."""
+"""Pins the guide's explanations: their code runs; the files, classes and layers they name exist."""
 
 import doctest
 import re
@@ -20,7 +20,7 @@ RUN = {
     for page, text in PAGES.items()
     if page.startswith(EXPLAINED) and (blocks := CODE.findall(text)) and "<!-- client: " not in text
 }
-"""Pages and their code; that of the learning frameworks `tests/clients` runs, where each of them is installed."""
+"""Code blocks by page; `tests/clients` runs those of the learning frameworks, where these are installed."""
 FOLDERS = "|".join(("spidar_gym", "tests", "assets", "baselines", "train", "docs"))
 
 

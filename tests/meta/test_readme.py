@@ -1,4 +1,4 @@
-"""Pins README: it is short, its code runs, its commands are the ones that CI calls, and its figures are measured."""
+"""Pins README: it is short, its code runs, its links exist, and its figures are those of committed results."""
 
 import json
 import re
@@ -45,12 +45,12 @@ def test_every_linked_file_exists():
 
 
 def result(name):
-    """The figures of a committed result."""
+    """Figures of a committed result."""
     return json.loads((ROOT / RESULTS / f"{name}.json").read_text(encoding="utf-8"))["result"]
 
 
 @pytest.mark.parametrize("name", ["flight", "flight_noise", "crawl_noise"])
-def test_no_time_on_this_machine_stands_beside_one_on_another(name):
+def test_times_on_this_machine_are_not_compared_with_those_on_another(name):
     (row,) = [line for line in markdown_table(ROOT, name).splitlines() if line.startswith("| QP time ")]
     assert re.fullmatch(r"\| QP time here, median / p99 / max \[µs\] \| [\d /]+ \| – \|", row)
 
@@ -60,7 +60,7 @@ def test_no_time_on_this_machine_stands_beside_one_on_another(name):
     [("max flight time", "flight", flight_lines(result("flight")["flight"]), "endurance in form ① (calibrated) [min]"),
      ("max crawl time", "crawl", crawl_lines(result("crawl_noise")["crawl"]), "endurance (predicted) [min]")],
 )  # fmt: skip
-def test_the_specification_calls_no_figure_missing_that_an_experiment_prints(specified, command, lines, row):
+def test_the_specification_has_every_figure_that_an_experiment_prints(specified, command, lines, row):
     (line,) = [line for line in assets_readme().splitlines() if line.startswith(f"| {specified} ")]
     _, _, papers, ours, remark, _ = (cell.strip() for cell in line.split("|"))
     assert f"`spidar paper {command}`" in remark
@@ -70,7 +70,7 @@ def test_the_specification_calls_no_figure_missing_that_an_experiment_prints(spe
 
 
 def untimed(lines):
-    """The lines of a table, without the numbers of the one that differ from machine to machine."""
+    """The lines of a table without the digits of the QP time, which depends on the machine."""
     return [[re.sub(r"\d+", "", cell) if line[0].startswith("QP time") else cell for cell in line] for line in lines]
 
 

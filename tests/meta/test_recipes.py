@@ -1,4 +1,4 @@
-"""Pins the guide's patches: applied as printed to a copy of the package, each works everywhere at once."""
+"""Pins the guide's patches: applied as printed to a copy of the package, each works in all its parts."""
 
 import os
 import re
@@ -47,7 +47,7 @@ assert (COMPARED["gusts"], SHOWN["gusts"]) == (COMPARED["flight"], SHOWN["flight
 
 
 def patched(folder: Path, file: str, hunks: str) -> None:
-    """A copy of the package with a patch applied: each hunk's `-` lines, found once, become its `+` lines."""
+    """Copy the package and apply a patch: each hunk's `-` lines, which must occur once, become its `+` lines."""
     for part in ("spidar_gym", "assets", "baselines"):
         for source in (ROOT / part).rglob("*"):
             if source.is_file() and "__pycache__" not in source.parts:

@@ -1,7 +1,7 @@
-"""Pins the tutorials: every block of code runs, one after the other in an empty folder, as a reader would run it.
+"""Pins the tutorials: all code blocks run in order in an empty folder, as a reader would run them.
 
-`<!-- tested with: A -> B -->` above a block replaces A by B in it, where the reader's command takes minutes;
-`<!-- file: NAME -->` above a block of Python is the file that the reader saves it as.
+`<!-- tested with: A -> B -->` above a block replaces A by B, where the reader's command takes minutes.
+`<!-- file: NAME -->` above a block of Python names the file to which the reader saves the block.
 """
 
 import os
@@ -20,11 +20,11 @@ MARKS = {
     "train_a_residual": [pytest.mark.slow, pytest.mark.train],
     "take_it_to_the_robot": [pytest.mark.slow],
 }
-"""Pages that take longer than the quick tests, or need more."""
+"""Pages that are slow or need an extra."""
 
 
 def script(page: Path) -> list[tuple[str, str]]:
-    """The page's code in order: what each block is, `python`, `bash` or the name of a file, and the block."""
+    """The page's code in order: the kind of each block (`python`, `bash` or the name of a file), and the block."""
     found = []
     for comments, kind, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         for name, value in re.findall(r"<!-- ([a-z ]+): (.*) -->", comments):
@@ -35,7 +35,7 @@ def script(page: Path) -> list[tuple[str, str]]:
                 assert code.count(old) == 1, f"{old!r} is not in the block that it changes"
                 code = code.replace(old, new)
         if kind == "python" and found and found[-1][0] == "python":
-            code = found.pop()[1] + code  # one program: each block sees what those before it made
+            code = found.pop()[1] + code  # consecutive blocks are one program
         found.append((kind, code))
     return found
 
@@ -62,7 +62,7 @@ def test_the_code_of_a_tutorial_runs(name, tmp_path):
         assert done.returncode == 0, f"{code}\n{done.stdout}\n{done.stderr}"
 
 
-def test_every_tutorial_says_where_to_go_next_and_shows_a_picture():
+def test_every_tutorial_has_a_next_section_and_a_picture():
     for page in TUTORIALS.glob("*.md"):
         text = page.read_text(encoding="utf-8")
         assert "\n## Next\n" in text, page

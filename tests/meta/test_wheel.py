@@ -1,4 +1,4 @@
-"""Pins what is tried with the wheel alone, every command of the guide, and which files it takes with it."""
+"""Pins the trial of the wheel: every command of the guide is run with it, and it contains every file it needs."""
 
 import re
 import sys
@@ -13,14 +13,14 @@ from spidar_gym.cli.evaluate import BASELINES
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = spec_from_file_location("commands", ROOT / ".ci" / "commands.py")
 commands = module_from_spec(SPEC)
-sys.modules["commands"] = commands  # its dataclass looks for its module
+sys.modules["commands"] = commands  # dataclasses look up their module by name
 SPEC.loader.exec_module(commands)
 GUIDE, CODE = commands.GUIDE, commands.CODE
 TABLES = ["docs/commands.md", "docs/benchmark/protocol.md"]
 
 
 def named(page):
-    """The commands in the first column of a page's table: `spidar`, and the names behind it."""
+    """Subcommands of `spidar` in the first column of a page's table."""
     text = (ROOT / page).read_text(encoding="utf-8")
     for cell in re.findall(r"^\| (`spidar .+?`) \|", text, re.MULTILINE):
         for line in re.findall(r"`([^`]+)`", cell):
@@ -37,7 +37,7 @@ def test_every_command_of_the_guide_is_tried_with_the_wheel(page):
         assert any(line.startswith(name) for line in tried), name
 
 
-def test_a_try_has_a_name_of_its_own_and_no_option_of_the_guide_is_lost():
+def test_every_try_has_a_unique_name_and_no_option_of_the_guide_is_lost():
     assert len({one.command for one in GUIDE}) == len(GUIDE)
     for one in GUIDE:
         if one.command.startswith("spidar") and not one.instead:
