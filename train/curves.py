@@ -17,7 +17,7 @@ from spidar_gym import __version__
 from spidar_gym.benchmark.row import BASES
 from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, TRACKS
 from spidar_gym.cli.console import run_cli
-from spidar_gym.control.presets import PRESETS
+from spidar_gym.control.presets import FORMER_PRESETS, PRESETS
 from spidar_gym.errors import SpidarError, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.processes import Pool, cpu_count
@@ -26,9 +26,11 @@ from spidar_gym.viz import Curve, learning_curves
 from train.lib.config import CONTROL
 from train.lib.evaluate import Base, PairedEvaluator
 
+FLIGHTS = {**PRESETS, **FORMER_PRESETS}
+"""Controllers of flights."""
 LINES = {
-    FLIGHT: {row: preset for preset, row in BASES.items() if preset in PRESETS},
-    GROUND: {row: preset for preset, row in BASES.items() if preset not in PRESETS},
+    FLIGHT: {row: preset for preset, row in BASES.items() if preset in FLIGHTS},
+    GROUND: {row: preset for preset, row in BASES.items() if preset not in FLIGHTS},
     BOTH: {},
 }
 """World → rows of the controllers that are added to, drawn as lines, with their presets; on a course the runs' own."""

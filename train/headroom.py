@@ -13,7 +13,7 @@ import tyro
 from spidar_gym.cli.console import progress, run_cli
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.observation import layout
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import CRAWL_PRESETS, FORMER_CRAWL_PRESETS, FORMER_PRESETS, PRESETS
 from spidar_gym.envs import actions
 from spidar_gym.errors import require_least, require_name
 from spidar_gym.processes import Pool, cpu_count
@@ -42,7 +42,8 @@ class Args:
     """Processes that fly."""
 
     def __post_init__(self) -> None:
-        require_name("preset", self.base, (*PRESETS, *CRAWL_PRESETS))
+        if self.base not in (*FORMER_PRESETS, *FORMER_CRAWL_PRESETS):
+            require_name("preset", self.base, (*PRESETS, *CRAWL_PRESETS))
         require_least(1, scenarios=self.scenarios, workers=self.workers)
 
 
@@ -123,7 +124,7 @@ class Rule(Base):
         """Take the controller, the action mode and the action by what is seen."""
         super().__init__({"preset": preset, "action_mode": mode})
         self._action = action
-        flies = preset in PRESETS
+        flies = preset in (*PRESETS, *FORMER_PRESETS)
         modes = actions.ACTION_MODES if flies else actions.CRAWL_MODES
         fields = (layout if flies else crawl_layout)(modes[mode].size)
         self._names, self._ends = [field.name for field in fields], np.cumsum([field.size for field in fields[:-1]])
@@ -136,7 +137,7 @@ class Rule(Base):
 
 def measured_on(base: str) -> tuple[tuple[str, ...], Rules]:
     """Tracks and rules for a controller."""
-    return (envs.FLIGHTS, IN_FLIGHT) if base in PRESETS else (("ground-randomised",), ON_THE_GROUND)
+    return (envs.FLIGHTS, IN_FLIGHT) if base in (*PRESETS, *FORMER_PRESETS) else (("ground-randomised",), ON_THE_GROUND)
 
 
 def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dict[str, Verdict]:

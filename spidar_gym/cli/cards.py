@@ -9,7 +9,7 @@ from spidar_gym.benchmark.comparison import Comparison, compare_rows
 from spidar_gym.benchmark.row import Row, read_rows
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.margins import Margins
-from spidar_gym.control.presets import PRESETS
+from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.registry import HOVER
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_arguments
@@ -108,7 +108,7 @@ def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
     own = next((search.loops for search in searches.values() if search.loops is not None), None)
     if "law" in arguments and own is not None:
         return [*own(load_module(module_of(spec)[0]).FOUND)]
-    config = arguments.get("controller") or PRESETS.get(arguments.get("preset", "paper"))
+    config = arguments.get("controller") or controller_config(arguments.get("preset", "paper"))
     return loops(config) if isinstance(config, ControllerConfig) else []
 
 

@@ -11,7 +11,7 @@ import tyro
 from spidar_gym import viz
 from spidar_gym.cli.arguments import CameraArg, CrawlPresetArg, Flag, FlightPresetArg, JsonArg
 from spidar_gym.cli.console import drawn, progress, published, studied
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
 from spidar_gym.files import output_folder
 from spidar_gym.paper import crawl as crawl_experiment
@@ -89,7 +89,7 @@ def flight(
     if speeds or ablation:
         _speeds(output_folder(out), options.json, ablation, scenarios, workers)
         return
-    require_name("preset", preset, PRESETS)
+    controller_config(preset)  # refuses an unknown name
     folder = output_folder(out)
     video = options.video and drawn("video", require_pictures)
     with progress(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}") as bar:
@@ -191,7 +191,7 @@ def crawl(
     """
     require_least(0, draws=draws)
     require_least(1, seeds=seeds, workers=workers)
-    require_name("preset", preset, CRAWL_PRESETS)
+    crawler_config(preset)  # refuses an unknown name
     if not (math.isfinite(direction) and math.isfinite(turn)):
         raise InvalidValueError("direction, turn", (direction, turn), "finite numbers [degrees]")
     for name, angle in (("direction", direction), ("turn", turn)):

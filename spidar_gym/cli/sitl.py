@@ -16,7 +16,7 @@ from spidar_gym.cli.arguments import CrawlPresetArg, Flag, FlightPresetArg, Json
 from spidar_gym.cli.console import drawn, progress, published, studied
 from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, SpidarError, require_above, require_least, require_name, require_within
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
@@ -133,7 +133,7 @@ def flight(
         preset: Controller of the runner.
         out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
     """
-    require_name("preset", preset, PRESETS)
+    controller_config(preset)  # refuses an unknown name
     _play(flight_mission(preset, **options.mission), out, options)
 
 
@@ -151,7 +151,7 @@ def crawl(
         distance: How far, straight ahead [m].
         out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
     """
-    require_name("preset", preset, CRAWL_PRESETS)
+    crawler_config(preset)  # refuses an unknown name
     CrawlTask(distance=distance)  # refuses what cannot be crawled
     _play(crawl_mission(preset, Pose2(distance), **options.mission), out, options)
 
@@ -212,7 +212,7 @@ def robot(
     """
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
-    require_name("preset", preset, CRAWL_PRESETS)
+    crawler_config(preset)  # refuses an unknown name
     require_above(seconds=seconds)
     mission = crawl_mission(preset) if ground else hover_mission()
     with contextlib.suppress(KeyboardInterrupt):

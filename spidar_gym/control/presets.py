@@ -1,5 +1,6 @@
 """Presets: which allocation, gains, compensations and gait make a named controller, in flight and on the ground."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -74,13 +75,22 @@ PRESETS: dict[str, ControllerConfig] = {
     "paper": ControllerConfig(),
     "as_flown": ControllerConfig(allocation="as_flown"),
     "tuned": TUNED,
-    "tuned_v1": TUNED_V1,
     "retuned": RETUNED,
 }
 """Controllers by name."""
+FORMER_PRESETS: dict[str, ControllerConfig] = {"tuned_v1": TUNED_V1}
+"""Controllers that are accepted by name and not listed: rows, artifacts and searches refer to them."""
 
 
 ConfigT = TypeVar("ConfigT", ControllerConfig, CrawlerConfig)
+
+
+def _named(name: str, listed: Mapping[str, ConfigT], former: Mapping[str, ConfigT]) -> ConfigT:
+    """A preset by its name (`UnknownNameError` lists the present ones)."""
+    if name in former:
+        return former[name]
+    require_name("preset", name, listed)
+    return listed[name]
 
 
 def for_robot(config: ConfigT, robot: RobotSpec) -> ConfigT:
@@ -105,8 +115,7 @@ def for_robot(config: ConfigT, robot: RobotSpec) -> ConfigT:
 
 def controller_config(preset: str, robot: RobotSpec = ROBOT) -> ControllerConfig:
     """The controller of a preset, for a robot (`UnknownNameError` lists the valid ones)."""
-    require_name("preset", preset, PRESETS)
-    config = PRESETS[preset]
+    config = _named(preset, PRESETS, FORMER_PRESETS)
     return config if robot == ROBOT else for_robot(config, robot)
 
 
@@ -162,10 +171,11 @@ CRAWL_PRESETS: dict[str, CrawlerConfig] = {
     "overlapped": CrawlerConfig(gait=GaitConfig(rolling=True, **SCHEDULES["overlapped"])),
     "robust": ROBUST,
     "robust_overlapped": ROBUST_OVERLAPPED,
-    "robust_overlapped_v1": ROBUST_OVERLAPPED_V1,
     "robust_retuned": ROBUST_RETUNED,
 }
 """Crawlers by name."""
+FORMER_CRAWL_PRESETS: dict[str, CrawlerConfig] = {"robust_overlapped_v1": ROBUST_OVERLAPPED_V1}
+"""Crawlers that are accepted by name and not listed, as `FORMER_PRESETS`."""
 
 
 def crawler_config(preset: str, schedule: str | None = None, robot: RobotSpec = ROBOT) -> CrawlerConfig:
@@ -179,8 +189,7 @@ def crawler_config(preset: str, schedule: str | None = None, robot: RobotSpec = 
     Raises:
         InvalidValueError: For a robot whose legs do not reach what the preset asks of them.
     """
-    require_name("preset", preset, CRAWL_PRESETS)
-    config = CRAWL_PRESETS[preset]
+    config = _named(preset, CRAWL_PRESETS, FORMER_CRAWL_PRESETS)
     if robot != ROBOT:
         config = for_robot(config, robot)
     if schedule is None:

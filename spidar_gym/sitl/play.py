@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.presets import CRAWL_PRESETS
+from spidar_gym.control.presets import crawler_config
 from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.files import scratch_folder
 from spidar_gym.onboard.build import build_runner
@@ -52,7 +52,7 @@ def make_robot(mission: Mission, seed: int = 0) -> Robot:
     rng = np.random.Generator(np.random.PCG64(seed))
     if not mission.from_floor:
         return Robot(noisy_robot(rng), seed=seed)
-    config = CRAWL_PRESETS[mission.crawler or mission.preset]
+    config = crawler_config(mission.crawler or mission.preset)
     speed = max(mission.speeds) if mission.is_course else config.joint_speed
     return Robot(course_robot(mission, rng), crawls=True, gait=config.gait, joint_speed=speed, seed=seed)
 

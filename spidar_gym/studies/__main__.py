@@ -8,8 +8,8 @@ from spidar_gym import viz
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.cli.arguments import FlightPresetArg, JsonArg
 from spidar_gym.cli.console import drawn, progress, published, run_cli, studied
-from spidar_gym.control.presets import PRESETS
-from spidar_gym.errors import InvalidValueError, require_least, require_name
+from spidar_gym.control.presets import controller_config
+from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.files import output_folder
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import FORMS, N_ROTORS
@@ -33,7 +33,7 @@ def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: 
         preset: Controller.
         out: Folder for lost.json.
     """
-    require_name("preset", preset, PRESETS)
+    controller_config(preset)  # refuses an unknown name
     folder = output_folder(out)
     with progress(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost") as bar:
         rows = lost_study.lost_rotors(preset, on_flight=bar.update)

@@ -11,7 +11,7 @@ import numpy as np
 
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.crawl.controller import CrawlerConfig
-from spidar_gym.control.presets import CRAWL_PRESETS, crawler_config
+from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.registry import CRAWL
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.load import load_policy
@@ -58,7 +58,7 @@ def controller_of(gait: str) -> dict[str, Any]:
     if ":" not in gait:
         return {"controller": crawler_config(gait)}
     found = policy_arguments(load_policy(gait), CRAWL) or {}
-    config = found.get("controller", CRAWL_PRESETS.get(found.get("preset", "")))
+    config = found.get("controller") or (crawler_config(found["preset"]) if "preset" in found else None)
     if not isinstance(config, CrawlerConfig) or not found.keys() <= {"preset", "controller", "law"}:
         raise InvalidValueError(
             "gaits", gait, "a preset of the crawl, or module:CLASS of a policy that is a controller"

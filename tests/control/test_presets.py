@@ -11,7 +11,14 @@ import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.flight.centroidal import CentroidalConfig
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
-from spidar_gym.control.presets import PRESETS, controller_config
+from spidar_gym.control.presets import (
+    CRAWL_PRESETS,
+    FORMER_CRAWL_PRESETS,
+    FORMER_PRESETS,
+    PRESETS,
+    controller_config,
+    crawler_config,
+)
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.so3 import exp, matrix_to_quat
@@ -36,7 +43,7 @@ def test_tuned_changes_gains_and_compensation_and_nothing_else_of_the_paper():
         assert np.min(gains) > 0.0
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", [*PRESETS, *FORMER_PRESETS])
 def test_every_preset_keeps_the_margins_of_gain_delay_and_sensitivity(preset):
     assert shortfall(loops(controller_config(preset))) == 0.0
 
@@ -47,6 +54,18 @@ def test_fields_of_a_preset_can_be_changed_and_the_preset_stays():
     assert controller_config("tuned").joint_speed == ROBOT.joint_speed
 
 
+def test_former_presets_are_accepted_by_name_and_not_listed():
+    for former, listed, find in (
+        (FORMER_PRESETS, PRESETS, controller_config), (FORMER_CRAWL_PRESETS, CRAWL_PRESETS, crawler_config)
+    ):  # fmt: skip
+        assert not former.keys() & listed.keys()
+        for name, config in former.items():
+            assert find(name) == config
+            with pytest.raises(UnknownNameError, match="unknown preset") as refusal:
+                find(f"{name}x")
+            assert name not in str(refusal.value).partition("valid:")[2]
+
+
 def test_an_unknown_preset_is_refused_with_the_valid_ones():
     with pytest.raises(UnknownNameError, match="unknown preset 'papr'; valid: paper, as_flown, tuned"):
         controller_config("papr")
@@ -54,7 +73,7 @@ def test_an_unknown_preset_is_refused_with_the_valid_ones():
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_known_trim_is_in_the_demand_from_the_first_tick_on(preset):
-    """Whoever holds it, integrals or observer: a robot in level rest that needs more than its weight gets it."""
+    """The demand of a level robot at rest contains the trim, stored in integrals or observer, besides the weight."""
     state = resting(FORMS["form2"])
     controller = FlightController(controller_config(preset), model())
     controller.reset(state, trim=TRIM)
@@ -66,7 +85,7 @@ def test_a_known_trim_is_in_the_demand_from_the_first_tick_on(preset):
     np.testing.assert_allclose(demands[1], demands[0], atol=0.5)
 
 
-def test_a_trim_of_a_tilted_robot_is_meant_in_its_own_axes():
+def test_a_trim_of_a_tilted_robot_is_in_torso_axes():
     R_wb = exp(np.array([0.2, -0.1, 0.9]))
     state = resting(FORMS["form1"], R_wb)
     for preset in PRESETS:
@@ -95,7 +114,7 @@ def test_a_tick_in_any_pose_answers_with_a_command_that_the_robot_can_follow(pre
 
 
 @pytest.mark.parametrize("preset", ["paper", "tuned"])
-def test_a_flight_through_random_forms_asks_no_joint_for_more_than_its_torque(preset):
+def test_a_flight_through_random_forms_demands_no_joint_torque_above_the_limit(preset):
     env = gymnasium.make("spidar_gym/Hover-v0", forms="independent", preset=preset, joint_speed=1.0, perturbation=0.0)
     env.reset(seed=11)
     for _ in range(160):

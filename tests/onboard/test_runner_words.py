@@ -11,7 +11,7 @@ import pytest
 from support.needs import needs_compiler
 from support.runner import CRAWL, FLIGHT, HOLD, LAND, NAMES, RATES, TOPICS, ZEROS, junk, nan_pose, read_mission, said
 
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import CRAWL_PRESETS, FORMER_CRAWL_PRESETS, FORMER_PRESETS, PRESETS
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.structs import fill
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
@@ -58,8 +58,8 @@ def test_every_kind_of_line_is_read(library, end):
 
 @pytest.mark.parametrize(
     ("kind", "name", "config"),
-    [("flight", name, config) for name, config in PRESETS.items()]
-    + [("crawl", name, config) for name, config in CRAWL_PRESETS.items()],
+    [("flight", name, config) for name, config in (PRESETS | FORMER_PRESETS).items()]
+    + [("crawl", name, config) for name, config in (CRAWL_PRESETS | FORMER_CRAWL_PRESETS).items()],
 )
 def test_presets_are_the_simulators_with_the_robots_iteration_cap(library, kind, name, config):
     m = read_mission(library, f"{kind} {name}\n")

@@ -18,7 +18,7 @@ from spidar_gym.cli.evaluate import BASELINES
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.flight.controller import FlightController
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import CRAWL_PRESETS, FORMER_CRAWL_PRESETS, FORMER_PRESETS, PRESETS
 from spidar_gym.envs.registry import PATH
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import defined_on, policy_arguments, policy_digest, policy_doc, policy_kind, policy_name
@@ -75,7 +75,8 @@ def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(s
     assert doc.endswith(".")
     assert policy_kind(policy) == "classical"
     assert len(policy_digest(policy)) == 64
-    presets = {HOVER: PRESETS, PATH: PRESETS, CRAWL: CRAWL_PRESETS, COURSE: PRESETS}
+    flights, crawls = {*PRESETS, *FORMER_PRESETS}, {*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS}
+    presets = {HOVER: flights, PATH: flights, CRAWL: crawls, COURSE: flights}
     for env_id in where:
         arguments = policy_arguments(policy, env_id)
         assert arguments.get("preset", "published" if env_id == CRAWL else "paper") in presets[env_id]

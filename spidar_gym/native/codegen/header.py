@@ -16,7 +16,14 @@ import numpy as np
 
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, controller_config, crawler_config
+from spidar_gym.control.presets import (
+    CRAWL_PRESETS,
+    FORMER_CRAWL_PRESETS,
+    FORMER_PRESETS,
+    PRESETS,
+    controller_config,
+    crawler_config,
+)
 from spidar_gym.native.constants import (
     ENUMERATIONS,
     NUMBERS,
@@ -220,8 +227,8 @@ def presets_header(spec: RobotSpec = ROBOT) -> str:
         InvalidValueError: For a robot whose legs do not reach what a preset asks of them.
     """
     lines: list[str] = []
-    flights = {name: controller_config(name, spec) for name in PRESETS}
-    crawls = {name: crawler_config(name, robot=spec) for name in CRAWL_PRESETS}
+    flights = {name: controller_config(name, spec) for name in (*PRESETS, *FORMER_PRESETS)}
+    crawls = {name: crawler_config(name, robot=spec) for name in (*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS)}
     for kind, presets in (("controller", flights), ("crawler", crawls)):
         for name, config in presets.items():
             capped = replace(config, allocator=replace(config.allocator, max_iter=ONBOARD_ITERATIONS))

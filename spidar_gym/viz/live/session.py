@@ -11,7 +11,7 @@ import numpy as np
 from spidar_gym.arrays import JointVector
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
+from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, controller_config, crawler_config
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
@@ -125,7 +125,8 @@ class Session:
     @property
     def presets(self) -> tuple[str, ...]:
         """Controllers that there are here."""
-        return tuple(CRAWL_PRESETS if self.env_id == CRAWL else PRESETS)
+        listed = tuple(CRAWL_PRESETS if self.env_id == CRAWL else PRESETS)
+        return listed if self.preset in listed else (*listed, self.preset)  # a former one may be flying
 
     def choose(self, *, policy: str | None = None, preset: str | None = None) -> None:
         """Let somebody else fly from now on, from the beginning of an episode; nothing changes where that is refused.
@@ -147,7 +148,7 @@ class Session:
         chosen = policy_arguments(loaded, self.env_id) if policy else {}
         if chosen is None:
             raise PolicyError(f"policy {policy_name(loaded)}: not for {self.env_id}; valid: one that is")
-        require_name("preset", preset, self.presets)
+        (crawler_config if self.env_id == CRAWL else controller_config)(preset)  # refuses an unknown name
         is_own = bool(chosen.keys() & {"preset", "controller", "law"})
         given = {name: value for name, value in self._options.items() if name not in chosen} | dict(chosen)
         if self.env_id == COURSE:
