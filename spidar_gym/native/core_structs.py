@@ -1,4 +1,4 @@
-"""The onboard core's own structs, which become C text and numpy types: what a controller remembers and works on."""
+"""The onboard core's own structs, which become C text and numpy types: state and scratch memory of controllers."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -30,23 +30,23 @@ from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 
 CORE_STRUCTS: Sequence[CStruct] = (
     CStruct("body", "A body of the kinematic tree, and the joint that carries it.", (
-        ("parent joint", "i4", (), "its parent, before it in the tree; 0 … 15 are joints, from 16 on vectoring angles"),
-        ("rotation", "f8", (9,), "of the joint in its parent"),
-        ("position axis", "f8", (3,), "of the joint in its parent [m]; in the body's own axes"),
+        ("parent joint", "i4", (), "index of the parent, less than its own; 0 … 15 for joints, then vectoring angles"),
+        ("rotation", "f8", (9,), "attitude of the joint in the parent"),
+        ("position axis", "f8", (3,), "of the joint: in the parent [m]; in the body's axes"),
         ("mass", "f8", (), "[kg]"),
-        ("com", "f8", (3,), "in the body's own axes [m]"),
-        ("inertia", "f8", (9,), "about its CoG, in the body's own axes [kg m²]"),
+        ("com", "f8", (3,), "CoG in the body's axes [m]"),
+        ("inertia", "f8", (9,), "about its CoG, in the body's axes [kg m²]"),
     )),
     CStruct("robot", "The robot's numbers.", (
         ("tree", "body", (N_BODIES,), "the torso first, every other body after its parent"),
-        ("joint_body", "i4", (N_JOINTS,), "bodies that the joints carry"),
-        ("link_body rotor_body", "i4", (N_ROTORS,), "the links, and the modules at their rotors"),
+        ("joint_body", "i4", (N_JOINTS,), "bodies behind the joints"),
+        ("link_body rotor_body", "i4", (N_ROTORS,), "bodies of the links; of the modules with their rotors"),
         ("gravity weight hover_thrust max_thrust", "f8", (), "[m/s²], [N]"),
         ("max_joint_torque joint_limit joint_kp", "f8", (), "[Nm], [rad], [Nm/rad]"),
         ("max_vectoring_speed", "f8", (), "[rad/s]"),
         ("yaw_axis_xy yaw_axis_radius yaw_axis_z yaw_to_pitch pitch_to_yaw pitch_to_foot", "f8", (), "of a leg [m]"),
         ("foot_radius peg_depth", "f8", (), "[m]"),
-        ("flight_controller", "f8", (3,), "where motion capture and inertial unit look [m]"),
+        ("flight_controller", "f8", (3,), "position of the inertial unit, which motion capture tracks [m]"),
     )),
     CStruct("snapshot", "Model quantities at one configuration, torso axes.", (
         ("mass", "f8", (), "[kg]"),
@@ -56,7 +56,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("rotor_c", "f8", (N_ROTORS, 3), "rotor centres from the CoG [m]"),
         ("J_rotor", "f8", (N_ROTORS, 3 * N_JOINTS), "∂(rotor centre)/∂q, torso held fixed"),
         ("joint_axes", "f8", (3 * N_JOINTS,), "direction of each joint's axis, (3, 16)"),
-        ("gravity_torque", "f8", (N_JOINTS,), "holds the links without thrust [Nm]"),
+        ("gravity_torque", "f8", (N_JOINTS,), "joint torque that holds the links without thrust [Nm]"),
         ("momentum_map", "f8", (6 * N_JOINTS,), "momentum about the CoG per joint velocity, (6, 16)"),
         ("feet_b", "f8", (N_LEGS, 3), "centres of the foot spheres from the torso's origin [m]"),
         ("J_foot", "f8", (N_LEGS, 3 * N_JOINTS), "∂(centre of the sphere)/∂q"),
@@ -70,7 +70,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("a b", "f8", (), "limit, or friction and least normal force", INFINITE),
     )),
     CStruct("mode", "An allocation mode: its blocks, and its unknowns and rows.", (
-        ("kind", "program_kind", (), "which pattern, so which workspace of the solver"),
+        ("kind", "program_kind", (), "its pattern, which selects the solver's workspace"),
         ("feet_carry n m", "i4", (), "whether foot forces are unknowns; unknowns; rows",
          (FLAG, (0, N_UNKNOWNS), (0, MAX_M))),
         ("costs", "cost", (SIZES["MODE_COSTS"],), ""),
@@ -83,20 +83,20 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("A", "f8", (MAX_M * MAX_N,), ""),
         ("l u", "f8", (MAX_M,), ""),
     )),
-    CStruct("allocation", "The answer of one tick.", (
+    CStruct("allocation", "The allocation of one tick.", (
         ("forces_l", "f8", (N_FORCES,), "rotor forces, link axes [N]"),
         ("foot_forces_f", "f8", (3 * N_LEGS,), "forces of the floor on the feet, floor axes [N]"),
         ("thrust", "f8", (N_ROTORS,), "λ [N]"),
         ("joint_torques", "f8", (N_JOINTS,), "quasi-static joint torque [Nm]"),
         ("wrench unallocated_wrench", "f8", (6,), "produced; desired − produced, {CoG} [N, Nm]"),
         ("status", "i4", (), "sp_status", "status"),
-        ("iterations", "i4", (), "of the solvers, all attempts together", COUNT),
+        ("iterations", "i4", (), "of the solvers, summed over all attempts", COUNT),
         ("slack", "f8", (), "largest violation of a softened row, in scaled units"),
-        ("rows", "i4", (), "how many of the next are meant", (0, MAX_M)),
+        ("rows", "i4", (), "number of valid entries of `active`", (0, MAX_M)),
         ("active", "i4", (MAX_M,), "+1 where a row is at its upper bound, −1 at its lower", (-1, 1)),
     )),
-    CStruct("cone", "What the interior-point method works on: equalities, then sides of rows and spheres.", (
-        ("equal sides", "i4", (), "how many of both"),
+    CStruct("cone", "Variables of the interior-point method: equalities, then sides of rows and spheres.", (
+        ("equal sides", "i4", (), "numbers of equalities and of sides"),
         ("largest", "f8", (), "bound"),
         ("x", "f8", (N_UNKNOWNS,), ""),
         ("row", "i4", (MAX_M,), "of an equality"),
@@ -106,7 +106,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("give s z ds dz", "f8", (MAX_SIDES,), ""),
         ("miss D product", "f8", (MAX_SIDES,), ""),
     )),
-    CStruct("workspace", "Room for the linear algebra of a tick.", (
+    CStruct("workspace", "Scratch memory for the linear algebra of a tick.", (
         ("program soft", "program", (), ""),
         ("K", "f8", (4 * MAX_N * MAX_N,), ""),
         ("right", "f8", (2 * MAX_N,), ""),
@@ -117,14 +117,14 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("Ax", "f8", (MAX_M * MAX_N,), ""),
         ("cone", "cone", (), ""),
     )),
-    CStruct("compensation_memory", "What the compensations remember.", (
+    CStruct("compensation_memory", "State of the compensations between ticks.", (
         ("servo_position servo_velocity", "f8", (N_JOINTS,), "of the servo model [rad], [rad/s]"),
-        ("has_momentum has_observed has_slow", "i4", (), "whether there was a tick before", FLAG),
+        ("has_momentum has_observed has_slow", "i4", (), "whether a previous tick exists", FLAG),
         ("momentum torque", "f8", (3,), "of the legs [Nms]; feed-forward [Nm]"),
         ("observed_momentum", "f8", (6,), "of the robot, world axes"),
         ("delivered_w external_w residual_w fed_w slow_w", "f8", (6,), "wrenches, world axes"),
     )),
-    CStruct("flight_memory", "All that the flight controller remembers from one tick to the next.", (
+    CStruct("flight_memory", "State of the flight controller between ticks.", (
         ("position_integral_w attitude_integral", "f8", (3,), "[m s], [rad s]"),
         ("lock", "lock", (), ""),
         ("interference", "interference", (), ""),
@@ -135,7 +135,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("joint_velocity", "f8", (N_JOINTS,), "rate of q^d [rad/s]"),
         ("compensation", "compensation_memory", (), ""),
     )),
-    CStruct("control_state", "What the controller makes of a state.", (
+    CStruct("control_state", "Quantities that the controller computes from a state.", (
         ("R_wb", "f8", (9,), "attitude of the torso"),
         ("snapshot", "snapshot", (), ""),
         ("error", "motion_error", (), ""),
@@ -145,63 +145,63 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("memory", "flight_memory", (), ""),
         ("mode", "mode", (), ""),
         ("dt", "f8", (), "length of a tick [s]"),
-        ("ticked", "i4", (), "whether there is a last tick", FLAG),
+        ("ticked", "i4", (), "whether a previous tick exists", FLAG),
         ("control", "control_state", (), ""),
         ("demand", "demand", (), ""),
         ("wrench_desired", "f8", (6,), "residual included, {CoG} [N, Nm]"),
         ("joint_velocity", "f8", (N_JOINTS,), "commanded [rad/s]"),
         ("allocation", "allocation", (), ""),
     )),
-    CStruct("knot", "What a path of the CoG and its heading passes.", (
+    CStruct("knot", "A knot of a path of CoG and heading.", (
         ("time", "f8", (), "[s]"),
         ("pose_w rate_w acceleration_w", "f8", (4,), "x, y, z and heading; their first and second derivatives"),
     )),
-    CStruct("legs", "A path of straight legs that is being built.", (
-        ("point", "f8", (3,), "where it is so far [m]"),
-        ("speed heading seconds", "f8", (), "[m/s]; [rad], and [s] so far"),
-        ("along count", "i4", (), "whether it turns to where it goes; knots"),
+    CStruct("legs", "A path of straight legs under construction.", (
+        ("point", "f8", (3,), "its end so far [m]"),
+        ("speed heading seconds", "f8", (), "[m/s]; heading [rad] and duration [s] so far"),
+        ("along count", "i4", (), "whether the heading follows the path; number of knots"),
     )),
-    CStruct("step", "One run through some phases.", (
+    CStruct("step", "A step of the gait: a sequence of phases.", (
         ("phases", "i4", (), "sp_phases", "phases"),
         ("has_target", "i4", (), "", FLAG),
-        ("target", "pose2", (), "where the torso lies at its end, world"),
-        ("legs", "i4", (N_LEGS,), "1 where the leg is lifted", FLAG),
-        ("has_angle has_height", "i4", (), "whether they are given; else the configuration's", FLAG),
+        ("target", "pose2", (), "pose of the lying torso at its end, world"),
+        ("legs", "i4", (N_LEGS,), "1 for a leg that is lifted", FLAG),
+        ("has_angle has_height", "i4", (), "whether angle and height are given; else the configuration's apply", FLAG),
         ("angle height seconds", "f8", (), "of the raise [rad], of the lift [m], of the hold [s]"),
     )),
-    CStruct("gait_memory", "All that the gait remembers.", (
+    CStruct("gait_memory", "State of the gait between ticks.", (
         ("steps", "step", (MAX_STEPS,), ""),
-        ("first count", "i4", (), "a ring: the present step first", ((0, MAX_STEPS - 1), (0, MAX_STEPS))),
+        ("first count", "i4", (), "ring: present step, number of steps", ((0, MAX_STEPS - 1), (0, MAX_STEPS))),
         ("plan", "f8", (N_JOINTS,), "planned joint setpoints [rad]"),
         ("position_w slow_w", "f8", (3,), "filtered positions of the torso [m]"),
         ("R_wb", "f8", (9,), "attitude of the torso"),
         ("joints", "f8", (N_JOINTS,), "filtered joint angles [rad]"),
-        ("phase index", "i4", (), "sp_phase, and which of the step's",
+        ("phase index", "i4", (), "sp_phase; its index in the step",
          ("phase", (0, max(map(len, STEPS.values())) - 1))),
-        ("time still", "f8", (), "in the phase; without motion [s]"),
-        ("target landing highest start", "f8", (N_JOINTS,), "joint angles of the legs' way [rad]"),
+        ("time still", "f8", (), "time in the phase; time without motion [s]"),
+        ("target landing highest start", "f8", (N_JOINTS,), "joint angles of the legs' motion [rad]"),
         ("floor_R", "f8", (9,), "axes of the floor, world"),
-        ("floor_w", "f8", (3,), "where the torso lay [m]"),
-        ("feet_f", "f8", (3 * N_LEGS,), "where the feet stand, floor axes [m]"),
-        ("way", "pose2", (), "of the torso, floor axes"),
-        ("share height lift", "f8", (), "of the way; planned and largest height [m]"),
-        ("expected", "f8", (3,), "filtered pose where all goes as planned"),
+        ("floor_w", "f8", (3,), "position at which the torso lay [m]"),
+        ("feet_f", "f8", (3 * N_LEGS,), "positions of the standing feet, floor axes [m]"),
+        ("way", "pose2", (), "displacement of the torso, floor axes"),
+        ("share height lift", "f8", (), "covered share of `way`; planned and largest height [m]"),
+        ("expected", "f8", (3,), "filtered pose according to the plan"),
         ("yaw", "f8", (), "filtered yaw of the torso [rad]"),
-        ("trim", "f8", (3,), "what the legs push the torso beyond its plan"),
-        ("rested timeouts", "i4", (), "whether it begins from rest; phases that ended by time-out", (FLAG, COUNT)),
-        ("planned", "pose2", (), "where the commands end, world"),
+        ("trim", "f8", (3,), "offset of the torso that the legs add to its plan"),
+        ("rested timeouts", "i4", (), "whether it starts from rest; phases that ended by time-out", (FLAG, COUNT)),
+        ("planned", "pose2", (), "pose at the end of all commands, world"),
     )),
-    CStruct("crawl_memory", "All that the allocation on the ground remembers.", (
+    CStruct("crawl_memory", "State of the allocation on the ground between ticks.", (
         ("lock", "lock", (), ""),
         ("vectoring", "f8", (2 * N_ROTORS,), "(φ, θ) last commanded [rad]"),
         ("forces_l", "f8", (N_FORCES,), "last commanded [N]"),
         ("joint_torque joint_position", "f8", (N_JOINTS,), "last commanded [Nm], [rad]"),
         ("mode", "i4", (), "sp_program_kind", "program_kind"),
-        ("force_gap", "f8", (N_FORCES,), "what the last mode gave beyond the present one [N]"),
-        ("torque_gap", "f8", (N_JOINTS,), "the same of the joint torque [Nm]"),
-        ("gap", "f8", (), "how much of both is left, 1 … 0"),
+        ("force_gap", "f8", (N_FORCES,), "forces of the last mode minus those of the present one [N]"),
+        ("torque_gap", "f8", (N_JOINTS,), "likewise for the joint torques [Nm]"),
+        ("gap", "f8", (), "remaining share of both gaps, 1 … 0"),
         ("effort", "f8", (N_ROTORS,), "weights of the power cost"),
-        ("rows", "i4", (), "how many of the next are meant", (0, MAX_M)),
+        ("rows", "i4", (), "number of valid entries of `active`", (0, MAX_M)),
         ("active", "i4", (MAX_M,), "rows of the last tick that were active", (-1, 1)),
     )),
     CStruct("crawl", "The crawl's controller.", (
@@ -210,32 +210,32 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("memory", "crawl_memory", (), ""),
         ("modes", "mode", (len(PROGRAMS),), "by sp_program_kind"),
         ("dt", "f8", (), "length of a tick [s]"),
-        ("home_b", "f8", (3 * N_LEGS,), "where the feet stand at rest [m]"),
-        ("ticked", "i4", (), "whether there is a last tick", FLAG),
+        ("home_b", "f8", (3 * N_LEGS,), "positions of the feet at rest [m]"),
+        ("ticked", "i4", (), "whether a previous tick exists", FLAG),
         ("R_wb", "f8", (9,), "attitude of the torso"),
         ("snapshot", "snapshot", (), ""),
         ("demand", "demand", (), ""),
         ("allocation", "allocation", (), ""),
     )),
-    CStruct("waypoint", "What the manager of both gaits is told to do.", (
-        ("kind", "i4", (), "sp_locomotion_kind; the others are not all read", "locomotion_kind"),
-        ("pose", "pose2", (), "to crawl to, world"),
-        ("position_w", "f8", (3,), "of the centre of mass, to fly to [m]"),
-        ("has_form along", "i4", (), "whether the next counts; whether it turns to where it flies first", FLAG),
-        ("at_once", "i4", (), "whether it turns to there from however it moves, and takes the form on the way", FLAG),
-        ("form", "f8", (N_JOINTS,), "on the way [rad]"),
-        ("speed height floor", "f8", (), "of the flight [m/s]; of the take-off [m]; where the floor is expected [m]"),
+    CStruct("waypoint", "A command to the manager of both gaits.", (
+        ("kind", "i4", (), "sp_locomotion_kind, which selects the members that are read", "locomotion_kind"),
+        ("pose", "pose2", (), "goal of a crawl, world"),
+        ("position_w", "f8", (3,), "of the CoG, goal of a flight [m]"),
+        ("has_form along", "i4", (), "whether `form` is valid; whether to turn towards the goal first", FLAG),
+        ("at_once", "i4", (), "whether to turn during the present motion and to change the form in flight", FLAG),
+        ("form", "f8", (N_JOINTS,), "joint angles during the flight [rad]"),
+        ("speed height floor", "f8", (), "of the flight [m/s]; of the take-off [m]; expected height of the floor [m]"),
     )),
-    CStruct("manager_memory", "All that the manager of both gaits remembers.", (
+    CStruct("manager_memory", "State of the manager of both gaits between ticks.", (
         ("phase", "i4", (), "sp_manager_phase", "manager_phase"),
-        ("time", "f8", (), "in it [s]"),
-        ("begin_w", "f8", (3,), "where the centre of mass was when it began, or is to be [m]"),
-        ("quat_wb", "f8", (4,), "attitude that is asked for when it begins"),
+        ("time", "f8", (), "since its start [s]"),
+        ("begin_w", "f8", (3,), "CoG at its start, or commanded CoG [m]"),
+        ("quat_wb", "f8", (4,), "commanded attitude at its start"),
         ("yaw", "f8", (), "heading in flight [rad]"),
-        ("form", "f8", (N_JOINTS,), "that is asked for [rad]"),
-        ("floor velocity", "f8", (), "height of the centre of mass on the floor [m]; rate of the descent [m/s]"),
-        ("believed thrust", "f8", (), "how long there is a floor, or a form asked for [s]; Σλ of the last tick [N]"),
-        ("failures rises", "i4", (), "landings in a row that failed; whether it takes off at the next tick",
+        ("form", "f8", (N_JOINTS,), "commanded joint angles [rad]"),
+        ("floor velocity", "f8", (), "height of the CoG of the lying robot [m]; rate of the descent [m/s]"),
+        ("believed thrust", "f8", (), "time since floor detection or form command [s]; Σλ of the last tick [N]"),
+        ("failures rises", "i4", (), "failed landings in a row; whether it takes off at the next tick",
          (COUNT, FLAG)),
     )),
     CStruct("manager", "The manager of both gaits.", (
@@ -245,30 +245,30 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("crawl", "crawl", (), ""),
         ("reference", "reference", (), "of the last tick in flight"),
         ("commands", "waypoint", (MAX_WAYPOINTS,), "the present one first"),
-        ("count knot_count", "i4", (), "of commands, of knots", ((0, MAX_WAYPOINTS), (0, MANAGER_KNOTS))),
-        ("knots", "knot", (MANAGER_KNOTS,), "of the present flight; its time begins with the phase"),
+        ("count knot_count", "i4", (), "numbers of commands and of knots", ((0, MAX_WAYPOINTS), (0, MANAGER_KNOTS))),
+        ("knots", "knot", (MANAGER_KNOTS,), "of the present flight; their time counts from the start of the phase"),
         ("lying", "f8", (N_JOINTS,), "joint angles on the floor [rad]"),
-        ("lying_height", "f8", (), "of the centre of mass over a floor on which it lies [m]"),
+        ("lying_height", "f8", (), "height of the CoG over the floor when the robot lies [m]"),
         ("snapshot", "snapshot", (), ""),
     )),
-    CStruct("gate", "A part of a course, from side to side of the field.", (
+    CStruct("gate", "A part of a course, which spans the width of the field.", (
         ("kind", "i4", (), "sp_gate_kind", "gate_kind"),
         ("begin end", "f8", (), "along the course [m]"),
-        ("size middle", "f8", (), "height, clearance, width [m] or angle [rad]; the middle of a slot to the left [m]"),
+        ("size middle", "f8", (), "height, clearance, width [m] or angle [rad]; middle of a slot, left positive [m]"),
     )),
-    CStruct("course", "What a map tells of a course.", (
-        ("count dares", "i4", (), "of gates and floors; whether they may be smaller than what passes them",
+    CStruct("course", "The map of a course.", (
+        ("count dares", "i4", (), "number of gates and floors; whether gates may be smaller than the robot",
          ((0, MAX_GATES), FLAG)),
         ("gates", "gate", (MAX_GATES,), "in the order in which they are passed"),
-        ("goal", "pose2", (), "where the torso is to lie, world"),
-        ("tiles", "f8", (TILE_ROWS * TILE_COLUMNS,), "their heights, row by row from right to left [m]"),
+        ("goal", "pose2", (), "goal of the lying torso, world"),
+        ("tiles", "f8", (TILE_ROWS * TILE_COLUMNS,), "heights of the tiles, row by row from right to left [m]"),
     )),
-    CStruct("target", "Where to, and how.", (
-        ("flies", "i4", (), "whether in the air; else on the floor, after a landing if need be", FLAG),
-        ("x y z yaw", "f8", (), "world; of the CoG in the air, of the torso on the floor [m]; heading there [rad]"),
-        ("speed narrow sweep", "f8", (), "of the flight [m/s]; from form 1 to form 3; of the legs' first joints [rad]"),
+    CStruct("target", "Goal of the next motion, and gait and form for it.", (
+        ("flies", "i4", (), "whether to fly; else to crawl, after a landing if necessary", FLAG),
+        ("x y z yaw", "f8", (), "of the CoG in flight or the torso on the floor, world [m]; heading there [rad]"),
+        ("speed narrow sweep", "f8", (), "of the flight [m/s]; form 1 to 3, 0 … 1; of the legs' first joints [rad]"),
     )),
-    CStruct("pilot", "Which target is followed.", (
+    CStruct("pilot", "The target that is followed.", (
         ("has_target", "i4", (), "whether there is one", FLAG),
         ("last", "target", (), ""),
     )),
@@ -283,30 +283,30 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("encoder_time", "f8", (), "of the latest reading [s]"),
         ("angles rates", "f8", (N_ANGLES,), "joints, then (φ, θ) [rad], [rad/s]"),
     )),
-    CStruct("preview", "What a policy in flight is told of the plan.", (
-        ("joint_target next_form", "f8", (N_JOINTS,), "to reach now, and after it (the same if none) [rad]"),
-        ("time_to_next", "f8", (), "until then; SP_NO_NEXT_FORM if there is none [s]"),
-        ("ahead_w", "f8", (3 * AHEAD,), "of the path: where it will be, seen from where it is, world axes [m]"),
-        ("turn", "f8", (AHEAD,), "how far its heading will turn until then [rad]"),
-        ("velocity_w acceleration_w", "f8", (3,), "of the path now [m/s], [m/s²]"),
+    CStruct("preview", "The plan ahead as policies in flight observe it.", (
+        ("joint_target next_form", "f8", (N_JOINTS,), "present and next form (equal if none follows) [rad]"),
+        ("time_to_next", "f8", (), "until the next form; SP_NO_NEXT_FORM if none follows [s]"),
+        ("ahead_w", "f8", (3 * AHEAD,), "points of the path ahead relative to its present point, world axes [m]"),
+        ("turn", "f8", (AHEAD,), "turn of the path's heading until these points [rad]"),
+        ("velocity_w acceleration_w", "f8", (3,), "of the path's present point [m/s], [m/s²]"),
     )),
-    CStruct("policy", "What a learned policy remembers: its last action and what leads to the next.", (
-        ("has_momentum has_joints", "i4", (), "whether there was a tick before"),
-        ("action", "f8", (MAX_ACTION,), "last, as it was applied, in [−1, 1]"),
+    CStruct("policy", "State of a learned policy between ticks.", (
+        ("has_momentum has_joints", "i4", (), "whether a previous tick exists"),
+        ("action", "f8", (MAX_ACTION,), "last applied action, in [−1, 1]"),
         ("leg_momentum", "f8", (3,), "[Nms]"),
-        ("slow", "f8", (MAX_ACTION,), "low-passed answers that the washout takes away"),
-        ("traces", "f8", (MAX_TRACES,), "low-passes of what it saw"),
-        ("joints", "f8", (N_JOINTS,), "as commanded [rad]"),
-        ("has_velocity has_first", "i4", (), "whether they are remembered"),
-        ("velocity force", "f8", (3,), "of the last tick, of the model of the rotors; torso axes [m/s], [N]"),
-        ("external", "f8", (9,), "external force; the same, and the first integral of the position, without signs"),
-        ("observation", "f4", (MAX_OBSERVATION,), "what it saw last"),
+        ("slow", "f8", (MAX_ACTION,), "low-passed outputs, which the washout subtracts"),
+        ("traces", "f8", (MAX_TRACES,), "low-passed observations"),
+        ("joints", "f8", (N_JOINTS,), "commanded joint angles [rad]"),
+        ("has_velocity has_first", "i4", (), "whether velocity and force are stored; whether the first integral is"),
+        ("velocity force", "f8", (3,), "at the last tick; of the rotor model; torso axes [m/s], [N]"),
+        ("external", "f8", (9,), "external force; its absolute values; absolute first position integral"),
+        ("observation", "f4", (MAX_OBSERVATION,), "last observation"),
     )),
 )  # fmt: skip
-"""In the order of their definition: those inside others first."""
+"""In the order of definition: nested structs first."""
 
 
 @cache
 def core_layouts() -> dict[str, np.dtype]:
-    """The structs of the border and of the core as numpy types, by name."""
+    """Return the structs shared with Python and those of the core as numpy types by name."""
     return dtypes((*border_structs(), *CORE_STRUCTS))

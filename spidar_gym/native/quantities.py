@@ -1,4 +1,4 @@
-"""The quantities that the engine counts for tasks: one table, from which C and NumPy have the packed block of them."""
+"""The quantities that the engine computes for tasks: one table, which defines their packed block in C and NumPy."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from spidar_gym.robot import field_docs
 
 
 class Quantities:
-    """What is counted of every robot, an entry for each (N,)."""
+    """Quantities of every task; arrays with one entry per robot, shape (N,)."""
 
     ticks: np.ndarray
     """Steps of the episode."""
     time: np.ndarray
-    """Time since its beginning [s]."""
+    """Time since the reset [s]."""
     in_contact: np.ndarray
     """1 where a part of the robot touches the floor."""
     diverged: np.ndarray
@@ -24,35 +24,35 @@ class Quantities:
 
 
 class HoverQuantities(Quantities):
-    """What is counted of robots in flight."""
+    """Quantities of robots in flight."""
 
     distance: np.ndarray
     """Length of the position error [m]."""
     angle: np.ndarray
     """Length of the attitude error [rad]."""
     joint_error: np.ndarray
-    """Largest difference of a joint from the schedule's plan [rad]."""
+    """Largest deviation of a joint angle from the schedule [rad]."""
     tilt: np.ndarray
     """Angle between the torso's z axis and the vertical [rad]."""
     position_rms: np.ndarray
-    """RMS of the position error since the beginning [m]."""
+    """RMS of the position error since the reset [m]."""
     attitude_rms: np.ndarray
-    """RMS of the attitude error since the beginning [rad]."""
+    """RMS of the attitude error since the reset [rad]."""
     overdue: np.ndarray
-    """Forms that were due by now and not reached in time."""
+    """Number of forms that were due by now and not reached in time."""
 
 
 class CrawlQuantities(Quantities):
-    """What is counted of robots on the ground."""
+    """Quantities of robots on the ground."""
 
     distance: np.ndarray
-    """Distance to the goal, a radian counting 0.5 m [m]."""
+    """Distance to the goal; a radian of yaw error counts as 0.5 m [m]."""
     initial_distance: np.ndarray
-    """The same at the start [m]."""
+    """Distance to the goal at the start [m]."""
     position_error: np.ndarray
-    """Way to the goal [m]."""
+    """Horizontal distance to the goal [m]."""
     yaw_error: np.ndarray
-    """Turn to the goal, its size [rad]."""
+    """Absolute yaw error to the goal [rad]."""
     tilt: np.ndarray
     """Angle of the torso against the floor [rad]."""
     slip: np.ndarray
@@ -60,53 +60,53 @@ class CrawlQuantities(Quantities):
     duct_touches: np.ndarray
     """1 where a duct touches the floor."""
     duct_touched: np.ndarray
-    """1 where a duct has touched it in this episode."""
+    """1 where a duct has touched the floor in this episode."""
     finished: np.ndarray
-    """When the gait was done, or in `direct` the robot had rested at the goal [s]; 0 before."""
+    """Time at which the gait was done, or in `direct` the robot had rested at the goal [s]; 0 before."""
     nominal_time: np.ndarray
-    """How long the preset's gait takes, servos perfect [s]."""
+    """Duration of the preset's gait with perfect servos [s]."""
     timeouts: np.ndarray
-    """Phases that ended by time-out."""
+    """Number of phases that ended by time-out."""
     airborne: np.ndarray
-    """Share of its swing in which the worst foot was in the air; 1 before the first swing."""
+    """Share of the swing time in which the worst foot was in the air; 1 before the first swing."""
     foot_slip: np.ndarray
-    """Way of the worst foot's touching point along the floor [m]."""
+    """Distance that the worst foot has slipped along the floor [m]."""
 
 
 class CourseQuantities(Quantities):
-    """What is counted of robots on a course."""
+    """Quantities of robots on a course."""
 
     distance: np.ndarray
-    """Distance to the goal, a radian counting 0.5 m [m]."""
+    """Distance to the goal; a radian of yaw error counts as 0.5 m [m]."""
     initial_distance: np.ndarray
-    """The same at the start [m]."""
+    """Distance to the goal at the start [m]."""
     position_error: np.ndarray
-    """Way to the goal [m]."""
+    """Horizontal distance to the goal [m]."""
     yaw_error: np.ndarray
-    """Turn to the goal, its size [rad]."""
+    """Absolute yaw error to the goal [rad]."""
     hit: np.ndarray
     """Largest force of the step on anything but feet and pegs [N]."""
     tilt: np.ndarray
     """Angle between the torso's z axis and the vertical [rad]."""
     charge: np.ndarray
-    """What is left of the battery's usable energy, 0 … 1."""
+    """Remaining share of the battery's usable energy, 0 … 1."""
     lies: np.ndarray
     """1 where the robot lies on the floor at rest."""
     is_cut: np.ndarray
-    """1 where the rotors are cut in the air."""
+    """1 where the rotors have been cut in the air."""
     is_outside: np.ndarray
     """1 where the robot has left the field."""
     is_empty: np.ndarray
-    """1 where the battery's usable charge is used up."""
+    """1 where the battery's usable energy is used up."""
 
 
 def quantity_struct(name: str, doc: str, kind: type[Quantities]) -> CStruct:
-    """The block of one robot, numbers of eight bytes each: those of every robot first.
+    """Return the struct of one robot's quantities, numbers of eight bytes each: those of every task first.
 
     Args:
-        name: Of the struct.
-        doc: What it is.
-        kind: Whose quantities.
+        name: Name of the struct.
+        doc: Its description.
+        kind: Class that declares the quantities.
     """
     docs = field_docs(kind)
     own: list[Row] = [(each, "f8", (), docs[each]) for each in kind.__annotations__]
@@ -115,5 +115,5 @@ def quantity_struct(name: str, doc: str, kind: type[Quantities]) -> CStruct:
 
 
 def quantity_names(kind: type[Quantities]) -> tuple[str, ...]:
-    """Names of the quantities in the order of the block."""
+    """Return the names of the quantities in the order of the block."""
     return tuple(name for each in reversed(kind.__mro__[:-1]) for name in vars(each).get("__annotations__", ()))
