@@ -11,6 +11,8 @@ from myst_parser.parsers.sphinx_ import MystParser
 from sphinx.util import logging
 
 import spidar_gym
+from spidar_gym.envs.docs import pages
+from spidar_gym.files import refresh
 
 project = "spidar_gym"
 author = "The spidar_gym developers"
@@ -122,9 +124,15 @@ class NotebookParser(MystParser):
         super().parse(f"{heading}\n\nThis page is {{download}}`a notebook <{name}>`.\n{rest}", document)
 
 
+def write_environments(app: Any) -> None:  # noqa: ANN401 - Sphinx's application
+    """Write the pages of the environments, which are generated from the code and ignored by git."""
+    refresh({Path(app.srcdir) / name: text for name, text in pages().items()}, "spidar docs", check=False)
+
+
 def setup(app: Any) -> None:  # noqa: ANN401 - Sphinx's application
     """Connect to Sphinx; to docstrings before and after napoleon."""
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
     app.add_source_parser(NotebookParser)
+    app.connect("builder-inited", write_environments)
     app.connect("autodoc-process-docstring", plain, priority=100)
     app.connect("autodoc-process-docstring", restore, priority=900)

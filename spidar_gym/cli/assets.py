@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from spidar_gym.cli.arguments import Flag
-from spidar_gym.envs.docs import pages
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError
 from spidar_gym.files import refresh, whole_file
 from spidar_gym.native.codegen.committed import OSQP, committed_files, leftovers, other_osqp
@@ -16,7 +15,7 @@ from spidar_gym.robot.description import assets_dir, generated_files, robot_file
 
 
 def assets(check: Flag = False, robot: Path | None = None, out: Path | None = None) -> None:
-    """Write the generated files: MJCF, URDF, tables, C, in a checkout the environments' pages; compile the library.
+    """Write the generated files (MJCF, URDF, tables, C) and compile the library.
 
     Args:
         check: Write nothing; fail when a committed file or the compiled library is stale.
@@ -36,9 +35,6 @@ def assets(check: Flag = False, robot: Path | None = None, out: Path | None = No
         return
     root = assets_dir()
     files = {root / name: text for name, text in generated_files().items()}
-    guide = root.parent / "docs"
-    if (guide / "conf.py").is_file():  # an installed wheel has no guide
-        files |= {guide / name: text for name, text in pages().items()}
     written = refresh(files, BUILD, check=check)  # first: what follows is generated from the MJCF
     native = committed_files() | {"spidar_policy.h": policy_header(None)}
     old = leftovers(native)

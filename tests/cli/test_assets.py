@@ -4,13 +4,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.commands import ROOT, files, refused
+from support.commands import files, refused
 from support.needs import needs_compiler
 
 from spidar_gym.cli import assets as cli
 from spidar_gym.cli.main import main
-from spidar_gym.envs.docs import pages
-from spidar_gym.envs.registry import ENVIRONMENTS
 from spidar_gym.native import library, recipe
 from spidar_gym.native.codegen import committed
 from spidar_gym.robot import RobotSpec, description
@@ -22,11 +20,9 @@ NATIVE = ("spidar_structs.h", "spidar_policy.h", "osqp/auxil.c")
 
 @pytest.fixture
 def assets(tmp_path, monkeypatch) -> Path:
-    """A copy of the assets that the command line works on, beside one of the guide's generated pages and of the C."""
+    """A copy of the assets that the command line works on, beside one of the generated C."""
     folder = tmp_path / "checkout" / "assets"
     shutil.copytree(description.assets_dir(), folder)
-    shutil.copytree(ROOT / "docs" / "environments", folder.parent / "docs" / "environments")
-    shutil.copy(ROOT / "docs" / "conf.py", folder.parent / "docs")
     shutil.copytree(recipe.GENERATED, folder.parent / "generated")
     for module in (cli, description):
         monkeypatch.setattr(module, "assets_dir", lambda: folder)
@@ -42,11 +38,10 @@ def native_files():
 
 def test_the_committed_assets_are_fresh(capfd):
     main(["assets", "--check"])
-    assert f"{len(generated_files()) + len(pages()) + native_files()} generated files" in capfd.readouterr().out
+    assert f"{len(generated_files()) + native_files()} generated files" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("name", [*(f"assets/{n}" for n in generated_files()), *(f"docs/{n}" for n in pages()),
-                                  *(f"generated/{n}" for n in NATIVE)])  # fmt: skip
+@pytest.mark.parametrize("name", [*(f"assets/{n}" for n in generated_files()), *(f"generated/{n}" for n in NATIVE)])
 @pytest.mark.parametrize("missing", [False, True])
 def test_a_stale_asset_is_named_by_the_check_which_writes_nothing(name, missing, assets, capfd):
     path = assets.parent / name
@@ -61,22 +56,12 @@ def test_a_stale_asset_is_named_by_the_check_which_writes_nothing(name, missing,
 def test_assets_are_written_whole_and_only_where_they_are_stale(assets, capfd):
     fresh = files(assets.parent)
     (assets / "mjcf" / "spidar.xml").write_text("<mujoco/>", encoding="utf-8")
-    for name in pages():
-        (assets.parent / "docs" / name).unlink()
     main(["assets"])
-    assert capfd.readouterr().out.startswith(f"{1 + len(ENVIRONMENTS)} of ")
+    assert capfd.readouterr().out.startswith("1 of ")
     assert files(assets.parent) == fresh
     main(["assets"])
     assert capfd.readouterr().out.startswith("0 of ")
     assert files(assets.parent) == fresh
-
-
-def test_an_installed_package_has_no_guide_to_write(assets, capfd):
-    shutil.rmtree(assets.parent / "docs")
-    main(["assets", "--check"])
-    assert capfd.readouterr().out.startswith(f"{len(generated_files()) + native_files()} generated files")
-    main(["assets"])
-    assert not (assets.parent / "docs").exists()
 
 
 def test_an_asset_that_cannot_be_written_is_one_line_and_leaves_no_half_of_it(assets, capfd):

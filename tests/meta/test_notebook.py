@@ -46,8 +46,9 @@ def test_it_has_a_next_section_and_its_links_lead_to_pages():
     assert "\n## Next\n" in words
     links = re.findall(r"\]\(([^)#]+)\)", words)
     assert len(links) > 5
+    generated = {ROOT / "docs" / name for name in pages()}  # written when the guide is built
     for link in links:
-        assert (PATH.parent / link).is_file(), link
+        assert (PATH.parent / link).is_file() or (PATH.parent / link).resolve() in generated, link
 
 
 def test_a_notebook_becomes_a_page_with_its_code_prints_and_pictures():
