@@ -1,11 +1,11 @@
-"""Pinocchio behind one door: (joint angles, attitude, vectoring angles) → `Snapshot`, the numbers of one control tick.
+"""Kinematics and dynamics with Pinocchio: (joint angles, attitude, vectoring angles) → `Snapshot` of a control tick.
 
 Frames: `b` torso origin and axes, `c` CoG with torso axes (the paper's {CoG}), `l` axes of the link that carries a
 rotor. Joint-space quantities hold the torso fixed.
 """
 
 # pyright: reportAttributeAccessIssue=false
-# The compiled modules below come without stubs.
+# The compiled modules below have no type stubs.
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -40,13 +40,13 @@ class Snapshot:
     mass: float
     """Total mass mΣ [kg]."""
     com_b: Vector3
-    """CoG seen from the torso's origin [m]."""
+    """Position of the CoG from the torso's origin [m]."""
     inertia_c: Matrix3
     """Centroidal inertia IΣ(q) [kg m²]."""
     R_bl: Float[np.ndarray, "8 3 3"]
     """Attitude of each rotor's link."""
     rotor_c: RotorForces
-    """Rotor centres p_i seen from the CoG [m]; they depend on φ, since the rotor hangs 27 mm below the φ axis."""
+    """Rotor centres p_i from the CoG [m]; they depend on φ, because the rotor is 27 mm below the φ axis."""
     J_rotor: Float[np.ndarray, "8 3 16"]
     """∂(rotor centre)/∂q, torso held fixed [m/rad]: the paper's J_r."""
     joint_axes: Float[np.ndarray, "3 16"]
@@ -56,7 +56,7 @@ class Snapshot:
     momentum_map: Float[np.ndarray, "6 16"]
     """Linear and angular momentum about the CoG per joint velocity, torso held fixed [kg m, kg m²]."""
     robot: RobotSpec = ROBOT
-    """Whose they are: what the controller knows of its limits besides."""
+    """The robot of these quantities; the controller reads its limits here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,25 +64,25 @@ class Feet:
     """The foot spheres' centres at one configuration, torso axes."""
 
     position_b: FootForces
-    """Seen from the torso's origin [m]."""
+    """Positions from the torso's origin [m]."""
     J: Float[np.ndarray, "4 3 16"]
     """∂(centre)/∂q, torso held fixed [m/rad]."""
 
 
 @lru_cache(maxsize=64)
 def build_model(robot: RobotSpec) -> pin.Model:
-    """Pinocchio's model of a robot, which nobody may write (`StaleAssetError` where the committed MJCF was edited)."""
+    """Build Pinocchio's model of a robot, shared and read-only (`StaleAssetError` if the committed MJCF was edited)."""
     with model_file(robot) as path:
         return pin.buildModelFromMJCF(str(path))
 
 
 class Model:
-    """A robot's kinematics and mass distribution; owns Pinocchio's work space."""
+    """A robot's kinematics and mass distribution; owns Pinocchio's workspace."""
 
     def __init__(self, robot: RobotSpec = ROBOT) -> None:
-        """Load the robot's MJCF (`StaleAssetError` where the committed one was edited)."""
+        """Load the robot's MJCF (`StaleAssetError` if the committed one was edited)."""
         self.robot = robot
-        """Whose model it is."""
+        """The modelled robot."""
         self._model = build_model(robot)
         self._data = self._model.createData()
         self._q = pin.neutral(self._model)
@@ -92,7 +92,7 @@ class Model:
         self._v_joint = np.array([self._model.idx_vs[joint(name)] for name in JOINT_NAMES])
         self._q_gimbal = np.array([self._model.idx_qs[joint(name)] for name in GIMBAL_NAMES])
         self._mass = float(pin.computeTotalMass(self._model))
-        # Views into Pinocchio's own memory: they show the numbers of the latest forward pass.
+        # Views into Pinocchio's memory: they contain the results of the latest forward pass.
         self._J, self._com = self._data.J, self._data.com[0]
         self._link_views = [self._data.oMi[joint(f"joint{i}_pitch")].rotation for i in range(1, N_ROTORS + 1)]
         self._rotor_views = [self._data.oMi[joint(f"gimbal{i}_pitch")].translation for i in range(1, N_ROTORS + 1)]
@@ -108,26 +108,26 @@ class Model:
         )
 
     def __reduce__(self) -> tuple[type["Model"], tuple[RobotSpec]]:
-        """A copy is another model of the same robot: a copied view would show nobody's memory."""
+        """Pickle the robot only: the copy builds its own model, because copied views would refer to no workspace."""
         return type(self), (self.robot,)
 
     def snapshot(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> Snapshot:
-        """All model quantities of one control tick.
+        """Compute all model quantities of one control tick.
 
         Args:
             q: Joint angles [rad].
-            R_wb: Attitude of the torso; it turns gravity.
+            R_wb: Attitude of the torso, for the direction of gravity.
             vectoring: (φ, θ) of each rotor [rad].
 
         Returns:
-            The snapshot, independent of the model's work space.
+            The snapshot, independent of the model's workspace.
         """
         configuration, data, joints = self._q, self._data, self._v_joint
         configuration[self._q_joint] = q
         configuration[self._q_gimbal] = vectoring.reshape(-1)
         momentum = pin.ccrba(self._model, data, configuration, self._no_velocity).take(joints, axis=1)
         rotors = np.array(self._rotor_views)
-        # Velocity of a point per joint, v = v_O + ω × p = v_O − [p]ₓ ω, for all rotors and joints at once.
+        # Velocity of a point per joint, v = v_O + ω × p = v_O − [p]ₓ ω, for all rotors and joints.
         J = self._J.take(joints, axis=1)
         J_rotor = J[:3] - (rotors @ CROSS).reshape(N_ROTORS, 3, 3) @ J[3:]
         J_rotor *= self._moves
@@ -147,7 +147,7 @@ class Model:
         )
 
     def stance(self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring) -> tuple[Snapshot, Feet]:
-        """`snapshot`, and where the feet are."""
+        """Compute the `snapshot` and the positions and Jacobians of the feet."""
         snapshot = self.snapshot(q, R_wb, vectoring)
         feet = np.array([placement.translation + placement.rotation @ self._foot for placement in self._knee_views])
         J = self._J.take(self._v_joint, axis=1)

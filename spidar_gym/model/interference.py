@@ -1,7 +1,7 @@
-"""Inter-rotor interference: from the configuration to the restricted rotors and the bounds of their θ.
+"""Inter-rotor interference: computes the restricted rotors of a configuration and the bounds of their θ.
 
-A rotor that blows on another rotor below it, or on the torso, loses lift. With φ held at φ̂ the vectoring range of a
-rotor is an interval of angles ψ = θ − θ̂ about the torso's vertical, minus one forbidden interval per target below it.
+A jet that meets another rotor below, or the torso, reduces the lift. With φ held at φ̂ the vectoring range of a rotor is
+an interval of angles ψ = θ − θ̂ about the torso's vertical, minus one forbidden interval per target below the rotor.
 """
 
 import math
@@ -18,12 +18,12 @@ from spidar_gym.robot import N_ROTORS, ROBOT
 
 @dataclass(frozen=True)
 class InterferenceConfig:
-    """Thresholds of the interference test; the values that the lab flew [JSK]."""
+    """Thresholds of the interference test; the defaults are the values that the lab flew [JSK]."""
 
     alpha: float = 0.4
     """α̲: a pair inclined by more than this along φ does not interfere [rad] [Zhao2025, Eq. 22]."""
     horizon: float = 1.2
-    """A target seen farther than this from straight below is not met by a hovering rotor [rad]."""
+    """A target farther than this from straight below is ignored: the jet of a hovering rotor misses it [rad]."""
     rotor_radius: float = 0.09
     """Radius of a rotor and of its jet: duct inner radius 0.075 m times 1.2 [m]."""
     torso_radius: float = ROBOT.torso_radius
@@ -35,7 +35,7 @@ class InterferenceConfig:
     hysteresis: float = 0.05
     """A restricted rotor is released only when its bound is farther than θ̲ plus this [rad]."""
     tie: float = 0.05
-    """Two subsets whose distances from the vertical differ by less than this tie: the previous side is kept [rad]."""
+    """If the distances of two subsets from the vertical differ by less than this, the previous side is kept [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,23 +53,23 @@ class Interference:
 
 
 def no_interference() -> Interference:
-    """The state before the first tick: nothing restricted, ties go to the lower bound."""
+    """Return the state before the first tick: no rotor is restricted, ties go to the lower bound."""
     free = np.zeros(N_ROTORS, bool)
     return Interference(free, np.full(N_ROTORS, -np.inf), np.full(N_ROTORS, np.inf), np.ones(N_ROTORS, int))
 
 
 def forbidden_interval(x: float, z: float, radius: float, target_radius: float) -> tuple[float, float]:
-    """Angles ψ at which a jet meets a target in the plane [Zhao2025, Eq. 20, 21, 23].
+    """Compute the angles ψ at which a jet meets a target in the plane [Zhao2025, Eq. 20, 21, 23].
 
     Args:
-        x: Position of the target along the nominal rotor frame's x axis [m]; ψ > 0 tilts the thrust to +x, so the
-            jet to −x.
+        x: Position of the target along the nominal rotor frame's x axis [m]; ψ > 0 tilts the thrust to +x and the jet
+            to −x.
         z: Height of the target in that frame [m], negative below.
         radius: Radius of the jet [m].
         target_radius: Radius of the target [m].
 
     Returns:
-        (η̲′, η̄′) [rad]: every ψ between them blows on the target.
+        (η̲′, η̄′) [rad]: for every ψ between them the jet meets the target.
     """
     below = -z
     right, left = x + target_radius, x - target_radius
@@ -79,7 +79,7 @@ def forbidden_interval(x: float, z: float, radius: float, target_radius: float) 
 
 
 def valid_subsets(forbidden: list[tuple[float, float]], *, width: float) -> list[tuple[float, float]]:
-    """Disjoint intervals S″ of [−π/2, π/2] that no forbidden interval covers, at least `width` wide.
+    """Compute the disjoint intervals S″ of [−π/2, π/2] outside all forbidden intervals, at least `width` wide.
 
     [Zhao2025, Eq. 18, 19, 24, 25]: the intersection of the pairs' ranges as a union of isolated subsets.
     """
@@ -95,12 +95,12 @@ def valid_subsets(forbidden: list[tuple[float, float]], *, width: float) -> list
 
 
 def best_subset(subsets: list[tuple[float, float]], side: int, *, tie: float) -> tuple[float, float] | None:
-    """The subset that needs the least tilt, Ŝ [Zhao2025, Eq. 26, 27].
+    """Select the subset that needs the least tilt, Ŝ [Zhao2025, Eq. 26, 27].
 
     Args:
         subsets: Disjoint intervals of ψ [rad].
-        side: +1 or −1: where the previous choice lay; subsets that tie within `tie` [rad] go to this side.
-        tie: Width of a tie [rad].
+        side: +1 or −1: the side of the previous choice, which is kept if two subsets tie.
+        tie: Subsets tie if their tilts differ by less than this [rad].
     """
     best, least = None, math.inf
     for subset in subsets:
@@ -116,17 +116,17 @@ def best_subset(subsets: list[tuple[float, float]], side: int, *, tie: float) ->
 def find_interference(
     snapshot: Snapshot, nominal: Vectoring, previous: Interference, *, config: InterferenceConfig
 ) -> Interference:
-    """Restricted rotors 𝓘 and the bounds of their θ [Zhao2025, Eq. 18-27, 33].
+    """Compute the restricted rotors 𝓘 and the bounds of their θ [Zhao2025, Eq. 18-27, 33].
 
     Args:
         snapshot: The configuration.
         nominal: (φ̂, θ̂) of each rotor [rad].
-        previous: The result of the last tick: it decides ties and the hysteresis of 𝓘.
+        previous: The result of the last tick, for ties and the hysteresis of 𝓘.
         config: Thresholds.
 
     Returns:
-        Bounds on θ itself (θ̂ added). The torso disc counts as a target. Rotors that no subset leaves room for
-        (none in the robot's range was found) keep their full range.
+        Bounds on θ itself (θ̂ added). The torso disc counts as a target. A rotor without a valid subset keeps its full
+        range; no configuration of the robot in which this happens has been found.
     """
     intervals = _forbidden_intervals(snapshot, nominal, config)
     if not intervals:
@@ -150,7 +150,7 @@ _NONE = no_interference()
 def _forbidden_intervals(
     snapshot: Snapshot, nominal: Vectoring, config: InterferenceConfig
 ) -> dict[int, list[tuple[float, float]]]:
-    """Forbidden intervals of each rotor that has a target below it: the pairs of [Zhao2025, Eq. 22, 23]."""
+    """Compute the forbidden intervals of each rotor with targets below it: the pairs of [Zhao2025, Eq. 22, 23]."""
     targets = [(*p, config.rotor_radius) for p in snapshot.rotor_c.tolist()]
     targets.append((*(-snapshot.com_b).tolist(), config.torso_radius))
     tan_alpha, tan_horizon = math.tan(config.alpha), math.tan(config.horizon)
@@ -171,7 +171,7 @@ def _forbidden_intervals(
                 yx, yy = c * ax + s * bx, c * ay + s * by
                 length = math.sqrt(yx * yx + yy * yy)
                 yx, yy = yx / length, yy / length
-            # α = atan2(|v_y|, |v_z|) ≥ α̲, or too far to the side to be met at hover; the frame's x axis is y × z.
+            # α = atan2(|v_y|, |v_z|) ≥ α̲, or beyond the horizon; the frame's x axis is y × z.
             if abs(dx * yx + dy * yy) >= tan_alpha * below or abs(dx * yy - dy * yx) >= tan_horizon * below:
                 continue
             interval = forbidden_interval(dx * yy - dy * yx, -below, config.rotor_radius, radius)

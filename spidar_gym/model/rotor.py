@@ -1,8 +1,8 @@
 """Vectoring geometry: force ↔ (λ, φ, θ), the branch nearest to the present angles, and the lock near a vertical link.
 
 The force of a module in the axes of its link is f = λ (sin θ, −sin φ cos θ, cos φ cos θ): φ turns it about the link's
-rod, θ about the axis on which the two ducts sit. (φ, θ) and (φ + π, π − θ) are the same force, and φ is undefined where
-the force lies along the rod: near a link that is vertical while the robot hovers.
+rod, θ about the axis on which the two ducts are mounted. (φ, θ) and (φ + π, π − θ) are the same force. φ is undefined
+where the force lies along the rod, as it does in hover if the link is vertical.
 """
 
 import math
@@ -19,24 +19,24 @@ from spidar_gym.so3 import CROSS
 TWO_PI = 2.0 * math.pi
 HALF_PI = 0.5 * math.pi
 MIN_FORCE = 0.5
-"""Below this thrust [N] the direction of a force means nothing."""
+"""Below this thrust [N] the direction of a force is ignored."""
 TURN_BIAS = 0.1
-"""Each leg prefers one of two equal turns to the tangential plane by this much [rad]."""
+"""Preference of each leg for one of the two turns to the tangential plane [rad]."""
 
 
 def vectoring_to_force(thrust: RotorVector, vectoring: Vectoring) -> RotorForces:
-    """Force of each module in link axes, f = λ u(φ, θ) [N] [Zhao2025, Eq. 1]."""
+    """Compute the force of each module in link axes, f = λ u(φ, θ) [N] [Zhao2025, Eq. 1]."""
     phi, theta = vectoring[:, 0], vectoring[:, 1]
     c = np.cos(theta)
     return thrust[:, None] * np.stack([np.sin(theta), -np.sin(phi) * c, np.cos(phi) * c], axis=1)
 
 
 def thrust_map(R_bl: Float[np.ndarray, "8 3 3"], rotor_c: RotorForces) -> Float[np.ndarray, "6 24"]:
-    """Matrix from the eight forces in link axes to the total wrench in {CoG} [Zhao2025, Eq. 2].
+    """Compute the matrix from the eight forces in link axes to the total wrench in {CoG} [Zhao2025, Eq. 2].
 
     Args:
         R_bl: Attitude of each link.
-        rotor_c: Rotor centres seen from the CoG, torso axes [m].
+        rotor_c: Rotor centres from the CoG, torso axes [m].
 
     Returns:
         Q with (f_λ, τ_λ) = Q f; columns 3i … 3i + 2 belong to rotor i. Differs from [Zhao2025, Eq. 2]: the unknowns
@@ -51,15 +51,15 @@ def thrust_map(R_bl: Float[np.ndarray, "8 3 3"], rotor_c: RotorForces) -> Float[
 def force_to_angles(
     force_l: Sequence[float], phi0: float, theta0: float, held: float | None = None, *, min_force: float = MIN_FORCE
 ) -> tuple[float, float]:
-    """Vectoring angles (φ, θ) [rad] that point one module along its force [Zhao2025, Eq. 15, 16].
+    """Compute the vectoring angles (φ, θ) [rad] that point one module along its force [Zhao2025, Eq. 15, 16].
 
     Args:
         force_l: Force in link axes [N].
-        phi0: Present φ, unwrapped [rad]. Of the equal solutions the one nearest to the present angles is returned, so
-            that nothing jumps by π or 2π where the formulas' arctangents do.
+        phi0: Present φ, unwrapped [rad]. Of the equivalent solutions the one nearest to the present angles is returned,
+            so the angles do not jump by π or 2π as the arctangents do.
         theta0: Present θ, unwrapped [rad].
-        held: φ where it is locked [rad]; θ then points along the force's projection on the plane that it sweeps.
-        min_force: Below this thrust [N] a direction means nothing and the present angles stay.
+        held: The locked φ [rad], or None; θ then follows the projection of the force on the plane that θ sweeps.
+        min_force: Below this thrust [N] the direction is ignored and the present angles are returned.
     """
     fx, fy, fz = force_l
     if held is None:
@@ -83,7 +83,7 @@ def force_to_angles(
 
 
 def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> Vectoring:
-    """Angles (φ̂, θ̂) [rad] that point each rotor along the torso's z axis, on the branch nearest to `present`.
+    """Compute the angles (φ̂, θ̂) [rad] that point each rotor along the torso's z axis, on the branch of `present`.
 
     Solves u(φ̂, θ̂) = (0, 0, 1) in {CoG} [Zhao2025, Sec. Interrotor Aerointerference].
     """
@@ -95,32 +95,32 @@ def nominal_vectoring(R_bl: Float[np.ndarray, "8 3 3"], present: Vectoring) -> V
 
 @dataclass(frozen=True, slots=True)
 class Lock:
-    """Which rotors have their φ held, and where."""
+    """State of the φ lock of each rotor."""
 
     vertical: RotorMask
-    """The link is near vertical (with hysteresis)."""
+    """Whether the link is near vertical (with hysteresis)."""
     active: RotorMask
-    """φ is held: near a vertical link, restricted by interference, or on its way back from either."""
+    """Whether φ is held: near a vertical link, restricted by interference, or on its way back from either."""
     phi: RotorVector
     """The held angle [rad]; where `active` is False, the angle last commanded."""
 
 
 @dataclass(frozen=True)
 class LockConfig:
-    """When and how φ is held."""
+    """Thresholds and rates of the φ lock."""
 
     enter: float = 0.30
     """φ is locked when the link comes within this angle of the vertical [rad] [JSK]."""
     leave: float = 0.35
     """φ is released when the link is farther than this from the vertical [rad]."""
     slew: float = 0.04
-    """A held φ moves by at most this much a tick [rad] [JSK]."""
+    """A held φ moves by at most this much per tick [rad] [JSK]."""
     release: float = 0.25
-    """A φ that is led back is released when φ̂ is this close: what the servo turns in one tick [rad]."""
+    """A φ that returns to φ̂ is released within this distance, which the servo turns in one tick [rad]."""
     least: float = 0.1
-    """Least turn of a φ locked near a vertical link away from φ̂, towards the tangential plane [rad]."""
+    """Smallest turn from φ̂ towards the tangential plane of a φ locked near a vertical link [rad]."""
     most: float = 0.4
-    """Largest turn of a φ locked near a vertical link away from φ̂ [rad]."""
+    """Largest turn from φ̂ towards the tangential plane of a φ locked near a vertical link [rad]."""
 
 
 def update_lock(
@@ -134,20 +134,22 @@ def update_lock(
 ) -> Lock:
     """Advance the lock of φ by one tick.
 
-    A rotor restricted by interference is held at φ̂, so that its thrust stays in the plane of [Zhao2025, Eq. 32]. Near
-    a vertical link φ̂ means nothing, any φ gives the same lift, and the question is which horizontal force is left. The
-    locked angle turns from φ̂ towards the plane that is **tangential** about the CoG as the link comes up to the
-    vertical, from `least` to `most`, stays there through the vertical, and turns back as the link leaves. So a form of
-    vertical links and restricted rotors, all of whose planes would be radial, keeps its yaw torque, and the branch is
-    the same on both sides of the vertical. A rotor that is neither any more is led towards φ̂ and released when that is
-    near: led all the way, all planes would be radial once more.
-    Every held angle moves by at most `slew` a tick. Differs from the lab's implementation, which searches for the
-    angle of the largest guaranteed wrench.
+    A rotor restricted by interference is held at φ̂, so that its thrust stays in the plane of [Zhao2025, Eq. 32].
+
+    Near a vertical link φ̂ is ill-defined and every φ gives the same lift; φ only selects which horizontal force
+    remains possible. The locked angle turns from φ̂ towards the plane that is **tangential** about the CoG. The turn
+    grows from `least` to `most` as the link approaches the vertical, stays constant through the vertical, and shrinks
+    as the link leaves. Without the turn a form of vertical links and restricted rotors would have only radial planes,
+    and no yaw torque. The branch is the same on both sides of the vertical.
+
+    A rotor that is neither restricted nor near the vertical any more moves towards φ̂ and is released before it
+    arrives, because at φ̂ all planes would be radial again. Every held angle moves by at most `slew` per tick. Differs
+    from the lab's implementation, which searches for the angle of the largest guaranteed wrench.
 
     Args:
         previous: The lock of the last tick.
         restricted: Rotors restricted by interference.
-        nominal: (φ̂, θ̂).
+        nominal: (φ̂, θ̂) of each rotor [rad].
         snapshot: Attitude of each link and positions of the rotors.
         phi_command: φ commanded at the last tick [rad].
         config: Thresholds and slew.
@@ -176,17 +178,17 @@ def update_lock(
 
 
 def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up: float, config: LockConfig) -> float:
-    """Where φ of a rotor near a vertical link is led [rad]; see `update_lock`."""
+    """Compute the target of φ of a rotor near a vertical link [rad]; see `update_lock`."""
     x, y, _ = snapshot.rotor_c[i].tolist()
     (_, y_x, z_x), (_, y_y, z_y) = snapshot.R_bl[i, :2].tolist()
-    # The plane of φ holds the horizontal direction −sin φ ŷ + cos φ ẑ of the link; tangential is ẑ × p.
+    # The plane of φ contains the horizontal direction −sin φ ŷ + cos φ ẑ of the link; the tangent is ẑ × p.
     tangential = math.atan2(y_x * y - y_y * x, z_y * x - z_x * y)
     lean = math.acos(min(1.0, abs(up)))
-    # Two turns lead to the same plane. φ goes the way that it has gone already; at a tie, neighbouring legs go opposite
-    # ways, so that tilting them all inwards or outwards makes no yaw torque.
+    # Two turns lead to the same plane. φ continues in its present direction; at a tie, neighbouring legs turn in
+    # opposite directions, so that tilting them all inwards or outwards makes no yaw torque.
     bias = TURN_BIAS if i // 2 % 2 == 0 else -TURN_BIAS
     if lean < 0.5 * config.leave:
-        # φ̂ turns wildly here: stay, unless farther from the tangential plane than `most` allows.
+        # φ̂ is ill-conditioned here: hold φ, unless it is farther from the tangential plane than `most` allows.
         off = (held - tangential + HALF_PI + bias) % math.pi - HALF_PI - bias
         room = HALF_PI - config.most
         return held + max(-room, min(room, off)) - off
@@ -199,7 +201,7 @@ def _vertical_target(snapshot: Snapshot, i: int, phi_hat: float, held: float, up
 
 
 def rate_limit_vectoring(forces_l: RotorForces, lock: Lock, present: Vectoring, step: float) -> Vectoring:
-    """Angles for the forces [rad], φ held where it is locked, none farther than `step` [rad] from the `present` one."""
+    """Compute the angles of the forces [rad] with locked φ held and each angle within `step` [rad] of `present`."""
     active, held = lock.active.tolist(), lock.phi.tolist()
     angles = []
     for i, (force, (phi0, theta0)) in enumerate(zip(forces_l.tolist(), present.tolist(), strict=True)):

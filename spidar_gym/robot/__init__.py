@@ -1,4 +1,4 @@
-"""The robot: its numbers, and the models written from them."""
+"""The robot: its parameters and the models generated from them."""
 
 from spidar_gym.robot.spec import (
     CONTACT_SITES,

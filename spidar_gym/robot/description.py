@@ -1,7 +1,7 @@
-"""The robot as text: `mjcf(spec)` and `urdf(spec)` are pure functions of the robot description.
+"""Generates MJCF and URDF: `mjcf(spec)` and `urdf(spec)` are pure functions of the robot description.
 
-The committed files under assets/ are exactly this text; `mjcf_path` refuses one that differs. Both engines load the
-MJCF, so every body carries an explicit inertial (Pinocchio drops the mass of geoms that do not collide). Visual geoms
+The committed files under assets/ are exactly this text; `mjcf_path` raises an error if one differs. Both engines load
+the MJCF, so every body has an explicit inertial (Pinocchio drops the mass of geoms that do not collide). Visual geoms
 are primitives of group 2; collision geoms are of group 3 and collide with the floor only.
 """
 
@@ -44,7 +44,7 @@ COLORS = {
     "rubber": "0.85 0.35 0.10 1",
 }
 PAYLOAD = {"payload": "0.86 0.65 0.13 1"}
-"""The colour of what a robot carries."""
+"""Colour of payloads."""
 CAMERAS: dict[str, tuple[str, str]] = {
     "chase": ("-2.6 -2.2 1.3", "0 0 -0.15"),
     "side": ("0 -3.4 0.1", "0 0 -0.2"),
@@ -53,7 +53,7 @@ CAMERAS: dict[str, tuple[str, str]] = {
 }
 """Position and target [m] of the cameras, which follow the robot's centre of mass."""
 FOOT_CONTACT = {"condim": "4", "priority": "1", "solref": "0.006 1"}
-"""Feet set the friction of their contacts; the settings are those that crept least in a crawling prototype."""
+"""Contact settings of the feet, which set the friction of their contacts: those with the least creep in a prototype."""
 
 
 def _colors(spec: RobotSpec) -> dict[str, str]:
@@ -61,7 +61,7 @@ def _colors(spec: RobotSpec) -> dict[str, str]:
 
 
 def _text(value: Numbers) -> str:
-    """Numbers with 12 significant digits, so that both engines read the same model to 1e-12."""
+    """Format numbers with 12 significant digits, so that both engines read the same model to 1e-12."""
     values = [value] if isinstance(value, int | float) else list(value)
     return " ".join(f"{v + 0.0:.12g}" for v in values)
 
@@ -74,7 +74,7 @@ def _add(parent: ET.Element, tag: str, **attributes: str | Numbers) -> ET.Elemen
 
 
 def _camera_axes(position: str, target: str) -> list[float]:
-    """The x and y axes of a camera at `position` that looks at `target` with the horizon level."""
+    """Compute the x and y axes of a camera at `position` that points at `target` with the horizon level."""
     back = np.array(position.split(), float) - np.array(target.split(), float)
     x = np.cross([0.0, 0.0, 1.0], back)
     y = np.cross(back, x)
@@ -90,14 +90,14 @@ def _visual(body: ET.Element, kind: str, color: str, **attributes: str | Numbers
 
 
 def _carried(body: ET.Element, spec: RobotSpec) -> None:
-    """What a body carries, as boxes; its inertial has their masses already."""
+    """Add a body's payloads as visual boxes; the body's inertial already includes their masses."""
     for payload in spec.payloads:
         if payload.body == body.get("name"):
             _visual(body, "box", "payload", pos=payload.position, size=[edge / 2 for edge in payload.size])
 
 
 def _module(link: ET.Element, i: int, spec: RobotSpec) -> None:
-    """Vectorable rotor i: roll module (φ) and pitch module (θ) with two ducts side by side."""
+    """Add vectorable rotor i: roll module (φ) and pitch module (θ) with two ducts side by side."""
     roll = _add(link, "body", name=f"gimbal{i}_roll_module", pos=[spec.roll_axis_x, 0, 0])
     _inertial(roll, spec.bodies["roll_module"])
     _add(roll, "joint", name=f"gimbal{i}_roll", class_="gimbal", axis=[1, 0, 0])
@@ -114,7 +114,7 @@ def _module(link: ET.Element, i: int, spec: RobotSpec) -> None:
         size = [spec.duct_radius, (high - low) / 2]
         _add(pitch, "geom", class_="collision", type="cylinder", pos=[*center, (low + high) / 2], size=size)
         _visual(pitch, "cylinder", "duct", pos=[*center, (low + high) / 2], size=size)
-        # A dark disc a hair longer than the duct reads as the opening that no primitive can cut.
+        # A dark disc slightly longer than the duct looks like its opening, which primitives cannot model.
         opening = [spec.propeller_radius, (high - low) / 2 + 0.0008]
         _visual(pitch, "cylinder", "fan", pos=[*center, (low + high) / 2], size=opening)
         _visual(pitch, "ellipsoid", "metal", pos=[*center, high], size=[0.017, 0.017, 0.014])
@@ -122,7 +122,7 @@ def _module(link: ET.Element, i: int, spec: RobotSpec) -> None:
 
 
 def _junction(parent: ET.Element, i: int, kind: str, spec: RobotSpec, **placement: Numbers) -> ET.Element:
-    """Two-axis joint module i with its peg; returns the body behind the yaw axis."""
+    """Add two-axis joint module i with its peg; return the body behind the yaw axis."""
     junction = _add(parent, "body", name=f"junction{i}", **placement)
     _inertial(junction, spec.bodies[f"{kind}_junction"])
     _add(junction, "joint", name=f"joint{i}_yaw", class_="joint", axis=[0, 0, 1])
@@ -140,7 +140,7 @@ def _junction(parent: ET.Element, i: int, kind: str, spec: RobotSpec, **placemen
 
 
 def _link(junction: ET.Element, i: int, kind: str, spec: RobotSpec) -> ET.Element:
-    """Link i behind its pitch axis, with rod, battery and rotor module; returns its body."""
+    """Add link i behind its pitch axis, with rod, battery and rotor module; return its body."""
     link = _add(junction, "body", name=f"link{i}", pos=[spec.yaw_to_pitch, 0, 0])
     _inertial(link, spec.inertial(f"link{i}", f"{kind}_link"))
     _add(link, "joint", name=f"joint{i}_pitch", class_="joint", axis=[0, 1, 0])
@@ -157,7 +157,7 @@ def _link(junction: ET.Element, i: int, kind: str, spec: RobotSpec) -> ET.Elemen
 
 
 def mjcf(spec: RobotSpec = ROBOT) -> str:
-    """MJCF of the robot alone (scenes are composed at load time), as text.
+    """Generate the MJCF of the robot alone (scenes are composed at load time).
 
     Args:
         spec: The robot.
@@ -248,7 +248,7 @@ def _serialise(root: ET.Element) -> str:
 
 
 def _urdf_link(root: ET.Element, body: ET.Element) -> None:
-    """One URDF link with the inertial and the visual geoms of an MJCF body."""
+    """Add one URDF link with the inertial and the geoms of an MJCF body."""
     link = _add(root, "link", name=body.get("name", ""))
     source = body.find("inertial")
     assert source is not None
@@ -292,7 +292,7 @@ def _urdf_fixed(root: ET.Element, parent: str, name: str, position: str) -> None
 
 
 def urdf(spec: RobotSpec = ROBOT) -> str:
-    """URDF of the robot, as text: the same bodies, joints, inertials and frames as the MJCF, for ROS tools."""
+    """Generate the URDF of the robot: the same bodies, joints, inertials and frames as the MJCF, for ROS tools."""
     root = ET.Element("robot", name="spidar")
     root.append(ET.Comment(" Written by `spidar assets` from spidar_gym/robot.py: edit that, not this. "))
     for name, rgba in _colors(spec).items():
@@ -330,18 +330,18 @@ def urdf(spec: RobotSpec = ROBOT) -> str:
 
 
 def generated_files() -> dict[str, str]:
-    """Every generated asset: path relative to assets/ → text (`InvalidValueError` for a robot of another kind)."""
+    """Generate every asset: path relative to assets/ → text (`InvalidValueError` for other counts of joints)."""
     require_kind()
     return {**robot_files(ROBOT), "README.md": assets_readme()}
 
 
 def robot_files(spec: RobotSpec) -> dict[str, str]:
-    """MJCF and URDF of a robot: path → text."""
+    """Generate MJCF and URDF of a robot: path → text."""
     return {"mjcf/spidar.xml": mjcf(spec), "urdf/spidar.urdf": urdf(spec)}
 
 
 def assets_dir() -> Path:
-    """Folder of the committed assets, in a checkout and in an installed wheel alike."""
+    """Return the folder of the committed assets, in a checkout or in an installed wheel."""
     return ROOT / "assets"
 
 
@@ -351,7 +351,7 @@ def _written(spec: RobotSpec) -> str:
 
 
 def mjcf_path() -> Path:
-    """Path of assets/mjcf/spidar.xml, the model that both engines load.
+    """Return the path of assets/mjcf/spidar.xml, the model that both engines load.
 
     Raises:
         StaleAssetError: The file is missing or differs from what the robot description generates.
@@ -364,13 +364,13 @@ def mjcf_path() -> Path:
 
 
 def model_text(spec: RobotSpec) -> str:
-    """The MJCF that is loaded of a robot: of the nominal one the committed file (`StaleAssetError` as `mjcf_path`)."""
+    """Return the MJCF of a robot; for the nominal robot the committed file (`StaleAssetError` as `mjcf_path`)."""
     return mjcf_path().read_text(encoding="utf-8") if spec == ROBOT else _written(spec)
 
 
 @contextmanager
 def model_file(spec: RobotSpec) -> Iterator[Path]:
-    """The same as a file, for who reads nothing else; of another robot it is gone afterwards."""
+    """Yield a file with the MJCF of a robot; for another robot than the nominal one the file is temporary."""
     if spec == ROBOT:
         yield mjcf_path()
         return
@@ -381,5 +381,5 @@ def model_file(spec: RobotSpec) -> Iterator[Path]:
 
 
 def model_hash(spec: RobotSpec = ROBOT) -> str:
-    """SHA-256 of a robot's model file."""
+    """Compute the SHA-256 of a robot's model file."""
     return hashlib.sha256(model_text(spec).encode()).hexdigest()

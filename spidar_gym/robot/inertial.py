@@ -1,4 +1,4 @@
-"""Mass distribution of rigid parts: seen from another frame, denser, longer, merged."""
+"""Mass distribution of rigid parts: change of frame, scaling, stretching, merging."""
 
 from dataclasses import dataclass
 
@@ -30,20 +30,20 @@ class Inertial:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     def placed(self, position: Three, roll: float = 0.0) -> "Inertial":
-        """The same part seen from a frame in which its own frame sits at `position` [m], turned by `roll` about x."""
+        """Return the part in a frame in which its own frame is at `position` [m], turned by `roll` [rad] about x."""
         R = rotation_x(roll)
         x, y, z = (np.array(position) + R @ self.com).tolist()
         return Inertial(self.mass, (x, y, z), _six(R @ self.matrix @ R.T))
 
     def scaled(self, factor: float) -> "Inertial":
-        """The same shape with `factor` times the density."""
+        """Return the same shape with `factor` times the density."""
         return Inertial(self.mass * factor, self.com, _six(factor * self.matrix))
 
     def stretched(self, factor: float) -> "Inertial":
-        """The same material, `factor` times as long along x: every point of it at `factor` times its x.
+        """Return the part stretched along x: the x coordinate of every point is multiplied by `factor`.
 
-        The mass grows with the length, and of the second moments ∫ r rᵀ dm about the centre those along x by two powers
-        more: an evenly heavy rod has an inertia of m l² / 12 afterwards as before.
+        The mass is multiplied by `factor`, and the second moment ∫ x² dm about the centre by its third power. So a
+        uniform rod still has the inertia m l² / 12.
         """
         moments = 0.5 * np.trace(self.matrix) * np.eye(3) - self.matrix
         S = np.diag([factor, 1.0, 1.0])
@@ -57,7 +57,7 @@ def _six(I: np.ndarray) -> Six:
 
 
 def merge(*parts: Inertial) -> Inertial:
-    """One rigid body of several parts given in one frame (parallel axes)."""
+    """Merge several parts given in one frame into one rigid body (parallel axis theorem)."""
     mass = sum(part.mass for part in parts)
     com = np.sum([part.mass * np.array(part.com) for part in parts], axis=0) / mass
     I = np.zeros((3, 3))

@@ -1,4 +1,4 @@
-"""What a robot carries: a body that is fixed to its torso or to one of its links."""
+"""Payloads: rigid bodies fixed to the torso or to a link."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,26 @@ from spidar_gym.robot.inertial import Inertial, Six, Three
 from spidar_gym.robot.ranges import INERTIAS, LENGTHS, MASSES, PLACES
 
 CARRIERS = ("torso", *(f"link{i}" for i in range(1, 9)))
-"""What something can be fixed to: the torso, or link 1 … 8 (odd ones are inner links)."""
+"""Bodies to which a payload can be fixed: the torso, or link 1 … 8 (odd ones are inner links)."""
 
 
 @dataclass(frozen=True)
 class Payload:
-    """A rigid body on the torso or on a link; the controller knows of it, as of everything in `RobotSpec`."""
+    """A rigid body fixed to the torso or a link; the controller's model includes it, as everything in `RobotSpec`."""
 
     body: str
-    """What it is fixed to: `torso`, or `link1` … `link8`."""
+    """Body to which it is fixed: `torso`, or `link1` … `link8`."""
     mass: float
     """Mass [kg]."""
     position: Three = (0.0, 0.0, 0.0)
-    """Its centre of mass in the frame of that body [m]."""
+    """Centre of mass in the frame of that body [m]."""
     size: Three = (0.06, 0.06, 0.06)
-    """Edges of the box that it is, along the axes of that frame [m]; it is drawn, and touches nothing."""
+    """Edges of the box along the axes of that frame [m]; the box is rendered but does not collide."""
     inertia: Six | None = None
-    """xx, yy, zz, xy, xz, yz about its centre, axes of that frame [kg m²]; an even box's if not given."""
+    """xx, yy, zz, xy, xz, yz about the centre of mass, axes of that frame [kg m²]; that of a uniform box by default."""
 
     def __post_init__(self) -> None:
-        """Refuse what is fixed to nothing and what is no rigid body; numbers become floats."""
+        """Validate body, mass, size and inertia, and convert numbers to floats."""
         require_name("carrier", self.body, CARRIERS)
         if not (is_finite(self.mass) and self.mass > 0.0):
             raise InvalidValueError("payload: mass", self.mass, "a number above 0 [kg]")
@@ -53,7 +53,7 @@ class Payload:
 
     @property
     def inertial(self) -> Inertial:
-        """Its mass distribution in the frame of the body that carries it."""
+        """Mass distribution in the frame of the body to which the payload is fixed."""
         if self.inertia is not None:
             return Inertial(self.mass, self.position, self.inertia)
         x, y, z = (edge * edge for edge in self.size)
@@ -64,7 +64,7 @@ class Payload:
 
 
 def numbers(name: str, given: object, count: int) -> tuple[float, ...]:
-    """So many finite numbers as a tuple of floats (`InvalidValueError` for anything else)."""
+    """Return `count` finite numbers as a tuple of floats (`InvalidValueError` for anything else)."""
     values = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
     if len(values) != count or not all(is_finite(value) for value in values):
         raise InvalidValueError(name, given, f"{count} finite numbers")

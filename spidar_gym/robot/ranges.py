@@ -1,4 +1,4 @@
-"""Which lengths, masses and moments of inertia are simulated well; `python -m tests.robot.ranges` measures it."""
+"""Ranges of the robot's numbers that are simulated accurately; `python -m tests.robot.ranges` measures them."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,17 @@ from spidar_gym.errors import InvalidValueError
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers of one kind from the least to the most."""
+    """Allowed range of numbers of one kind."""
 
     least: float
-    """The smallest."""
+    """Lower limit."""
     most: float
-    """The largest."""
+    """Upper limit."""
     unit: str
-    """Their unit."""
+    """Unit of both limits."""
 
     def require(self, name: str, *values: float) -> None:
-        """Refuse numbers outside (`InvalidValueError`); `name` is what they are."""
+        """Raise `InvalidValueError` for a number outside the range; `name` is its name in the message."""
         for value in values:
             if not self.least <= value <= self.most:
                 words = f"a number within {self.least:g} … {self.most:g} {self.unit}, which is simulated well"
@@ -31,8 +31,8 @@ PLACES = Range(-10.0, 10.0, "m")
 MASSES = Range(1e-6, 1e4, "kg")
 """Masses of a part, a payload, and the robot as described."""
 INERTIAS = Range(1e-12, 1e6, "kg m²")
-"""Principal moments of every body that moves, and of a payload."""
+"""Principal moments of inertia of every moving body and of a payload."""
 FACTORS = Range(1e-3, 1e3, "times")
 """Factors on the mass and the inertia of a link."""
 OTHERS = Range(0.0, 1e6, "in its unit")
-"""Forces, torques, speeds, stiffnesses, times and friction: the largest is one that overflows nowhere."""
+"""Forces, torques, speeds, stiffnesses, times and friction; the upper limit prevents overflow."""

@@ -1,8 +1,8 @@
-"""The robot in numbers: every physical quantity with unit and source, names, counts and index maps.
+"""The robot's parameters: every physical quantity with unit and source, and names and counts of joints and rotors.
 
-One `RobotSpec` feeds the MJCF, the URDF, the controller, the plant and the tables of the documentation.
-Sources: [Zhao2025, Tab. 1] the paper's specification table; [JSK] facts read from the lab's public robot package
-as flown for the paper; [Dynamixel] the servo maker's manual; [estimate] ours. Part frames as in `PARTS`.
+MJCF, URDF, controller, plant and the tables of the documentation are all derived from one `RobotSpec`. Sources:
+[Zhao2025, Tab. 1] the paper's specification table; [JSK] facts from the lab's public robot package as flown for the
+paper; [estimate] ours. Part frames as in `PARTS`.
 """
 
 import ast
@@ -35,13 +35,13 @@ JOINT_NAMES = tuple(f"joint{i}_{axis}" for i in range(1, N_LINKS + 1) for axis i
 GIMBAL_NAMES = tuple(f"gimbal{i}_{axis}" for i in range(1, N_ROTORS + 1) for axis in ("roll", "pitch"))
 """The 16 vectoring joints: φ₁, θ₁, φ₂, θ₂ …; names as on the robot."""
 ROTOR_SITES = tuple(f"thrust{i}" for i in range(1, N_ROTORS + 1))
-"""The frames whose z axis is the direction of the thrust."""
+"""Frames of the rotors; the z axis is the direction of the thrust."""
 FOOT_SITES = tuple(f"foot{leg}" for leg in range(1, N_LEGS + 1))
 """The centres of the foot spheres."""
 PEG_SITES = tuple(f"peg{i}" for i in (1, 3, 5, 7, 2, 4, 6, 8))
 """The tips of the pegs: the four under the torso (inner junctions) first, then the four under the knees."""
 CONTACT_SITES = FOOT_SITES + PEG_SITES
-"""The 12 points made to touch the ground."""
+"""The 12 points that are designed to touch the ground."""
 
 
 FORMS: dict[str, np.ndarray] = {
@@ -73,13 +73,13 @@ class RobotSpec:
     """Geometry, mass and actuators of SPIDAR; lengths [m], angles [rad].
 
     Frames of torso, junctions and links at q = 0: x away from the torso along the leg, y to the left, z up. Positive
-    pitch lowers the leg. A value is a robot: the default is the one that was described, any other may be handed to
-    environments, models and the export. It has four legs, eight links and a rotor in each, whatever its numbers.
+    pitch lowers the leg. The default values describe the real robot; environments, models and the export accept any
+    other valid robot. Every robot has four legs and eight links with a rotor in each.
     """
 
     described_mass: float = 16.0
-    """Mass of the robot as described, with links of the described lengths, its own parts and no payload [kg]
-    [Zhao2025, Tab. 1]; the parts add up to 15.21 kg and are scaled to it. `total_mass` is that of this robot."""
+    """Mass of a robot with links of the default lengths, the masses of `PARTS` and no payload [kg]
+    [Zhao2025, Tab. 1]; the parts add up to 15.21 kg and are scaled to it. `total_mass` is the mass of this robot."""
     yaw_axis_xy: float = 0.12233
     """± x and ± y of the inner yaw axes in the torso [JSK]; leg l points at azimuth 45° + 90° (l − 1)."""
     yaw_axis_z: float = -0.0155
@@ -161,21 +161,21 @@ class RobotSpec:
     joint_damping: float = 0.9
     """Viscous friction of a joint [Nm s/rad] [JSK]."""
     joint_friction: float = 0.0
-    """Dry friction of a joint [Nm] [JSK], which gives 0 (0.1 in its simulator); each one above 0 is a constraint that
-    the solver meets at every step."""
+    """Dry friction of a joint [Nm] [JSK]: 0 there (0.1 in its simulator). Above 0 each joint adds a constraint that
+    the solver handles at every step."""
     foot_friction: float = 1.0
     """Sliding friction of the taped feet [JSK]."""
     peg_friction: float = 0.6
     """Sliding friction of pegs and ducts [estimate]: 0.4 … 0.8."""
 
     part_masses: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
-    """Masses of parts of this robot in place of those of `PARTS` [kg], by name, as they are: `total_mass` follows.
-    A mapping becomes sorted pairs."""
+    """Masses of parts by name that replace those of `PARTS` [kg]; they are not scaled, and `total_mass` changes with
+    them. A mapping becomes sorted pairs."""
     payloads: tuple[Payload, ...] = ()
-    """What it carries, besides: bodies that are fixed to torso or links."""
+    """Payloads: bodies fixed to torso or links."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no robot that can hover, lie and stand (`InvalidValueError`); numbers become floats."""
+        """Convert numbers to floats and check that the robot can hover, lie and stand (`InvalidValueError`)."""
         for f in fields(self):
             if isinstance(given := getattr(self, f.name), int | np.integer | np.floating):
                 object.__setattr__(self, f.name, float(given))
@@ -186,16 +186,16 @@ class RobotSpec:
 
     @classmethod
     def parse(cls, given: "RobotSpec | str | Path | Mapping[str, Any] | None") -> "RobotSpec":
-        """The robot that a user means.
+        """Build a robot from user input.
 
         Args:
-            given: A robot; numbers by field, the others as described; a TOML file of these, with tables `[part_masses]`
-                and `[[payloads]]`; or None for the nominal robot.
+            given: A robot; a mapping from fields to numbers, where other fields keep their defaults; a TOML file with
+                such a mapping and tables `[part_masses]` and `[[payloads]]`; or None for the nominal robot.
 
         Raises:
-            UnknownNameError: For a field that does not exist; it lists those that do.
-            InvalidValueError: For a robot that is none.
-            SpidarError: For a file that cannot be read, or is no TOML.
+            UnknownNameError: For a field that does not exist; it lists the valid fields.
+            InvalidValueError: For numbers that do not describe a valid robot.
+            SpidarError: For a file that cannot be read or is not TOML.
         """
         if given is None:
             return ROBOT
@@ -205,27 +205,27 @@ class RobotSpec:
 
     @cached_property
     def bodies(self) -> dict[str, Inertial]:
-        """Mass distribution of the seven kinds of moving body without payload, in the robot's own density."""
+        """Mass distribution of the seven kinds of moving body without payload, scaled to the robot's mass."""
         return {name: lump.scaled(self._density) for name, lump in self._lumps.items()}
 
     def inertial(self, body: str, kind: str) -> Inertial:
-        """Mass distribution of a body, with what it carries.
+        """Compute the mass distribution of a body including its payloads.
 
         Args:
-            body: Its name: `torso`, `junction1`, `link1` …
-            kind: Of the seven, one of `bodies`.
+            body: Name of the body: `torso`, `junction1`, `link1` …
+            kind: Kind of the body, a key of `bodies`.
         """
         carried = [payload.inertial for payload in self.payloads if payload.body == body]
         return merge(self.bodies[kind], *carried) if carried else self.bodies[kind]
 
     @property
     def _density(self) -> float:
-        """What scales the described parts to the described mass."""
+        """Factor that scales the masses of `PARTS` to the described mass."""
         return self.described_mass / _sum(_merged(self, PARTS))
 
     @cached_property
     def _lumps(self) -> dict[str, Inertial]:
-        """The seven kinds of moving body of this robot's own parts, before the scaling."""
+        """The seven kinds of moving body with this robot's link lengths and part masses, before the scaling."""
         own = dict(PARTS)
         for name, length in (("inner_link", "pitch_to_yaw"), ("outer_link", "pitch_to_foot")):
             if (stretch := getattr(self, length) / getattr(RobotSpec, length)) != 1.0:
@@ -263,16 +263,16 @@ class RobotSpec:
 
     @property
     def peg_depth(self) -> float:
-        """From the torso's origin down to the tips of its four pegs: its height when it lies on a floor [m]."""
+        """Distance of the tips of the torso's pegs below its origin: the height of the lying torso [m]."""
         return self.peg_length - self.peg_top - self.yaw_axis_z
 
     def leg_azimuth(self, leg: int) -> float:
-        """Direction of leg 0 … 3 (front left, back left, back right, front right) in the torso [rad]."""
+        """Return the direction of leg 0 … 3 (front left, back left, back right, front right) in the torso [rad]."""
         return math.pi / 4 + leg * math.pi / 2
 
 
 def _merged(spec: RobotSpec, parts: Mapping[str, Inertial]) -> dict[str, Inertial]:
-    """Seven kinds of moving body: the parts that do not move against each other, merged."""
+    """Merge the parts that do not move relative to each other into the seven kinds of moving body."""
     peg = parts["peg"].placed((0.0, 0.0, spec.peg_top))
     battery, turned = parts["battery"], -math.pi / 2
     return {
@@ -295,7 +295,7 @@ def _merged(spec: RobotSpec, parts: Mapping[str, Inertial]) -> dict[str, Inertia
 
 
 def _sum(bodies: Mapping[str, Inertial]) -> float:
-    """Mass of all bodies of a robot [kg]."""
+    """Compute the mass of all bodies of a robot [kg]."""
     count = {"torso": 1, "roll_module": N_ROTORS, "pitch_module": N_ROTORS}
     return sum(count.get(name, N_LEGS) * body.mass for name, body in bodies.items())
 
@@ -305,7 +305,7 @@ ROBOT = RobotSpec()
 
 
 def require_kind() -> None:
-    """Refuse counts of another kind of robot: shapes, the gait and the onboard core are written for these."""
+    """Raise `InvalidValueError` for other counts: shapes, gait and onboard core are written for these."""
     counts = {"N_LEGS": 4, "N_LINKS": 8, "N_ROTORS": 8, "N_JOINTS": 16}
     for name, count in counts.items():
         if globals()[name] != count:
@@ -319,7 +319,7 @@ def require_kind() -> None:
 
 
 def differences(spec: RobotSpec) -> str:
-    """Why a file of the robot that `RobotSpec` describes is not one of `spec`, in words."""
+    """Explain why a file of the default `RobotSpec` is not one of `spec`."""
     described = RobotSpec()
     other = ", ".join(
         f"{f.name} = {getattr(spec, f.name)!r} instead of {getattr(described, f.name)!r}"
@@ -327,13 +327,13 @@ def differences(spec: RobotSpec) -> str:
         if getattr(spec, f.name) != getattr(described, f.name)
     )
     return (
-        f"is of the robot that RobotSpec describes, but ROBOT in memory has {other}: give RobotSpec these numbers in "
+        f"describes the default RobotSpec, but ROBOT in memory has {other}: change the defaults of RobotSpec in "
         "spidar_gym/robot/spec.py"
     )
 
 
 def source_doc(of: type | ModuleType) -> str:
-    """The docstring of a class or module, as it is written in the source: `python -OO` keeps no other."""
+    """Read the docstring of a class or module from its source, because `python -OO` removes `__doc__`."""
     tree = ast.parse(inspect.getsource(of))
     found = ast.get_docstring(
         next(node for node in tree.body if isinstance(node, ast.ClassDef)) if isinstance(of, type) else tree
@@ -342,7 +342,7 @@ def source_doc(of: type | ModuleType) -> str:
 
 
 def field_docs(cls: type) -> dict[str, str]:
-    """The docstring under each field of a dataclass, on one line: what the generated tables say of it."""
+    """Read the docstring below each field of a dataclass as one line, for generated tables."""
     inherited = {name: doc for base in cls.__bases__ if is_dataclass(base) for name, doc in field_docs(base).items()}
     body = next(node for node in ast.parse(inspect.getsource(cls)).body if isinstance(node, ast.ClassDef)).body
     return inherited | {
@@ -356,6 +356,6 @@ def field_docs(cls: type) -> dict[str, str]:
 
 
 def spec_rows(spec: RobotSpec = ROBOT) -> list[tuple[str, str, str]]:
-    """(name, value, documentation) of every number of `spec`, for the generated tables."""
+    """Return (name, value, documentation) of every number of `spec`, for the generated tables."""
     docs = field_docs(RobotSpec)
     return [(f.name, f"{getattr(spec, f.name)}", docs[f.name]) for f in fields(spec) if f.default != ()]

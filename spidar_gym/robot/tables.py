@@ -1,4 +1,4 @@
-"""The robot in tables: the paper's specification beside our numbers, and every number with its source."""
+"""Tables of the robot: the paper's specification beside our numbers, and every number with its source."""
 
 from spidar_gym.robot.spec import ROBOT, RobotSpec, spec_rows
 from spidar_gym.text import markdown_rows
@@ -28,7 +28,7 @@ SPECIFICATION = (
 
 
 def assets_readme(spec: RobotSpec = ROBOT) -> str:
-    """assets/README.md: the paper's specification table beside our numbers, and where each number comes from."""
+    """Generate assets/README.md: the paper's specification table beside our numbers, and the source of each number."""
     bodies = (
         (name, f"{body.mass:.4f}", " ".join(f"{c:.5f}" for c in body.com), " ".join(f"{i:.3e}" for i in body.inertia))
         for name, body in spec.bodies.items()

@@ -1,4 +1,4 @@
-"""Which numbers make a robot: read from what a user gives, and refused in one line that says what would be valid."""
+"""Reading and validation of a robot's parameters from user input; errors are one line that names valid values."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,11 @@ from spidar_gym.robot.payload import Payload, numbers
 from spidar_gym.robot.ranges import INERTIAS, LENGTHS, MASSES, OTHERS, PLACES
 
 MOST_BYTES = 2**16
-"""No file of a robot is larger."""
+"""Largest size of a robot file [byte]."""
 LIFTED = 0.8
-"""A robot weighs at most this share of what its rotors lift: the rest steers."""
+"""Largest allowed weight as a share of the rotors' maximum thrust; the rest is for control."""
 KIND = {"legs": 4, "links": 8, "rotors": 8, "joints": 16}
-"""What every robot has."""
+"""Counts that every robot has."""
 NOT_NEGATIVE = (
     "idle_thrust",
     "joint_armature",
@@ -32,11 +32,11 @@ MECHANICAL = (
     "max_joint_torque", "joint_speed", "joint_limit", "joint_stop", "joint_kp", "joint_kd", "foot_friction",
     "peg_friction",
 )  # fmt: skip
-"""What is neither a length nor a mass."""
+"""Fields that are neither lengths nor masses."""
 
 
 def own_masses(given: object, parts: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
-    """Masses by part, sorted (`UnknownNameError` for a part that does not exist)."""
+    """Validate masses by part and return sorted pairs (`UnknownNameError` for a part that does not exist)."""
     pairs = given.items() if isinstance(given, Mapping) else given
     if not (isinstance(pairs, Sequence) or isinstance(given, Mapping)):
         raise InvalidValueError("part_masses", given, "masses [kg] by part")
@@ -53,25 +53,25 @@ def own_masses(given: object, parts: Mapping[str, Any]) -> tuple[tuple[str, floa
 
 
 def read_spec(given: object, described: Mapping[str, Any], parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of a `RobotSpec`, from a mapping or a TOML file.
+    """Read the arguments of a `RobotSpec` from a mapping or a TOML file.
 
     Args:
-        given: Either.
-        described: Numbers of the described robot by field.
-        parts: What may have a mass of its own.
+        given: A mapping, or the path of a TOML file.
+        described: Default values by field.
+        parts: Parts whose masses may be set.
     """
     if isinstance(given, str | Path):
         given = _read(Path(given))
     for name, count in KIND.items():
         for key in (name, f"n_{name}"):
             if isinstance(given, Mapping) and key in given:
-                raise InvalidValueError(key, given[key], f"nothing: a robot has {count} {name}, as every one here")
+                raise InvalidValueError(key, given[key], f"no such entry: every robot has {count} {name}")
     found = dict(require_keys("robot", "number of the robot", given, list(described)))
     return {name: _value(name, value, described[name], parts) for name, value in found.items()}
 
 
 def _value(name: str, given: object, default: object, parts: Mapping[str, Any]) -> Any:  # noqa: ANN401 - of any field
-    """A field's value, in the type that it has."""
+    """Convert a field's value to the type of the field."""
     if name == "part_masses":
         return own_masses(given, parts)
     if name == "payloads":
@@ -107,12 +107,12 @@ def _read(path: Path) -> Mapping[str, Any]:
         ) from error
 
 
-def check(spec: Any, described: Mapping[str, Any]) -> None:  # noqa: ANN401 - a RobotSpec, which is above this
-    """Refuse what is no robot, or one that can neither hover nor lie and stand.
+def check(spec: Any, described: Mapping[str, Any]) -> None:  # noqa: ANN401 - a RobotSpec, whose module imports this one
+    """Raise `InvalidValueError` for invalid values, or for a robot that cannot hover, lie and stand.
 
     Args:
         spec: A `RobotSpec`.
-        described: Numbers of the described robot by field.
+        described: Default values by field.
     """
     for name, default in described.items():
         value = getattr(spec, name)
@@ -139,7 +139,7 @@ def check(spec: Any, described: Mapping[str, Any]) -> None:  # noqa: ANN401 - a 
 
 
 def _check_range(name: str, value: Any) -> None:  # noqa: ANN401 - of any field
-    """Refuse a number that is not simulated well."""
+    """Raise `InvalidValueError` for a number outside the range that is simulated accurately."""
     if name == "described_mass":
         MASSES.require(name, value)
     elif name in MECHANICAL:
@@ -157,7 +157,7 @@ def _demand(holds: bool, name: str, value: object, expected: str) -> None:
 
 
 def _check_places(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
-    """Rotors within their links, ducts beside each other, feet that reach the floor."""
+    """Check that rotors are within their links, ducts do not overlap, and feet reach the floor."""
     shortest = min(spec.pitch_to_yaw, spec.pitch_to_foot)
     _demand(
         spec.roll_axis_x < shortest, "roll_axis_x", spec.roll_axis_x,
@@ -179,7 +179,7 @@ def _check_places(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
         spec.peg_depth > 0.5 * spec.torso_height, "peg_length", spec.peg_length,
         f"above {0.5 * spec.torso_height + spec.peg_top + spec.yaw_axis_z:g} m, so that pegs reach below the torso",
     )  # fmt: skip
-    # With level inner links and the outer ones bent down as far as they go, the torso on its pegs.
+    # The torso lies on its pegs, the inner links are level, and the outer links are bent down as far as possible.
     least = (spec.peg_depth + spec.yaw_axis_z - spec.foot_radius) / math.sin(min(spec.joint_limit, math.pi / 2))
     _demand(
         spec.pitch_to_foot > least, "pitch_to_foot", spec.pitch_to_foot,
@@ -188,10 +188,10 @@ def _check_places(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
 
 
 def _check_limits(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
-    """Joints that stay before their stops, and rotors that lift the robot."""
+    """Check that joint limits are within the stops, and that the rotors can lift the robot."""
     _demand(
         spec.joint_limit <= math.pi / 2 + 1e-12, "joint_limit", spec.joint_limit,
-        "at most π/2: gait, forms and the words of the runner are for joints of ± 90°",
+        "at most π/2: the gait, the forms and the runner's messages assume joints of ± 90°",
     )  # fmt: skip
     _demand(
         spec.joint_limit <= spec.joint_stop < math.pi, "joint_stop", spec.joint_stop,
@@ -201,9 +201,9 @@ def _check_limits(spec: Any) -> None:  # noqa: ANN401 - a RobotSpec
     _demand(
         spec.weight <= most, "max_thrust", spec.max_thrust,
         f"at least {spec.weight / (LIFTED * KIND['rotors']):.4g} N: a robot of {spec.total_mass:.4g} kg weighs "
-        f"{spec.weight:.4g} N, and hovers with {LIFTED:g} of its rotors' thrust at most",
+        f"{spec.weight:.4g} N, which may be at most {LIFTED:g} of its rotors' thrust",
     )  # fmt: skip
     _demand(
         spec.idle_thrust < spec.hover_thrust, "idle_thrust", spec.idle_thrust,
-        f"below the {spec.hover_thrust:.4g} N that a module gives in a hover",
+        f"below the {spec.hover_thrust:.4g} N of a module in a hover",
     )  # fmt: skip

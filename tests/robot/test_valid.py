@@ -74,8 +74,8 @@ position = [0.3, 0.0, 0.05]
 @pytest.mark.parametrize(
     ("numbers", "kind", "words"),
     [
-        ({"legs": 6}, InvalidValueError, "legs = 6 is not valid; expected nothing: a robot has 4 legs"),
-        ({"n_links": 6}, InvalidValueError, "links = 6 .* a robot has 8 links"),
+        ({"legs": 6}, InvalidValueError, "legs = 6 is not valid; expected no such entry: every robot has 4 legs"),
+        ({"n_links": 6}, InvalidValueError, "links = 6 .* every robot has 8 links"),
         ({"pitch_to_fot": 0.6}, UnknownNameError, "valid: described_mass, .*; did you mean pitch_to_foot"),
         ({"max_thrust": 20.0}, InvalidValueError, "at least 24.52 N: a robot of 16 kg weighs 157 N"),
         ({"pitch_to_foot": 0.3, "roll_axis_x": 0.2, "outer_battery": [0.5, 0.0, 0.0]}, InvalidValueError,
