@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from spidar_gym.envs.docs import pages
+
 ROOT = Path(__file__).resolve().parents[2]
 PATH = ROOT / "docs" / "tutorials" / "train_in_a_minute.ipynb"
 TEXT = PATH.read_text(encoding="utf-8")
