@@ -150,7 +150,7 @@ def markdown(board: Board) -> str:
         "bootstrap intervals over scenarios (and training runs, where there are several). On courses, of which the",
         f"paper has none, scores refer to `{REFERENCES['course']}`.",
         "",
-        "![scores with intervals by track](leaderboard.png)",
+        "![Scores with their intervals on the tracks that separate the best policies most clearly](leaderboard.png)",
         "",
         "## All tracks",
         "",

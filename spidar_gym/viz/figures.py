@@ -1,8 +1,9 @@
 """Every figure: the paper's flight and crawl, errors over joint speeds, learning curves, the leaderboard."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +45,12 @@ METRICS = {
     "duration_s": ("time [s]", 1.0), "energy_wh": ("energy [Wh]", 1.0), "error": ("error", 1.0),
 }  # fmt: skip
 """Label and factor of the metrics of learning curves."""
-COLUMNS = 3
+COLUMNS = 2
 """Panels of the leaderboard side by side."""
+BEST, PER_GROUP = 10, 2
+"""Policies of a panel, and panels of a group of tracks, in the picture of the leaderboard."""
 WIDE = (0.01, 0.1, 1.0, 10.0)
-FINE = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+FINE = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 """Ticks of scores, over decades or within one."""
 
 
@@ -274,45 +277,72 @@ def _draw_runs(
 
 
 def leaderboard_picture(board: Board, path: Path) -> None:
-    """Scores with their 95 % intervals, written as PNG and PDF: the best of a track at the top of its panel."""
+    """Scores with their 95 % intervals on the tracks of each group that separate the best policies most clearly."""
     plt = pyplot()
-    groups = [list(own) for _, own in groupby(board.tracks, key=lambda track: TRACKS[track].group)]
-    ranked = {track: ranking(board, track) for track in board.tracks}
-    lines = [tracks[k : k + COLUMNS] for tracks in groups for k in range(0, len(tracks), COLUMNS)]
-    heights = [max(len(ranked[track]) for track in line) for line in lines]
-    figure = plt.figure(figsize=(10.0, 1.1 + 0.55 * len(lines) + 0.155 * sum(heights)))
-    grid = figure.add_gridspec(len(lines), COLUMNS, height_ratios=[height + 1.5 for height in heights])
+    tracks = _separating(board)
+    shown = {track: _best(board, track) for track in tracks}
+    lines = [tracks[k : k + COLUMNS] for k in range(0, len(tracks), COLUMNS)]
+    heights = [max(len(shown[track]) for track in line) for line in lines]
+    figure = plt.figure(figsize=(9.0, 1.0 + 0.75 * len(lines) + 0.2 * sum(heights)))
+    grid = figure.add_gridspec(len(lines), COLUMNS, height_ratios=[height + 2.0 for height in heights])
     for k, line in enumerate(lines):
-        limits = _limits(board, next(tracks for tracks in groups if line[0] in tracks))
         for column, track in enumerate(line):
             axis = figure.add_subplot(grid[k, column])
-            axis.set_title(track)
+            axis.set_title(track, fontsize=11)
             axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
-            for y, name in enumerate(ranked[track]):
+            low, high = _limits(board, track, shown[track])
+            for y, name in enumerate(shown[track]):
                 score, (color, mark) = board.cells[name, track].score, CLASSES[board.rows[name].kind]
-                axis.plot([score.low, score.high], [y, y], color=color, linewidth=1.6, linestyle="-", alpha=0.45)
-                axis.plot([score.value], [y], mark, color=color, markersize=4)
-            axis.set_yticks(range(len(ranked[track])), ranked[track])
-            for label, name in zip(axis.get_yticklabels(), ranked[track], strict=True):
-                label.set_color(BLACK if name == TRACKS[track].reference else CLASSES[board.rows[name].kind][0])
-                label.set_fontweight("bold" if name == TRACKS[track].reference else "normal")
-            axis.set_ylim(len(ranked[track]) - 0.4, -0.6)
-            axis.tick_params(axis="y", length=0)
+                axis.plot([score.low, score.high], [y, y], color=color, linewidth=2.0, linestyle="-", alpha=0.45)
+                axis.plot([score.value], [y], mark, color=color, markersize=5)
+                left = score.value > math.sqrt(low * high)
+                is_reference = name == TRACKS[track].reference
+                axis.annotate(
+                    name, ((score.low if left else score.high), y), xytext=(-7 if left else 7, 0), fontsize=9.5,
+                    textcoords="offset points", ha="right" if left else "left", va="center",
+                    color=BLACK if is_reference else color, fontweight="bold" if is_reference else "normal",
+                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+                )  # fmt: skip
+            axis.set_ylim(heights[k] - 0.3, -0.7)
+            axis.set_yticks([])
             axis.set_xscale("log")
-            axis.set_xlim(limits)
-            ticks = [tick for tick in (WIDE if limits[1] > 8.0 * limits[0] else FINE) if limits[0] <= tick <= limits[1]]
-            axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            axis.set_xlim(low, high)
+            ticks = [tick for tick in (WIDE if high > 100.0 * low else FINE) if low <= tick <= high]
+            axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks], fontsize=9)
             axis.minorticks_off()
-            axis.grid(axis="y", visible=False)
     figure.supxlabel(
-        "score: mean error of the black row over one's own, 95 % interval, log scale; right of 1 is better", fontsize=8
+        "score: mean error of the bold row over that of the policy, 95 % interval, log scale; higher is better",
+        fontsize=9.5,
     )
     kinds = [kind for kind in CLASSES if any(row.kind == kind for row in board.rows.values())]
     handles = [
         plt.Line2D([], [], color=CLASSES[kind][0], marker=CLASSES[kind][1], ls="-", label=kind) for kind in kinds
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=8)
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=10)
     save(figure, path)
+
+
+def _separating(board: Board) -> list[str]:
+    """Up to `PER_GROUP` tracks of each group: those that separate the largest share of pairs of their best policies."""
+
+    def separated(track: str) -> float:
+        scores = [board.cells[name, track].score for name in ranking(board, track)[:BEST]]
+        pairs = list(combinations(scores, 2))
+        return sum(one.low > other.high or other.low > one.high for one, other in pairs) / max(1, len(pairs))
+
+    groups = {TRACKS[track].group: None for track in board.tracks}
+    kept = {
+        track
+        for group in groups
+        for track in sorted((t for t in board.tracks if TRACKS[t].group == group), key=separated)[-PER_GROUP:]
+    }
+    return [track for track in board.tracks if track in kept]
+
+
+def _best(board: Board, track: str) -> list[str]:
+    """The best policies of a track, best first, and its reference."""
+    ranked, reference = ranking(board, track), TRACKS[track].reference
+    return ranked[:BEST] if reference in ranked[:BEST] else [*ranked[:BEST], reference]
 
 
 def _panels(
@@ -378,7 +408,9 @@ def _number(axis: Axes) -> None:
     axis.grid(which="both")
 
 
-def _limits(board: Board, tracks: list[str]) -> tuple[float, float]:
-    """Limits of the score within which all intervals of some tracks lie."""
-    scores = [cell.score for (_, track), cell in board.cells.items() if track in tracks]
-    return 0.85 * min(score.low for score in scores), 1.18 * max(score.high for score in scores)
+def _limits(board: Board, track: str, names: Sequence[str]) -> tuple[float, float]:
+    """Limits of the score within which the intervals of some rows of a track lie, with room for a name."""
+    scores = [board.cells[name, track].score for name in names]
+    low, high = min(score.low for score in scores), max(score.high for score in scores)
+    room = max(1.6, (high / low) ** 0.25)
+    return low / room, high * 1.15
