@@ -1,12 +1,13 @@
-/* Demand → forces: closed form, OSQP, the thrust spheres, softened rows, previous forces, in that order. */
+/* Demand → forces. Tries, in this order: closed form, OSQP, thrust spheres, softened rows, previous forces. */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_solvers.h" /* generated: where numbers of each pattern stand */
+#include "spidar_solvers.h" /* generated: sparsity pattern of each program */
 
-/* A cold-started solution: x, multipliers (0 where there are none), its iterations added; 1 solved, 0 not, −1 proven infeasible.
+/* Solve a program by OSQP from a cold start; returns 1 if solved, 0 if not, −1 if proven infeasible.
  *
- * Vectors before matrices, the solver's own scaling off, ρ as it was made: the result depends on the program alone.
- * Where it found none, the solver's NaN is a large finite number, so only the status counts.
+ * Writes x and the multipliers (0 if there are none), and adds to `iterations`. The result depends on the program
+ * alone: vectors are updated before matrices, OSQP's scaling is off, and ρ is restored afterwards. Without a solution
+ * x may hold OSQP's NaN, a large finite number: only the status is valid.
  */
 static int solve(int32_t kind, int soft, const sp_program *p, double rho, const sp_allocator_config *config,
                  sp_room *room, double *x, double *duals, int32_t *iterations)
@@ -33,7 +34,7 @@ static int solve(int32_t kind, int soft, const sp_program *p, double rho, const 
     return status == OSQP_SOLVED ? 1 : status == OSQP_PRIMAL_INFEASIBLE ? -1 : 0;
 }
 
-/* +1 for rows that x brings to their upper bound, −1 for the lower: a guess of the active rows. */
+/* Guess the active rows: +1 where x is at a row's upper bound, −1 at its lower bound, else 0. */
 static void sides(const sp_program *p, const double *x, double *guess)
 {
     for (int i = 0; i < p->m; i++) {
@@ -48,7 +49,7 @@ static int finite_program(const sp_program *p)
            sp_finite(p->l, p->m) && sp_finite(p->u, p->m);
 }
 
-/* Take off a rotor's force what is beyond the sphere; its thrust. */
+/* Shorten a rotor's force to the thrust sphere; returns its thrust. */
 double sp_limit_thrust(const sp_robot *robot, double *force)
 {
     double thrust = sp_norm(force);
@@ -57,7 +58,7 @@ double sp_limit_thrust(const sp_robot *robot, double *force)
     return robot->max_thrust;
 }
 
-/* The forces with zeros for what is not finite, within the sphere. */
+/* Replace entries of the forces that are not finite by 0, and shorten each force to the thrust sphere. */
 static void within_sphere(const sp_robot *robot, const double *forces_l, double *held)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -68,7 +69,7 @@ static void within_sphere(const sp_robot *robot, const double *forces_l, double 
     }
 }
 
-/* What the forces f (n) amount to, λ = ‖f‖ [Zhao2025, Eq. 14]; what rounding left beyond the sphere is taken off. */
+/* Write the allocation of the forces f (n): λ = ‖f‖ [Zhao2025, Eq. 14], limited to the sphere against rounding. */
 static void answer(const sp_robot *robot, const sp_mode *mode, const sp_demand *d, const double *f, sp_allocation *a)
 {
     int n = mode->n;
@@ -90,7 +91,7 @@ static void answer(const sp_robot *robot, const sp_mode *mode, const sp_demand *
         a->joint_torques[j] = d->gravity_torque[j] - sp_row(d->torque_map + j * n, all, n);
 }
 
-/* The previous forces; of the feet nothing is known. */
+/* Repeat the previous rotor forces; foot forces are 0. */
 static void hold_forces(const sp_robot *robot, const sp_mode *mode, const sp_demand *d, const double *previous_l, sp_allocation *a)
 {
     double held[SP_UNKNOWNS], unmet = 0.0;
@@ -116,8 +117,8 @@ static double largest_thrust(const double *x)
     return largest;
 }
 
-/* The program's own optimum x; 0 where there is none. The status is projected where the spheres have to be looked at,
- * held where a number is not finite.
+/* Find the program's optimum x without the thrust spheres; returns 0 if there is none. Sets the status to projected if
+ * the spheres have to be solved for, and to held if a number is not finite.
  */
 static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t *guess, int guess_rows,
                         const sp_allocator_config *config, sp_room *room, double *x, sp_allocation *a)
@@ -152,9 +153,9 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
     return found;
 }
 
-/* The optimum x within the spheres, of the softened rows if need be; 0 where there is none.
+/* Find the optimum x within the thrust spheres, with softened rows if necessary; returns 0 if there is none.
  *
- * cube: whether the program's own optimum is known, and leaves them.
+ * cube: whether cube_optimum found an optimum, which then lies outside the spheres.
  */
 static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, const sp_allocator_config *config,
                           sp_room *room, double *x, sp_allocation *a)
@@ -163,7 +164,7 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
     int32_t rows[SP_MAX_M];
     int found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
     if (found) {
-        if (!cube && largest_thrust(x) < 1.0 - SP_SIDE_TOLERANCE) a->status = SP_SOLVED; /* it is the cube's too */
+        if (!cube && largest_thrust(x) < 1.0 - SP_SIDE_TOLERANCE) a->status = SP_SOLVED; /* the spheres are inactive */
         return 1;
     }
     int count = sp_soft_rows(mode, rows);
@@ -185,8 +186,8 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
     return found;
 }
 
-/* The forces for a demand. `guess`: the rows that were active at the last tick; where it is given, those that now are
- * come with the answer. */
+/* Compute the forces for a demand. `guess`: active rows of the last tick, or NULL; if given, the allocation contains
+ * the rows that are active now. */
 void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *previous_l, const int32_t *guess,
                  int guess_rows, const sp_allocator_config *config, sp_room *room, sp_allocation *a)
 {
@@ -213,7 +214,7 @@ void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *pre
     }
 }
 
-/* The valid forces nearest to `wish_l`: the rows of the projection and the thrust sphere hold, the wrench balance not. */
+/* Find the valid forces nearest to `wish_l`: the projection's rows and thrust spheres hold, the wrench may change. */
 void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
                 const sp_allocator_config *config, sp_room *room, sp_allocation *a)
 {
@@ -228,7 +229,7 @@ void sp_project(const sp_demand *demand, const double *wish_l, const double *pre
     sp_assemble(robot, projection, demand, p);
     for (int k = 0; k < SP_FORCES; k++) p->q[k] = -wish_l[k] / robot->max_thrust;
     int found = cube_optimum(projection, p, NULL, 0, config, room, x, a);
-    if (a->status == SP_PROJECTED) { /* here the spheres are part of what is asked */
+    if (a->status == SP_PROJECTED) { /* the spheres are part of this problem */
         found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
         a->status = SP_SOLVED;
     }

@@ -1,6 +1,6 @@
-/* The border: what this core was made for, whether what comes in can be used at all, and the command that goes out. */
+/* Interface digest, validation of incoming states, references and residuals, and the outgoing command. */
 #include "spidar_core.h"
-#include "spidar_interface.h" /* generated: what this is compiled from */
+#include "spidar_interface.h" /* generated: digest of the sources */
 #include "spidar_math.h"
 
 const sp_residual SP_NO_RESIDUAL = {
@@ -11,11 +11,11 @@ const char *sp_interface(void) { return SP_INTERFACE; }
 
 static int is_attitude(const double *quat)
 {
-    /* A tracking system that has lost the robot may send a quaternion of zeros. */
+    /* A tracking system may send a quaternion of zeros when it has lost the robot. */
     return quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3] > SP_LEAST_QUATERNION;
 }
 
-/* Whether a sum of squares is finite, as the readable controller asks it. */
+/* Add the squares of n numbers to `sum`; whether it is still finite. The Python controller has the same test. */
 static int squares(const double *x, int n, double *sum)
 {
     for (int i = 0; i < n; i++) *sum += x[i] * x[i];
@@ -40,7 +40,7 @@ int sp_valid_reference(const sp_reference *r)
            is_attitude(r->quat_wb);
 }
 
-/* The residual, or none where there is none (NULL) or it is not finite. */
+/* The residual, or the neutral one if it is NULL or not finite. */
 const sp_residual *sp_usable_residual(const sp_residual *r)
 {
     if (r == NULL) return &SP_NO_RESIDUAL;

@@ -1,14 +1,14 @@
-/* What goes beyond the paper's quasi-static control: legs' momentum, observer, leads, ramp of the joints. */
+/* Compensations beyond the paper's quasi-static control: leg momentum, observer, leads, reference, joint ramp. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
-/* h (3) of the legs about the CoG by a joint velocity. */
+/* Angular momentum h (3) of the legs about the CoG for a joint velocity. */
 void sp_leg_momentum(const sp_snapshot *s, const double *velocity, double *h)
 {
     for (int i = 0; i < 3; i++) h[i] = sp_row(s->momentum_map + SP_JOINTS * (3 + i), velocity, SP_JOINTS);
 }
 
-/* Critically damped second-order servo one tick later, exactly, for a command that is held. */
+/* Advance the critically damped second-order servo model by one tick, exactly, for a constant command. */
 static void servo_response(sp_compensation_memory *m, const double *command, double bandwidth, double dt)
 {
     double decay = exp(-bandwidth * dt);
@@ -19,7 +19,7 @@ static void servo_response(sp_compensation_memory *m, const double *command, dou
     }
 }
 
-/* Torque that changes the legs' angular momentum as their motion wants it [Orin2013]. */
+/* Compute the torque that the legs' change of angular momentum requires, τ = ḣ + ω × h, filtered [Orin2013]. */
 static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, const double *omega_b,
                             const sp_compensation_config *c, double dt)
 {
@@ -34,27 +34,27 @@ static void momentum_torque(const sp_snapshot *s, sp_compensation_memory *m, con
     m->has_momentum = 1;
 }
 
-/* What the torque has of its own, or what the force has where that is 0. */
+/* The torque observer's value, or the force observer's if that is 0. */
 static double own_or(double own, double other)
 {
     return own != 0.0 ? own : other;
 }
 
-/* Share of the observed torque that is cancelled. */
+/* Share of the observed torque that is compensated. */
 double sp_torque_observer_gain(const sp_compensation_config *c)
 {
     return own_or(c->torque_observer_gain, c->observer_gain);
 }
 
-/* Shares of the way that an observer goes in a tick, and its rotors, as it believes in them. */
+/* Low-pass coefficients per tick: of an observer, and of its rotor model. */
 static void passes(double time, double lag, double dt, double *share, double *of_rotors)
 {
     *share = 1.0 - exp(-dt / time);
     *of_rotors = lag > 0.0 ? 1.0 - exp(-dt / lag) : 1.0;
 }
 
-/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006], or the same twice in series; or of the error's
- * momentum, velocities being those of the error, without what is fed forward. */
+/* Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ) [DeLuca2006], with one low-pass or two in series.
+ * `observer_beyond`: velocities are errors, p is the error's momentum, and feed-forward wrenches are left out. */
 static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compensation_memory *m, const double *R_wb, const double *omega_b,
                            const double *velocity_w, const double *allocated, const sp_compensation_config *c,
                            double dt)
@@ -96,12 +96,12 @@ static void observe_wrench(const sp_robot *robot, const sp_snapshot *s, sp_compe
     m->has_observed = 1;
 }
 
-/* Wrench in {CoG} that moves the robot as its reference moves: m r̈ᵈ and I ω̇ᵈ, times a gain. */
+/* Add the feed-forward wrench of the reference's acceleration in {CoG}: m r̈ᵈ and I ω̇ᵈ, times a gain. */
 static void follow_reference(const sp_control_state *control, const sp_reference *reference, double gain, double *wrench)
 {
     double R_d[9], alpha_w[3], alpha[3], force[3], torque[3], any = 0.0;
     for (int i = 0; i < 3; i++) any = sp_max(any, sp_max(fabs(reference->acceleration_w[i]), fabs(reference->alpha_b[i])));
-    if (any == 0.0) return; /* a reference that stands still changes no bit */
+    if (any == 0.0) return; /* a reference without acceleration changes no bit */
     sp_from_quat(reference->quat_wb, R_d);
     sp_apply(R_d, reference->alpha_b, alpha_w);
     sp_apply_t(control->R_wb, alpha_w, alpha);
@@ -113,7 +113,7 @@ static void follow_reference(const sp_control_state *control, const sp_reference
     }
 }
 
-/* Wrench in {CoG} that carries the robot, and turns the angular momentum of `turning_b` with it. */
+/* Wrench in {CoG} that compensates the weight, with the gyroscopic torque ω × I `turning_b`. */
 static void weight_wrench(const sp_robot *robot, const sp_control_state *control, const double *omega_b,
                           const double *turning_b, double *wrench)
 {
@@ -123,7 +123,7 @@ static void weight_wrench(const sp_robot *robot, const sp_control_state *control
     sp_cross(omega_b, L, wrench + 3);
 }
 
-/* What the PIDs ask for beyond the weight passes a lead compensator, 1 + ρ (1 − 1/(1 + T s)). */
+/* Apply the lead compensator 1 + ρ (1 − 1/(1 + T s)) to the PIDs' wrench beyond the weight. */
 static void lead_feedback(sp_compensation_memory *m, const double *weight, const double *R_wb,
                           const sp_compensation_config *c, double dt, double *wrench)
 {
@@ -131,7 +131,7 @@ static void lead_feedback(sp_compensation_memory *m, const double *weight, const
     for (int i = 0; i < 6; i++) feedback[i] = wrench[i] - weight[i];
     sp_apply(R_wb, feedback, asked);
     sp_apply(R_wb, feedback + 3, asked + 3);
-    if (!m->has_slow) sp_copy(m->slow_w, asked, 6); /* what is known to be needed at first is nothing new */
+    if (!m->has_slow) sp_copy(m->slow_w, asked, 6); /* the first tick adds nothing */
     m->has_slow = 1;
     for (int i = 0; i < 6; i++) {
         m->slow_w[i] += share * (asked[i] - m->slow_w[i]);
@@ -142,7 +142,7 @@ static void lead_feedback(sp_compensation_memory *m, const double *weight, const
     for (int i = 0; i < 6; i++) wrench[i] += more[i];
 }
 
-/* What the compensations add to the desired wrench; `joints` is the new q^d. */
+/* Add the compensations to the desired wrench; `joints` is the new q^d. */
 void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
                    const double *joints, double *wrench)
 {
@@ -162,7 +162,7 @@ void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *st
         for (int i = 0; i < 6; i++) wrench[i] += fed[i];
     }
     if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0)) return;
-    if (reference->support > 0.0) m->has_observed = 0; /* what the floor gives is nothing to learn from */
+    if (reference->support > 0.0) m->has_observed = 0; /* the floor's force is not a disturbance */
     else if (c->observer_gain != 0.0 && f->ticked) {
         double velocity_w[3], turning[3];
         for (int i = 0; i < 3; i++) {
@@ -189,14 +189,14 @@ void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *st
         }
     }
     if (!c->observer_beyond) return;
-    for (int i = 0; i < 3; i++) way[i] = omega[i] + e->omega_b[i]; /* how the reference turns */
+    for (int i = 0; i < 3; i++) way[i] = omega[i] + e->omega_b[i]; /* the reference's angular velocity */
     weight_wrench(robot, control, omega, way, weight);
     for (int i = 0; i < 6; i++) fed[i] += weight[i];
     sp_apply(R_wb, fed, m->fed_w);
     sp_apply(R_wb, fed + 3, m->fed_w + 3);
 }
 
-/* The same forces in the axes that the links will have `lead` later: what slow servos should aim at. */
+/* Express the forces in the link axes of `lead` [s] later, to compensate for slow vectoring servos. */
 void sp_lead_forces(const double *forces_l, const sp_snapshot *s, const double *omega_b, const double *velocity,
                     double lead, double *led)
 {
@@ -215,7 +215,7 @@ void sp_lead_forces(const double *forces_l, const sp_snapshot *s, const double *
     }
 }
 
-/* Next joint command and its rate: all joints together, no acceleration above speed / ramp. */
+/* Compute the next joint command and its rate: joints are synchronised, acceleration is at most speed / ramp. */
 void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
                     double dt, double *following, double *rate)
 {
@@ -228,7 +228,7 @@ void sp_ramp_joints(const double *command, const double *velocity, const double 
         sp_copy(rate, velocity, SP_JOINTS);
         return;
     }
-    /* The speed from which, losing one step a tick, the command comes to rest on the target. */
+    /* Largest speed from which the command, losing one step per tick, stops on the target. */
     double far = longest / (step * dt), n = floor(sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9);
     double reach = step * (n + (far - 0.5 * n * (n + 1.0)) / (n + 1.0));
     double scale = longest > 0.0 ? sp_min(speed, reach) / longest : 0.0;

@@ -1,8 +1,8 @@
-/* The optimum within the thrust spheres, or a proof that there is none: a primal-dual interior-point method.
+/* Optimum within the thrust spheres, or a proof of infeasibility: a primal-dual interior-point method.
  *
- * No state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z with s, z ≥ 0 and s z → 0, where
- * g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − 1) for a sphere; a row with a compliance c > 0 gives way
- * by c z. Equalities are the same without s.
+ * No state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z with s, z ≥ 0 and s z → 0.
+ * Here g is a x − u or l − a x for a side of a row, and ½ (‖f_i‖² − 1) for a sphere. A row with a compliance c > 0
+ * yields by c z. Equalities have no s.
  */
 #include "spidar_core.h"
 #include "spidar_math.h"
@@ -13,7 +13,7 @@ static void axpy(double w, const double *a, int n, double *y)
     for (int k = 0; k < n; k++) y[k] += w * a[k];
 }
 
-/* Σ ‖a_i‖: no forces within the spheres bring a x beyond it. */
+/* Bound Σ ‖a_i‖ on |a x| for forces within the spheres. */
 static double row_bound(const double *a, int n)
 {
     double sum = 0.0;
@@ -22,7 +22,7 @@ static double row_bound(const double *a, int n)
     return sum;
 }
 
-/* K = L D Lᵀ in place, without pivoting: K is positive definite but for its last rows, negative definite. */
+/* Factorise K = L D Lᵀ in place without pivoting: K is quasi-definite (its last block is negative definite). */
 static int factorise(double *K, int size)
 {
     for (int i = 0; i < size; i++) {
@@ -52,7 +52,8 @@ static void substitute(const double *K, int size, double *right)
         for (int k = 0; k < i; k++) right[k] -= K[i * size + k] * right[i];
 }
 
-/* Rows that hold as equalities, and sides of the others that forces within the spheres can reach, spheres last. */
+/* Find the equality rows, and the sides of other rows that forces within the spheres can reach; returns 0 if a hard row
+ * is out of reach. */
 static int find_sides(const sp_program *p, const int32_t *soft, int count, double price, sp_cone *c)
 {
     double give[SP_MAX_M];
@@ -95,7 +96,7 @@ static void side_add(const sp_program *p, const sp_cone *c, int k, const double 
     else axpy(w, x + 3 * (k - c->sides), 3, y + 3 * (k - c->sides));
 }
 
-/* Lower triangle of the Newton step's matrix, with D of the sides and spheres; the spheres add their curvature z. */
+/* Write the lower triangle of the Newton step's matrix from D of sides and spheres; spheres add their curvature z. */
 static void write_matrix(const sp_program *p, const sp_cone *c, double unit, double *K)
 {
     int n = p->n, size = n + c->equal;
@@ -125,9 +126,9 @@ static void write_matrix(const sp_program *p, const sp_cone *c, double unit, dou
     }
 }
 
-/* The optimum x of a program whose rotor forces have to stay within the sphere ‖f_i‖ ≤ λ̄ besides; 0 where nothing is
- * feasible, or none was found. Of the `soft` rows each may be broken by v at the cost ½ `price` v². `steps` is what its
- * steps are added to.
+/* Find the optimum x of a program with the additional constraints ‖f_i‖ ≤ λ̄; returns 0 if the program is infeasible
+ * or no optimum was found. Each of the `soft` rows may be violated by v at the cost ½ `price` v². The number of Newton
+ * steps is added to `steps`.
  */
 int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, double price, sp_workspace *work, double *x,
                       int32_t *steps)
@@ -137,7 +138,7 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
     double best = SP_CONE_LOOSE, unit = 1.0;
     if (!find_sides(p, soft, count, price, c)) return 0;
     int sides = c->sides, equal = c->equal, all = sides + SP_ROTORS, size = n + equal;
-    /* A unit of cost in which multipliers are of the order of one. */
+    /* Scale the cost so that multipliers are of order one. */
     for (int k = 0; k < n; k++) unit = sp_max(unit, fabs(p->q[k]));
     if (count > 0) unit = sp_max(unit, price * c->largest);
     for (int e = 0; e < equal; e++) c->yield[e] *= unit, c->y[e] = 0.0;
@@ -179,14 +180,14 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
             sp_copy(x, c->x, n);
         }
         if (best < 1.0 || !sp_finite(gradient, n) || !sp_finite(&mean, 1)) break;
-        /* Farkas: where all holds, pull·x ≤ b·y + h·z; but within the spheres pull·x ≥ −Σ ‖pull_i‖. */
+        /* Farkas: a feasible x has pull·x ≤ b·y + h·z, but within the spheres pull·x ≥ −Σ ‖pull_i‖. */
         if (count == 0 && proof + row_bound(pull, n) < -SP_CONE_PROOF * sum) return 0;
         for (int k = 0; k < all; k++) c->D[k] = 1.0 / (c->s[k] / c->z[k] + c->give[k]);
         write_matrix(p, c, unit, work->K);
         if (!factorise(work->K, size)) break;
         double *d = work->right, way = 1.0;
         for (int k = 0; k < all; k++) c->product[k] = c->s[k] * c->z[k];
-        for (int aimed = 0; aimed < 2; aimed++) { /* straight ahead first; how far that leads tells what to aim at */
+        for (int aimed = 0; aimed < 2; aimed++) { /* predictor first; its step length sets the corrector's target */
             double fastest = SP_CONE_SHORT, ahead = 0.0;
             sp_copy(d, gradient, n);
             sp_copy(d + n, c->off, equal);
@@ -205,7 +206,7 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
             for (int k = 0; k < all; k++) ahead += (c->s[k] + way * c->ds[k]) * (c->z[k] + way * c->dz[k]) / all;
             ahead /= mean;
             for (int k = 0; k < all; k++)
-                c->product[k] += way * way * c->ds[k] * c->dz[k] - mean * ahead * ahead * ahead; /* whole: circles */
+                c->product[k] += way * way * c->ds[k] * c->dz[k] - mean * ahead * ahead * ahead; /* damped: may cycle otherwise */
         }
         axpy(-way, d, n, c->x);
         axpy(-way, d + n, equal, c->y);

@@ -1,4 +1,4 @@
-/* The stack on the ground: gait, snapshot, allocation, hand-over, vectoring, joints. */
+/* The crawl controller: gait, snapshot, allocation, blending between modes, vectoring, joints. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
@@ -11,7 +11,7 @@ void sp_crawl_init(const sp_robot *robot, sp_crawl *crawl, const sp_crawler_conf
     sp_home(robot, &config->gait, crawl->home_b);
 }
 
-/* Forget everything: the robot lies on the floor, rotors off; commands follow. */
+/* Clear the memory: the robot lies on the floor with rotors off, and no commands. */
 void sp_crawl_reset(sp_crawl *crawl, const sp_robot_state *state)
 {
     sp_crawl_memory *m = &crawl->memory;
@@ -58,7 +58,7 @@ static void add_feet(const sp_robot *robot, const sp_snapshot *s, const double *
     }
 }
 
-/* What the allocation is asked, and the rotors whose φ is held. */
+/* Write the allocation's demand, and update the lock of φ. */
 static void ground_demand(const sp_robot *robot, sp_crawl *crawl, const sp_robot_state *state, const double *plan, int mode,
                           const int32_t *lifted, const sp_residual *residual, sp_lock *lock)
 {
@@ -73,7 +73,7 @@ static void ground_demand(const sp_robot *robot, sp_crawl *crawl, const sp_robot
     sp_update_lock(&m->lock, none, nominal, s, m->vectoring, &c->lock, lock);
     sp_copy(d->gravity_torque, s->gravity_torque, SP_JOINTS);
     if ((mode == SP_PROGRAM_LEG || mode == SP_PROGRAM_LEGS) && (c->leg_stiffness != 0.0 || c->leg_damping != 0.0)) {
-        double share = mode == m->mode ? 1.0 - m->gap : 0.0; /* it comes in as the mode does */
+        double share = mode == m->mode ? 1.0 - m->gap : 0.0; /* blended in with the mode */
         for (int j = 0; j < SP_JOINTS; j++)
             if (lifted[j / 4])
                 d->gravity_torque[j] += share * (c->leg_stiffness * (plan[j] - state->joint_position[j]) -
@@ -101,7 +101,7 @@ static void ground_demand(const sp_robot *robot, sp_crawl *crawl, const sp_robot
     sp_copy(d->com_b, s->com_b, 3);
 }
 
-/* The allocation with a policy's forces, moved to the nearest valid point; the floor's forces as they were. */
+/* Add a policy's forces to the allocation and project the sum to the nearest valid forces; foot forces stay. */
 static void add_forces(sp_crawl *crawl, int n, const sp_residual *residual, sp_room *room)
 {
     sp_allocation *a = &crawl->allocation;
@@ -152,7 +152,7 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     double plan[SP_JOINTS], torque[SP_JOINTS], forces[SP_FORCES], thrust[SP_ROTORS], joints[SP_JOINTS];
     int32_t lifted[SP_LEGS];
     sp_lock lock;
-    if (!sp_valid_state(state)) { /* the last command once more */
+    if (!sp_valid_state(state)) { /* repeat the last command */
         a->status = SP_HELD;
         for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(m->forces_l + 3 * i);
         sp_make_command(thrust, m->vectoring, m->joint_position, c->joint_torque_limit, command);

@@ -1,4 +1,4 @@
-/* Pose, inertial unit and encoders → the controller's state: integrate the inertial unit, correct with the pose. */
+/* Estimator: integrates the inertial unit, corrects with pose measurements, filters encoder angles. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
@@ -8,7 +8,7 @@ void sp_estimator_init(sp_estimator *e, const sp_estimator_config *config)
     e->config = *config;
 }
 
-/* Start from a state that is known, at rest. */
+/* Start from a known state at rest. */
 void sp_estimator_reset(const sp_robot *robot, sp_estimator *e, const sp_robot_state *state)
 {
     sp_estimator_config config = e->config;
@@ -31,7 +31,7 @@ void sp_estimator_reset(const sp_robot *robot, sp_estimator *e, const sp_robot_s
     sp_copy(e->angles + SP_JOINTS, state->vectoring, 2 * SP_ROTORS);
 }
 
-/* Integrate one sample; the accelerometer gives the mean since the one before. */
+/* Integrate one sample; the accelerometer's value is the mean since the previous sample. */
 static void predict(const sp_robot *robot, sp_estimator *e, double time, const double *gyro, const double *force)
 {
     double dt = time - e->time, omega[3], mean[3], turn[9], own[3], a[3];
@@ -59,7 +59,7 @@ static void predict(const sp_robot *robot, sp_estimator *e, double time, const d
     sp_copy(e->past_R_wb[SP_HISTORY - 1], e->R_wb, 9);
 }
 
-/* Move the estimate, and its past since then, towards a frame taken at `time`. */
+/* Correct the estimate and its history since `time` with a pose measured at `time`. */
 static void correct(sp_estimator *e, double time, const double *position_w, const double *R_wb)
 {
     const sp_estimator_config *c = &e->config;
@@ -90,7 +90,7 @@ static void correct(sp_estimator *e, double time, const double *position_w, cons
     sp_copy(e->R_wb, e->past_R_wb[SP_HISTORY - 1], 9);
 }
 
-/* The state at a control tick; `thrust` is what was last commanded, which the robot does not measure. */
+/* Estimate the state at a control tick; `thrust` is the last command, because thrust is not measured. */
 void sp_estimator_update(const sp_robot *robot, sp_estimator *e, const sp_measurement *m, const double *thrust, sp_robot_state *state)
 {
     for (int k = 0; k < m->imu_count; k++)
@@ -101,7 +101,7 @@ void sp_estimator_update(const sp_robot *robot, sp_estimator *e, const sp_measur
         correct(e, m->pose_time[k], m->pose_position_w + 3 * k, R);
     }
     double dt = m->encoder_time - e->encoder_time;
-    if (dt > 1e-9) { /* a critically damped observer of constant rates */
+    if (dt > 1e-9) { /* critically damped observer, constant-rate model */
         for (int j = 0; j < SP_ANGLES; j++) {
             double read = j < SP_JOINTS ? m->joint_position[j] : m->vectoring[j - SP_JOINTS];
             double decay = exp(-(j < SP_JOINTS ? e->config.joint_bandwidth : e->config.vectoring_bandwidth) * dt);

@@ -32,7 +32,7 @@ static void desired_wrench(const sp_robot *robot, const sp_control_state *contro
     for (int k = 0; k < 3; k++) wrench[3 + k] += gyro[k];
 }
 
-/* ∫e + e dt on the axes whose unallocated demand is below `threshold` or opposed to the error. */
+/* Anti-windup: ∫e + e dt if the unallocated demand is at most `threshold` or opposed to the error, else ∫e. */
 static double advance_integral(double integral, double error, double missing, double threshold, double dt)
 {
     return fabs(missing) > threshold && missing * error > 0.0 ? integral : integral + dt * error;
@@ -73,7 +73,7 @@ static void motion_error(const sp_robot_state *state, const sp_reference *refere
 
 /* ---- joint motion ---- */
 
-/* Next joint command on the straight line to the target, and its rate. */
+/* Compute the next joint command on the straight line to the target, and its rate. */
 static void plan_joints(const sp_robot *robot, const sp_flight *f, const double *wanted, double scale, double *following, double *rate)
 {
     const double *command = f->memory.joint_position;
@@ -106,7 +106,7 @@ void sp_flight_init(sp_flight *f, const sp_controller_config *config)
     memset(f, 0, sizeof *f);
     f->config = *config;
     f->dt = 1.0 / config->rate_hz;
-    /* What is neither, as in a damaged log, flies with the fewer rows. */
+    /* Any other value, as in a damaged log, selects the allocation with fewer rows. */
     int paper = config->allocation == SP_CONTROLLER_CONFIG_ALLOCATION_PAPER;
     f->mode = *sp_find_mode(paper ? SP_PROGRAM_PAPER : SP_PROGRAM_AS_FLOWN);
     sp_no_interference(&f->memory.interference);
@@ -126,7 +126,7 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     sp_copy(m->joint_position, joints, SP_JOINTS);
     sp_copy(m->compensation.servo_position, joints, SP_JOINTS);
     if (trim == NULL) return;
-    /* Integrals whose terms are the wrench that is known to be needed; the observer cancels its share itself. */
+    /* Initialise integrals to the known trim wrench, less the share that the observer compensates. */
     sp_snapshot *s = &f->control.snapshot;
     double R[9], force[3], torque[3], adjugate[9], angular[3];
     double of_force = 1.0 - f->config.compensation.observer_gain;
@@ -151,7 +151,7 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     }
 }
 
-/* Begin again where somebody else has controlled, with the integrals and the observer's belief of before. */
+/* Resume after another controller's `command`: resets, but keeps the integrals and the observed external wrench. */
 void sp_flight_resume(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_command *command)
 {
     sp_flight_memory *m = &f->memory, before = *m;
@@ -165,7 +165,7 @@ void sp_flight_resume(const sp_robot *robot, sp_flight *f, const sp_robot_state 
     sp_copy(m->compensation.residual_w, before.compensation.external_w, 6);
 }
 
-/* (φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it. */
+/* Estimate (φ, θ) of a steady hover in the form q: forces are vertical, φ is locked as in the controller. */
 void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring)
 {
     double guess[2 * SP_ROTORS], nominal[2 * SP_ROTORS], level[9];
@@ -199,7 +199,7 @@ void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const 
     motion_error(state, reference, &control->snapshot, control->R_wb, &control->error);
 }
 
-/* The last command once more, its status `held`. */
+/* Repeat the last command with status `held`. */
 static void hold_command(sp_flight *f, sp_command *command)
 {
     double thrust[SP_ROTORS];
@@ -209,7 +209,7 @@ static void hold_command(sp_flight *f, sp_command *command)
     sp_make_command(thrust, f->memory.vectoring, f->memory.joint_position, f->config.joint_torque_limit, command);
 }
 
-/* What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted. */
+/* Write the allocation's demand: wrench, maps, and the rotors that are locked, restricted or lost. */
 static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, sp_lock *lock,
                           sp_interference *bounds)
 {
@@ -249,7 +249,7 @@ static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_re
     sp_identity(d->R_bf);
 }
 
-/* One control tick; `control` where the caller has it already, else NULL. */
+/* One control tick; `control` is NULL unless the caller has computed it already. */
 void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command)
 {
@@ -306,9 +306,9 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_make_command(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
 }
 
-/* The allocation alone, for a controller of one's own: a wrench in {CoG} on the rotors, once a period of the
- * configuration's; after sp_flight_reset. Of the reference the mode and the lost modules count. A state or wrench that is
- * not finite is answered with what was told last; `flight->allocation` says how it went. */
+/* Allocate a wrench in {CoG} to the rotors, for a custom controller. Call it once per control period, after
+ * sp_flight_reset. Of the reference only the mode and the lost modules are used. If the state or the wrench is not
+ * finite, the last command is returned. `flight->allocation` holds the status. */
 void sp_flight_allocate(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, const double *wrench,
                         sp_room *room, double *thrust, double *vectoring)
 {

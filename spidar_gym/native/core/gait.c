@@ -1,7 +1,7 @@
 /* The crawl: commands → cycles → phases → joint setpoints and allocation mode [Zhao2025, Sec. Crawling Gait].
  *
- * Nothing here knows a force: what it sees is the torso's pose and the joint angles, and touchdown is a threshold on
- * them, because neither feet nor torso have a touch sensor.
+ * Its inputs are the torso's pose and the joint angles, no forces. Touchdown is a threshold on them, because neither
+ * feet nor torso have a touch sensor.
  */
 #include "ground.h"
 
@@ -9,7 +9,7 @@
 
 static sp_step *step_at(sp_gait_memory *m, int k) { return &m->steps[(m->first + k) % SP_MAX_STEPS]; }
 
-/* A step of all legs behind the others. */
+/* Append a step of all legs to the queue. */
 static sp_step *append_step(sp_gait_memory *m, sp_phases phases)
 {
     sp_step *step = step_at(m, m->count++);
@@ -19,8 +19,9 @@ static sp_step *append_step(sp_gait_memory *m, sp_phases phases)
     return step;
 }
 
-/* Go to a pose seen from where the commands end, on an arc; `cycles` 0 is as few as reach and configuration allow.
- * How many steps that takes; 0 where it is out of reach, not finite, or more than there is room for. */
+/* Append an arc by the displacement `way`, relative to the end of the queued commands, in `cycles` cycles; 0 is the
+ * fewest that reach and configuration allow. Returns the number of steps, or 0 if the displacement is out of reach or
+ * not finite, or the queue is full. */
 int sp_gait_move(const sp_robot *robot, sp_crawl *crawl, sp_pose2 way, int cycles)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -46,7 +47,7 @@ int sp_gait_move(const sp_robot *robot, sp_crawl *crawl, sp_pose2 way, int cycle
     return cycles;
 }
 
-/* Raise legs where they stand, hold, lower them; 0 where that is no command. */
+/* Append: raise legs in place, hold, lower them. Returns 0 if an argument is invalid or the queue is full. */
 int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seconds)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -62,7 +63,7 @@ int sp_gait_lift(sp_crawl *crawl, const int32_t *legs, double angle, double seco
     return 1;
 }
 
-/* Lift the torso, hold, put it down; 0 where that is out of reach. */
+/* Append: lift the torso, hold, lower it. Returns 0 if that is invalid, out of reach, or the queue is full. */
 int sp_gait_stand(const sp_robot *robot, sp_crawl *crawl, double height, double seconds)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -76,7 +77,7 @@ int sp_gait_stand(const sp_robot *robot, sp_crawl *crawl, double height, double 
     return 1;
 }
 
-/* ---- what the present phase is ---- */
+/* ---- present phase ---- */
 
 int sp_gait_done(const sp_crawl *crawl) { return crawl->gait.phase == SP_DONE && crawl->gait.count == 0; }
 
@@ -112,7 +113,7 @@ void sp_gait_lifted(const sp_crawl *crawl, int32_t *lifted)
 
 /* ---- targets ---- */
 
-/* Joint angles that hold the torso at a share of its way and a height, trim included; 0 out of reach. */
+/* Joint angles for the torso at a share of its displacement and a height, with trim; returns 0 if out of reach. */
 static int torso_angles(const sp_robot *robot, const sp_gait_memory *m, double share, double height, double *q)
 {
     double feet[3 * SP_LEGS];
@@ -122,7 +123,7 @@ static int torso_angles(const sp_robot *robot, const sp_gait_memory *m, double s
     return sp_leg_angles(robot, feet, q);
 }
 
-/* The torso lies on the floor: targets are reset to where the joints are, and this is where the floor is. */
+/* The torso lies on the floor: set targets to the joint angles, and the floor's frame to the torso's pose. */
 static void lie(sp_gait_memory *m)
 {
     sp_copy(m->plan, m->joints, SP_JOINTS);
@@ -131,7 +132,7 @@ static void lie(sp_gait_memory *m)
     sp_copy(m->floor_R, m->R_wb, 9);
 }
 
-/* The way to a pose in the world, floor axes: along a slope it is longer than it looks from above. */
+/* Displacement to the step's target in floor axes: along a slope it is longer than its horizontal projection. */
 static sp_pose2 way_to(const sp_gait_memory *m, const sp_step *step)
 {
     sp_pose2 here = planar_pose(m->floor_w, m->floor_R), way = {0.0, 0.0, 0.0};
@@ -144,7 +145,7 @@ static sp_pose2 way_to(const sp_gait_memory *m, const sp_step *step)
     return way;
 }
 
-/* Where the lifted legs go. */
+/* Compute the joint targets of the lifted legs. */
 static void footsteps(const sp_robot *robot, sp_crawl *crawl, const sp_step *step, const sp_residual *residual)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -165,7 +166,7 @@ static void footsteps(const sp_robot *robot, sp_crawl *crawl, const sp_step *ste
     for (int j = 0; j < SP_JOINTS; j++) m->landing[j] = step->legs[j / 4] ? landing[j] : m->plan[j];
 }
 
-/* Where the feet stand and where the torso goes. */
+/* Store where the feet stand, and compute the torso's displacement and lift. */
 static void stance(const sp_robot *robot, sp_crawl *crawl, const sp_step *step, const sp_residual *residual)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -180,7 +181,7 @@ static void stance(const sp_robot *robot, sp_crawl *crawl, const sp_step *step, 
     sp_copy(m->target, torso_angles(robot, m, 1.0, 0.0, q) ? q : m->plan, SP_JOINTS);
 }
 
-/* Begin a phase of the present step; after its last one the next step or nothing. */
+/* Begin a phase of the present step; after its last phase begin the next step, or finish. */
 static void enter(const sp_robot *robot, sp_crawl *crawl, int index, const sp_residual *residual)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -230,7 +231,7 @@ static int still(sp_gait_memory *m, int there, double duration, double dt)
     return m->still >= duration - 1e-9;
 }
 
-/* Largest |a − b| over the joints of the lifted legs that `which` (a bit mask of 4) names. */
+/* Largest |a − b| over the joints of the lifted legs that `which` (a bit mask of 4) selects. */
 static double farthest(const sp_step *step, const double *a, const double *b, int which)
 {
     double most = 0.0;
@@ -239,7 +240,7 @@ static double farthest(const sp_step *step, const double *a, const double *b, in
     return most;
 }
 
-/* Expected − filtered pose of the torso along the floor, and how far its height is off. */
+/* Compute the expected minus the filtered planar pose of the torso; returns the absolute height error. */
 static double pose_error(const sp_gait_memory *m, double *error)
 {
     double d[3], seen[3];
@@ -288,7 +289,7 @@ static int ended(sp_crawl *crawl, double joint_rate)
     case SP_FORWARD:
         if (m->share < c->down_at - 1e-9) return 0;
         pose_error(m, error);
-        /* What the trim cannot reach is left for the next cycle. */
+        /* An error beyond the trim remains for the next cycle. */
         return (length(error[0], error[1]) <= c->arrival && fabs(error[2]) <= c->arrival) || c->down_at < 1.0 ||
                m->time >= 0.5 * c->timeout;
     case SP_DOWN: {
@@ -305,7 +306,7 @@ static int ended(sp_crawl *crawl, double joint_rate)
 
 /* ---- motion of the torso ---- */
 
-/* A leg that turns down by an angle rolls its ball outwards by the radius times that. */
+/* Move the contact points: a leg that turns down by an angle rolls its ball outwards by radius × angle. */
 static void roll(const sp_robot *robot, sp_gait_memory *m, const double *before)
 {
     double turned = arc(m->way, m->share).yaw;
@@ -318,7 +319,7 @@ static void roll(const sp_robot *robot, sp_gait_memory *m, const double *before)
     }
 }
 
-/* Move the torso's plan on, as fast as the joints follow. */
+/* Advance the torso's plan as fast as the joint speed allows. */
 static void push(const sp_robot *robot, sp_crawl *crawl, double speed)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -330,7 +331,7 @@ static void push(const sp_robot *robot, sp_crawl *crawl, double speed)
     double climb = goal_height - m->height, advance = (goal_share - m->share) * distance;
     double longest = sp_max(fabs(climb), fabs(advance));
     if (torso_angles(robot, m, m->share, m->height, now) && longest > 0.0) {
-        /* A trial step tells how far the joints turn for it; the step is then as long as they allow. */
+        /* A trial step measures how far the joints turn; the step is then as long as the joint speed allows. */
         double trial = sp_min(longest, SP_GAIT_TRIAL), turn = 1e-9;
         if (torso_angles(robot, m, m->share + sp_clip(advance, -trial, trial) / distance,
                          m->height + sp_clip(climb, -trial, trial), ahead)) {
@@ -350,7 +351,7 @@ static void push(const sp_robot *robot, sp_crawl *crawl, double speed)
     if (c->rolling) roll(robot, m, before);
 }
 
-/* Follow the torso's yaw, and where its filtered pose should be by now. */
+/* Filter the torso's yaw, and update the expected value of its filtered pose. */
 static void track(sp_crawl *crawl)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -362,7 +363,7 @@ static void track(sp_crawl *crawl)
     for (int i = 0; i < 3; i++) m->expected[i] += share * (pose[i] - m->expected[i]);
 }
 
-/* Feet are balls that roll when their legs turn, so the torso does not go as far as the kinematics say. */
+/* Integrate the trim: feet are balls that roll when legs turn, so the torso moves less than the kinematics predict. */
 static void trim(sp_crawl *crawl)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -374,7 +375,7 @@ static void trim(sp_crawl *crawl)
         m->trim[i] = sp_clip(m->trim[i] + c->trim_gain * crawl->dt * error[i], -limits[i], limits[i]);
 }
 
-/* Lie on the floor, nothing to do. */
+/* Reset: the robot lies on the floor, without commands. */
 void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -390,7 +391,7 @@ void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb
     lie(m);
 }
 
-/* One tick: where the joints are told to be. */
+/* One tick: compute the joint setpoints `plan`. */
 void sp_gait_step(const sp_robot *robot, sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q,
                   const sp_residual *residual, double *plan)
 {

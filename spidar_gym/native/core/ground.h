@@ -1,4 +1,4 @@
-/* What gait and legs share: planar poses (x, y, yaw), and where the legs are. */
+/* Functions shared by gait, legs and courses: planar poses (x, y, yaw), leg azimuths. */
 #ifndef SPIDAR_GROUND_H
 #define SPIDAR_GROUND_H
 
@@ -7,7 +7,7 @@
 
 /* ---- planar poses ---- */
 
-/* This pose, then `next` seen from it. */
+/* Compose `pose` with `next`, which is relative to it. */
 static inline sp_pose2 then(sp_pose2 pose, sp_pose2 next)
 {
     double c = cos(pose.yaw), s = sin(pose.yaw);
@@ -20,7 +20,7 @@ static inline sp_pose2 inverse(sp_pose2 pose)
     return (sp_pose2){-c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw};
 }
 
-/* The pose after a share of the arc of constant curvature that leads to this pose. */
+/* Pose after a share of the arc of constant curvature from the origin to `pose`. */
 static inline sp_pose2 arc(sp_pose2 pose, double share)
 {
     if (fabs(pose.yaw) < SP_STRAIGHT) return (sp_pose2){share * pose.x, share * pose.y, share * pose.yaw};
@@ -30,7 +30,7 @@ static inline sp_pose2 arc(sp_pose2 pose, double share)
     return (sp_pose2){s * vx - c * vy, c * vx + s * vy, a};
 }
 
-/* Points (4, 3) seen from this pose, seen from the origin, `dz` higher. */
+/* Transform points (4, 3) from the frame of `pose` to the origin's, and raise them by `dz`. */
 static inline void move_points(sp_pose2 pose, const double *points, double dz, double *moved)
 {
     double c = cos(pose.yaw), s = sin(pose.yaw);

@@ -48,7 +48,7 @@ void sp_find_interference(const sp_snapshot *s, const double *nominal, const sp_
                 yx /= length;
                 yy /= length;
             }
-            /* [Zhao2025, Eq. 22]: inclined too much along φ, or too far to the side to be met at hover. */
+            /* [Zhao2025, Eq. 22]: too far off along φ, or too far to the side for the jet to reach it at hover. */
             if (fabs(dx * yx + dy * yy) >= tan_alpha * below || fabs(dx * yy - dy * yx) >= tan_horizon * below) continue;
             double low, high, kept[SUBSETS][2];
             int left = 0;

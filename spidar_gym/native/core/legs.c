@@ -1,7 +1,7 @@
-/* Legs on the ground: what reaches where, and how far a stride can go. */
+/* Leg kinematics on the ground, and the reach of a stride. */
 #include "ground.h"
 
-/* Joint angles that put the feet there, knees up, outer yaw 0; 0 out of reach [Zhao2025, Sec. Crawling Gait]. */
+/* Inverse kinematics: knees up, outer yaw 0; returns 0 if out of reach [Zhao2025, Sec. Crawling Gait]. */
 int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q)
 {
     double found[SP_JOINTS], upper = robot->yaw_to_pitch + robot->pitch_to_yaw, lower = robot->pitch_to_foot;
@@ -21,7 +21,7 @@ int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q)
     return 1;
 }
 
-/* Centres of the feet, outer yaw joints included. */
+/* Forward kinematics: centres of the feet, outer yaw joints included. */
 void sp_feet_at(const sp_robot *robot, const double *q, double *feet_b)
 {
     for (int leg = 0; leg < SP_LEGS; leg++) {
@@ -36,7 +36,7 @@ void sp_feet_at(const sp_robot *robot, const double *q, double *feet_b)
     }
 }
 
-/* Where the feet stand under a torso on its pegs. */
+/* Positions of the feet when the torso stands on its pegs. */
 void sp_home(const sp_robot *robot, const sp_gait_config *c, double *home_b)
 {
     double upper = robot->yaw_to_pitch + robot->pitch_to_yaw, lower = robot->pitch_to_foot;
@@ -48,7 +48,7 @@ void sp_home(const sp_robot *robot, const sp_gait_config *c, double *home_b)
     }
 }
 
-/* Whether one cycle can go this way: every foot in reach at start and end, torso down and lifted. */
+/* Whether one cycle can cover `way`: every foot is in reach at start and end, torso down and lifted. */
 int sp_stride_fits(const sp_robot *robot, const sp_gait_config *c, const double *home_b, sp_pose2 way, double lift_height)
 {
     sp_pose2 zero = {0.0, 0.0, 0.0}, ends[2] = {way, zero};
@@ -62,7 +62,7 @@ int sp_stride_fits(const sp_robot *robot, const sp_gait_config *c, const double 
     return 1;
 }
 
-/* Largest share of `way` that one cycle can go by the legs' reach, up to SP_MOST_STRIDE. */
+/* Largest share of `way` within the legs' reach in one cycle, up to SP_MOST_STRIDE. */
 double sp_largest_stride(const sp_robot *robot, const sp_crawl *crawl, sp_pose2 way)
 {
     const sp_gait_config *c = &crawl->config.gait;

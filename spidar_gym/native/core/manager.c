@@ -1,8 +1,8 @@
-/* The manager of both gaits: commands → phases, each flown or crawled by its controller, handed over without a jolt.
- * `control/locomotion/manager.py` is the same in Python, where it is said what the phases mean. */
+/* The manager of both gaits: commands → phases, each flown or crawled by its controller, with smooth transitions.
+ * The Python twin `control/locomotion/manager.py` documents the phases. */
 #include "ground.h"
 
-/* Where `ease` has come to a share. */
+/* Argument at which `sp_ease` reaches a share, by bisection. */
 static double inverse_ease(double share)
 {
     double low = 0.0, high = 1.0;
@@ -25,7 +25,7 @@ static double tilt_of(const double *R) { return acos(sp_clip(R[8], -1.0, 1.0)); 
 
 static int on_ground(const sp_manager *m) { return m->memory.phase == SP_MANAGER_LIE || m->memory.phase == SP_MANAGER_CRAWL; }
 
-/* Where the centre of mass is. */
+/* Compute the position of the CoG. */
 static void com_of(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, double *com_w)
 {
     double R[9], offset[3];
@@ -35,7 +35,7 @@ static void com_of(const sp_robot *robot, sp_manager *m, const sp_robot_state *s
     for (int i = 0; i < 3; i++) com_w[i] = state->position_w[i] + offset[i];
 }
 
-/* The last command of whoever commanded last. */
+/* Last command of the active controller. */
 static void last_command(const sp_manager *m, sp_command *command)
 {
     int ground = on_ground(m);
@@ -67,7 +67,7 @@ static void straight(sp_manager *m, const double *from, const double *to, double
     m->knot_count = legs.count;
 }
 
-/* The crawler takes over, at rest. */
+/* Reset the crawler and pass it the last command. */
 static void give_to_crawler(sp_manager *m, const sp_robot_state *state, const sp_command *last)
 {
     sp_crawl_reset(&m->crawl, state);
@@ -76,7 +76,7 @@ static void give_to_crawler(sp_manager *m, const sp_robot_state *state, const sp
     sp_copy(m->crawl.memory.joint_position, last->joint_position, SP_JOINTS);
 }
 
-/* Pose, rate and acceleration of what is asked for now, in the air. */
+/* Pose, rate and acceleration of the present flight reference. */
 static void moving(const sp_manager *m, double *pose, double *rate, double *acceleration)
 {
     const sp_manager_memory *memory = &m->memory;
@@ -93,7 +93,7 @@ static void moving(const sp_manager *m, double *pose, double *rate, double *acce
 
 static double wrap(double angle) { return angle - SP_TWO_PI * floor((angle + SP_PI) / SP_TWO_PI); }
 
-/* Fly to a place from where and how the path is now. */
+/* Plan a flight to a position from the present motion of the path. */
 static void steer(sp_manager *m, const sp_waypoint *command)
 {
     sp_manager_memory *memory = &m->memory;
@@ -112,7 +112,7 @@ static void steer(sp_manager *m, const sp_waypoint *command)
     enter(m, SP_MANAGER_FLY);
 }
 
-/* Come to rest from where and how the path is now. */
+/* Plan a stop from the present motion of the path. */
 static void hover(sp_manager *m)
 {
     sp_manager_memory *memory = &m->memory;
@@ -134,7 +134,7 @@ static void hover(sp_manager *m)
     enter(m, SP_MANAGER_HOVER);
 }
 
-/* Remain where the path ends: time begins anew with a phase, and the way there is not flown again. */
+/* Replace the path by its end, because time restarts with the next phase. */
 static void stay(sp_manager *m)
 {
     sp_knot *here = m->knots;
@@ -145,10 +145,10 @@ static void stay(sp_manager *m)
     m->knot_count = 1;
 }
 
-/* When the present flight is over. */
+/* End of the present path [s]. */
 static double path_end(const sp_manager *m) { return m->knots[m->knot_count - 1].time; }
 
-/* Let the rotors take over from the floor, from the share that they have already. */
+/* Begin to transfer the weight from the floor to the rotors, starting from the share that they carry already. */
 static void begin_spool(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
 {
     sp_manager_memory *memory = &m->memory;
@@ -160,13 +160,13 @@ static void begin_spool(const sp_robot *robot, sp_manager *m, const sp_robot_sta
     sp_copy(memory->quat_wb, state->quat_wb, 4);
     memory->floor = memory->begin_w[2];
     memory->yaw = atan2(R[3], R[0]);
-    sp_copy(memory->form, last.joint_position, SP_JOINTS); /* feet on the floor push nobody about */
+    sp_copy(memory->form, last.joint_position, SP_JOINTS); /* the feet must not push */
     sp_flight_resume(robot, &m->flight, state, &last);
     enter(m, SP_MANAGER_SPOOL);
     memory->time = m->config.spool_time * inverse_ease(share);
 }
 
-/* Climb from where a landing has failed; the second one is the last. */
+/* Abort a landing and climb; a second failure in a row drops the commands. */
 static void break_off(sp_manager *m)
 {
     sp_manager_memory *memory = &m->memory;
@@ -256,7 +256,7 @@ static void unload(const sp_robot *robot, sp_manager *m, const sp_robot_state *s
     const sp_manager_config *c = &m->config;
     sp_command last;
     double com_w[3];
-    if (memory->time < 0.5 * c->unload_time && state->velocity_w[2] < -c->lost_fall) { /* that was a gust */
+    if (memory->time < 0.5 * c->unload_time && state->velocity_w[2] < -c->lost_fall) { /* the touchdown was a gust */
         memory->begin_w[2] = memory->floor;
         enter(m, SP_MANAGER_DESCEND);
         memory->velocity = c->descent_speed;
@@ -274,7 +274,7 @@ static void unload(const sp_robot *robot, sp_manager *m, const sp_robot_state *s
     }
 }
 
-/* Go on to the next phase where this one is over. */
+/* Enter the next phase if the present one has ended. */
 static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
 {
     sp_manager_memory *memory = &m->memory;
@@ -309,7 +309,7 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
         /* fall through */
     case SP_MANAGER_FLY:
         if (memory->time < path_end(m)) break;
-        /* else it climbed to land again */
+        /* a FLY phase with a LAND command follows an aborted landing: keep the command */
         if (!(memory->phase == SP_MANAGER_FLY && m->commands[0].kind == SP_LOCOMOTION_LAND)) drop_command(m);
         hover(m);
         break;
@@ -331,7 +331,7 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
     }
 }
 
-/* What the flight controller is asked in the present phase. */
+/* Write the flight controller's reference for the present phase. */
 static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference *r)
 {
     const sp_manager_memory *memory = &m->memory;
@@ -368,7 +368,7 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
     }
 }
 
-/* Near the floor Σλ changes evenly, into the climb too: what a foot finds there is no reason for a jolt. */
+/* Limit the rate of Σλ near the floor and at the start of the climb, so that foot contacts cause no jump. */
 static void limit(const sp_robot *robot, const sp_manager *m, sp_command *command)
 {
     int32_t phase = m->memory.phase;
@@ -381,7 +381,7 @@ static void limit(const sp_robot *robot, const sp_manager *m, sp_command *comman
     for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(robot->max_thrust, command->thrust[i] * share);
 }
 
-/* ---- what it is told ---- */
+/* ---- commands ---- */
 
 void sp_manager_init(const sp_robot *robot, sp_manager *m, const sp_manager_config *config)
 {
@@ -423,7 +423,7 @@ int sp_manager_done(const sp_manager *m)
     return phase == SP_MANAGER_LIE || phase == SP_MANAGER_CUT;
 }
 
-/* Append a command; 0 where there is no room for it, or it cannot follow on those before it. */
+/* Append a command; returns 0 if the queue is full or the command cannot follow the previous one. */
 int sp_manager_command(sp_manager *m, const sp_waypoint *command)
 {
     int flies = command->kind == SP_LOCOMOTION_FLY_TO || command->kind == SP_LOCOMOTION_LAND, before;
@@ -439,7 +439,7 @@ int sp_manager_command(sp_manager *m, const sp_waypoint *command)
     return 1;
 }
 
-/* Drop what is still to do, and do these n from here on; 0 where they cannot follow from here, and nothing has changed. */
+/* Replace the queued commands by these n; returns 0 and changes nothing if they cannot follow from here. */
 int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
 {
     sp_manager_memory *memory = &m->memory;
@@ -457,7 +457,7 @@ int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
         moving(m, pose, rate, acceleration);
         ends = pose[2] < memory->floor + SP_MANAGER_LEVEL_TO;
     }
-    /* A cycle is crawled to its end, a landing is completed, and nobody flies away before the legs are clear. */
+    /* A crawl cycle and a landing are completed first, and a climb until the legs are clear of the floor. */
     m->count = ends && m->count > 0;
     for (int k = 0; k < n; k++) m->commands[m->count++] = commands[k];
     if (phase == SP_MANAGER_CRAWL) m->crawl.gait.count = m->crawl.gait.count > 0;

@@ -1,4 +1,4 @@
-/* What a policy sees, in the order of the layouts in Python; clipped to ± bound, single precision. */
+/* Observations of a policy, in the order of the layouts in Python; clipped to ± bound, single precision. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
@@ -25,7 +25,7 @@ static int finish(const double *values, int n, const double *bound, float *obser
     return n;
 }
 
-/* The flight observation; its length. Along a path the preview of it is among what is seen. */
+/* Write the flight observation; returns its length. With `has_path` it contains the preview of the path. */
 int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control_state *control, const double *thrust,
                const double *joint_velocity, const double *leg_momentum, const double *leg_momentum_rate,
                const sp_preview *preview, int has_path, const double *previous_action, int action_size,
@@ -70,7 +70,7 @@ int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control
     return finish(v, at, bound, observation);
 }
 
-/* The crawl observation; its length. */
+/* Write the crawl observation; returns its length. */
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
                      const double *previous_action, int action_size, const double *bound, float *observation)
 {
@@ -108,7 +108,7 @@ int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const d
     return finish(v, at, bound, observation);
 }
 
-/* The course's observation; its length. */
+/* Write the course observation; returns its length. */
 int sp_observe_course(const sp_robot *robot, const sp_manager *m, const sp_pilot *pilot, const sp_course *course,
                       const sp_robot_state *state, const sp_command *last, double charge, double time_left,
                       const double *previous_action, int action_size, const double *bound, float *observation)

@@ -1,5 +1,5 @@
-/* Paths of the CoG and its heading: quintics between knots, and what builds them. `control/flight/path.py` is the same
- * in Python, where it is said what the arguments mean. */
+/* Paths of the CoG and heading: quintics between knots, and functions that build them. The Python twin
+ * `control/flight/path.py` documents the arguments. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
@@ -27,7 +27,7 @@ void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *
     }
 }
 
-/* What a policy is told of it at a time. */
+/* Preview of the path at a time, for a policy's observation. */
 void sp_preview_path(const sp_knot *knots, int n, double time, sp_preview *preview)
 {
     double pose[4], rate[4], acceleration[4], then[4], more[4];
@@ -41,7 +41,7 @@ void sp_preview_path(const sp_knot *knots, int n, double time, sp_preview *previ
     }
 }
 
-/* What the controller is asked of the torso at a time: level, on the path. */
+/* Write the controller's reference at a time: on the path, torso level. */
 void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *reference)
 {
     double pose[4], rate[4], acceleration[4];
@@ -58,10 +58,10 @@ void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *refe
     reference->alpha_b[2] = acceleration[3];
 }
 
-/* The angle plus as many turns as bring it into −π … π. */
+/* Wrap an angle to −π … π. */
 static double wrap(double angle) { return angle - SP_TWO_PI * floor((angle + SP_PI) / SP_TWO_PI); }
 
-/* Knots are written where there is room; all are counted. */
+/* Appends knots: all are counted, the first `room` are written. */
 typedef struct {
     sp_knot *knots;
     int room, count;
@@ -98,7 +98,7 @@ void sp_begin_legs(const double *point, double speed, int along, double yaw, dou
     legs->count = w.count;
 }
 
-/* Go straight to another point, and rest there. */
+/* Append a straight leg to another point, with rest there. */
 void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs)
 {
     writer w = {knots, room, legs->count};
@@ -130,14 +130,14 @@ void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs)
     legs->count = w.count;
 }
 
-/* From 0 to 1, smoothly: the quintic from rest to rest. */
+/* Smooth step from 0 to 1: the quintic from rest to rest. */
 double sp_ease(double u)
 {
     u = sp_clip(u, 0.0, 1.0);
     return u * u * u * (10.0 - u * (15.0 - 6.0 * u));
 }
 
-/* How long a coordinate takes from motion to rest, and whether its motion fades first. */
+/* Time that a coordinate takes from motion to rest; `fades`: whether its motion decays first. */
 static double time_from_motion(double d, double v, double a, double pace, double brake, double seconds, int *fades)
 {
     double drifts = HUGE_VAL, swings = HUGE_VAL, ahead = SP_PATH_DETOUR + SP_PATH_RUN_AHEAD * fabs(d);
@@ -150,7 +150,7 @@ static double time_from_motion(double d, double v, double a, double pace, double
     return takes;
 }
 
-/* One coordinate as the first of a path of two knots, or of three where it fades; how many. */
+/* Write one coordinate's path as entry 0 of two knots, or three if it fades; returns the number of knots. */
 static int part_from_motion(double p, double v, double a, double end, double speed, double takes, double fade,
                             sp_knot *part)
 {
@@ -170,7 +170,7 @@ static int part_from_motion(double p, double v, double a, double end, double spe
     return last + 1;
 }
 
-/* To a pose, at rest there, from however a path moves at `begin`; up to six knots, and how many. */
+/* Plan a path from the motion `begin` to rest at a pose; writes up to six knots and returns their number. */
 int sp_path_from_motion(const sp_knot *begin, const double *end, double speed, sp_knot *knots)
 {
     const double *p = begin->pose_w, *v = begin->rate_w, *a = begin->acceleration_w;
@@ -225,7 +225,7 @@ static double slope(double half_width, double speed, double seconds, double s, d
     return pace(speed, seconds, t, &change) * sqrt(1.0 + sine * sine) / half_width;
 }
 
-/* Bernoulli's lemniscate from its crossing on; how many knots it has, of which `room` are written. */
+/* Bernoulli's lemniscate from its crossing; returns the number of knots, of which the first `room` are written. */
 int sp_path_lemniscate(double half_width, double speed, double seconds, const double *position_w, double direction,
                        int along, double begin, sp_knot *knots, int room)
 {
@@ -261,7 +261,7 @@ int sp_path_lemniscate(double half_width, double speed, double seconds, const do
     return w.count;
 }
 
-/* Derivatives of the parabolas through neighbours of coordinates `from` … `to`; 0 at both ends. */
+/* Set rates and accelerations from parabolas through neighbouring knots, for coordinates `from` … `to` − 1. */
 static void bend_through(sp_knot *knots, int n, int from, int to)
 {
     for (int k = 1; k + 1 < n; k++) {
@@ -275,7 +275,7 @@ static void bend_through(sp_knot *knots, int n, int from, int to)
     }
 }
 
-/* Direction in which a spline leaves its rest at an end, or comes to it. */
+/* Direction in which a spline leaves its start or reaches its end. */
 static double end_heading(const sp_knot *end, const sp_knot *next, double sign)
 {
     double T = fabs(end->time - next->time), way[2];
@@ -285,7 +285,7 @@ static double end_heading(const sp_knot *end, const sp_knot *next, double sign)
     return atan2(way[1], way[0]);
 }
 
-/* A smooth way through the places of n knots, from rest to rest: all else of the knots is written. */
+/* Complete n knots, given their positions, to a smooth path from rest to rest. */
 void sp_path_spline(sp_knot *knots, int n, double speed, int along, double yaw, double begin)
 {
     double time = begin, heading = yaw;

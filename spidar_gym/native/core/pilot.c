@@ -1,12 +1,12 @@
-/* Courses: what a map tells, the rule that chooses gait and form by it, and the pilot that has the manager of both gaits
- * follow a target. `control/course` and `control/locomotion/pilot.py` are the same in Python, where it is said why. */
+/* Courses: the map, the rule that chooses gait and form from the map, and the pilot that commands the manager of both
+ * gaits to follow a target. The Python twin `control/course` documents the reasons. */
 #include "ground.h"
 
 /* ---- the map ---- */
 
 static int is_passed(const sp_gate *gate) { return gate->kind <= SP_GATE_SLOT; }
 
-/* Height of what is stood on there. */
+/* Height of the ground at x [m]. */
 double sp_course_floor(const sp_course *course, double x)
 {
     for (int k = 0; k < course->count; k++) {
@@ -17,7 +17,7 @@ double sp_course_floor(const sp_course *course, double x)
     return 0.0;
 }
 
-/* Where the field ends along the course. */
+/* End of the field in x [m]. */
 double sp_course_end(const sp_course *course)
 {
     double end = course->goal.x;
@@ -27,7 +27,7 @@ double sp_course_end(const sp_course *course)
 
 /* ---- the target ---- */
 
-/* Joint angles on the way. */
+/* Joint angles of the target's form. */
 void sp_target_form(const sp_target *target, double *q)
 {
     const int joints = SP_JOINTS / SP_LEGS;
@@ -115,7 +115,7 @@ static void crawl(const sp_target *target, const sp_robot_state *state, sp_manag
     keep(target, pilot);
 }
 
-/* Have the manager do what a target says; nothing, where it is doing so. */
+/* Command the manager to follow a target; does nothing if it follows the target already. */
 void sp_pilot_follow(const sp_target *target, const sp_robot_state *state, const sp_course *course, sp_manager *m,
                      sp_pilot *pilot)
 {
@@ -176,7 +176,7 @@ static sp_target through(const sp_gate *gate, double x, double y, const double *
     return flight(before, gate->middle, SP_RULE_THROUGH, SP_RULE_FAST, 1.0);
 }
 
-/* Where to go from here. */
+/* Choose the next target. */
 sp_target sp_course_rule(const sp_course *course, const double *position_w, const double *q, int32_t phase, int flies,
                          int crawls)
 {
@@ -187,7 +187,7 @@ sp_target sp_course_rule(const sp_course *course, const double *position_w, cons
     const sp_gate *gate = NULL;
     if (!flies) return on_floor(goal.x, goal.y, goal.yaw);
     for (int k = 0; k < course->count && gate == NULL; k++) {
-        const sp_gate *next = &course->gates[k]; /* nobody flew under a beam */
+        const sp_gate *next = &course->gates[k]; /* in the air a beam is passed at its end */
         double behind = next->kind == SP_GATE_BEAM && !lies ? 0.0 : SP_RULE_PASSED;
         if (is_passed(next) && x < next->end + behind) gate = next;
     }
@@ -203,7 +203,7 @@ sp_target sp_course_rule(const sp_course *course, const double *position_w, cons
     return above(gate->begin - SP_RULE_FLOWN, 0.0, 0.0, x, y, lies || !crawls);
 }
 
-/* A target of an action: by how much it moves from here, how high, which gait, speed and form. */
+/* Convert an action to a target: gait, displacement from here, height, heading, speed, form and sweep. */
 void sp_take_target(const double *action, const sp_course *course, const double *position_w, sp_target *target)
 {
     double far = SP_COURSE_HALF_WIDTH - SP_TARGET_MARGIN;

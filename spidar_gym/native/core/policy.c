@@ -1,21 +1,21 @@
-/* A learned policy: a small network on what the environment shows it. A residual is bounded, and no faster than it may be;
- * a direct one commands in torso axes, as spidar_gym/policies/torso.py does. */
+/* Learned policies: a small network evaluated on the environment's observation. A residual is limited in size and rate.
+ * A direct policy commands the robot, in torso axes if SP_POLICY_TORSO, as in spidar_gym/policies/torso.py. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 #include "spidar_policy.h" /* generated: network, normaliser, bounds, washout, authority; no layers without a policy */
 
-/* What flight and crawl cannot know at a policy's first tick: no action before it, no momentum of the legs. */
+/* Clear the memory: no previous action, no leg momentum. */
 void sp_policy_reset(sp_policy *policy) { memset(policy, 0, sizeof *policy); }
 
 int sp_policy_kind(void) { return SP_POLICY_KIND; }
 
 /* ---- network ---- */
 
-/* Comparisons are such that what is no number stays none: it must not look like a wish. */
+/* The comparisons preserve NaN, so that NaN does not become an action. */
 static float activation(float x) { return SP_POLICY_RELU ? (x < 0.0f ? 0.0f : x) : tanhf(x); }
 static float output(float x) { return SP_POLICY_SQUASH ? tanhf(x) : (float)sp_clip(x, -1.0, 1.0); }
 
-/* y = W x + b, a block of outputs side by side; each sum runs in the order of its inputs. What follows in the weights. */
+/* y = W x + b in blocks of outputs, each sum in the order of the inputs; returns the address of the next weights. */
 static const float *multiply(const float *w, const float *x, int from, int to, float *y)
 {
     const int blocks = (to + SP_POLICY_BLOCK - 1) / SP_POLICY_BLOCK;
@@ -29,7 +29,7 @@ static const float *multiply(const float *w, const float *x, int from, int to, f
     return w + SP_POLICY_BLOCK * blocks;
 }
 
-/* The last layer for what the network is shown, in single precision as it was learned; what it never says is 0. */
+/* Evaluate the network up to its last layer in single precision, as in training; outputs that it lacks are 0. */
 static void evaluate_network(const double *shown, float *answer)
 {
     static const int sizes[] = SP_POLICY_SIZES;
@@ -57,13 +57,13 @@ static void evaluate_network(const double *shown, float *answer)
 
 /* ---- torso axes ---- */
 
-/* Vectors of links, in torso axes. */
+/* Transform vectors from link to torso axes. */
 static void turn_out(const sp_snapshot *s, const double *vectors_l, double *vectors_b)
 {
     for (int i = 0; i < SP_ROTORS; i++) sp_apply(s->R_bl[i], vectors_l + 3 * i, vectors_b + 3 * i);
 }
 
-/* Thrust directions in link axes of the sines and cosines of φ₁, θ₁ …, each `length` long, or 1 where there is none. */
+/* Compute thrust vectors in link axes from sines and cosines of φ₁, θ₁ …; `length` is NULL for unit vectors. */
 static void directions(const float *sine, const float *cosine, const float *length, double *to)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -74,8 +74,8 @@ static void directions(const float *sine, const float *cosine, const float *leng
     }
 }
 
-/* Where the joints are commanded: where they were asked to be, or as far on the way as their speed let them go; before
- * the first action where they are measured. What is no number is not remembered. */
+/* Track the commanded joint angles: the last action's, or the speed-limited ones on the way; the measured angles before
+ * the first action. Values that are not finite are ignored. */
 static void follow_joints(sp_policy *policy)
 {
     const float *measured = policy->observation + SP_POLICY_AT_JOINTS, *velocity = policy->observation + SP_POLICY_AT_SPEEDS;
@@ -88,7 +88,7 @@ static void follow_joints(sp_policy *policy)
     policy->has_joints = 1;
 }
 
-/* What a network in torso axes sees of an observation; how many numbers. */
+/* Write the inputs of a network in torso axes; returns their number. */
 static int torso_features(const sp_policy *policy, const sp_snapshot *snapshot, double *to)
 {
     const float *seen = policy->observation;
@@ -107,7 +107,7 @@ static int torso_features(const sp_policy *policy, const sp_snapshot *snapshot, 
     return at;
 }
 
-/* The direct action of what a network in torso axes says. */
+/* Convert the outputs of a network in torso axes to a direct action. */
 static void torso_action(const sp_robot *robot, const sp_policy *policy, const sp_snapshot *snapshot, const float *said,
                          double *action)
 {
@@ -139,8 +139,8 @@ static void torso_action(const sp_robot *robot, const sp_policy *policy, const s
 
 /* ---- the external force ---- */
 
-/* What of the acceleration commands and weight do not explain, torso axes; spidar_gym/policies/external.py. What is no
- * number is not remembered: the force stays what it was, and begins anew. */
+/* Estimate the external force in torso axes: the part of the acceleration not explained by commands and weight; see
+ * spidar_gym/policies/external.py. If a value is not finite, the force is kept and the estimation restarts. */
 static void look_for_force(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot)
 {
     const float *seen = policy->observation, *error = seen + SP_POLICY_AT_ATTITUDE;
@@ -169,9 +169,9 @@ static void look_for_force(const sp_robot *robot, sp_policy *policy, const sp_sn
     policy->has_velocity = policy->has_first = 1;
 }
 
-/* ---- what the network is shown ---- */
+/* ---- inputs of the network ---- */
 
-/* The network's last layer for the observation in `policy`; `snapshot` is not needed but in torso axes. */
+/* Evaluate the network for the observation in `policy`; only torso axes and the external force need `snapshot`. */
 static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot, float *answer)
 {
     double shown[SP_POLICY_WIDTH];
@@ -189,7 +189,7 @@ static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapsho
         int of = SP_POLICY_TRACED[k];
         double now = of < SP_POLICY_SEES ? policy->observation[of] : policy->external[of - SP_POLICY_SEES];
         double next = policy->traces[k] + SP_POLICY_TRACE_SHARE[k] * (now - policy->traces[k]);
-        if (sp_finite(&next, 1)) policy->traces[k] = next; /* what is no number must not be remembered */
+        if (sp_finite(&next, 1)) policy->traces[k] = next; /* ignore values that are not finite */
         shown[at++] = policy->traces[k];
     }
     evaluate_network(shown, answer);
@@ -197,7 +197,7 @@ static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapsho
 
 /* ---- action ---- */
 
-/* Go towards the network's answer, washed out, no further than a step; what is no number counts as 0. */
+/* Move the action towards the network's output, high-passed (washout), by at most SP_POLICY_STEP; NaN counts as 0. */
 static void update_action(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot)
 {
     float answer[SP_POLICY_WIDTH];
@@ -211,7 +211,7 @@ static void update_action(const sp_robot *robot, sp_policy *policy, const sp_sna
     }
 }
 
-/* Add a channel's share where the action has it; what is left of the action. */
+/* Add a channel's entries if the action has the channel; returns the entries that follow. */
 static const double *add_channel(int32_t channels, int channel, const double *share, double *to, int n)
 {
     if (!(channels & channel)) return share;
@@ -219,7 +219,7 @@ static const double *add_channel(int32_t channels, int channel, const double *sh
     return share + n;
 }
 
-/* What an action of some channels (bits of sp_channel) does: `authority` is what 1 becomes, entry by entry. */
+/* Convert an action of `channels` (bits of sp_channel) to a residual; `authority` scales each entry. */
 void sp_make_residual(const double *action, const double *authority, int n, int32_t channels, sp_residual *r)
 {
     double share[SP_MAX_ENTRIES] = {0.0};
@@ -241,14 +241,14 @@ void sp_make_residual(const double *action, const double *authority, int n, int3
 
 /* ---- flight and crawl ---- */
 
-/* Thrust of the last command; before the first that of the state. */
+/* Thrust of the last command; before the first tick the state's thrust. */
 static void last_thrust(const sp_robot *robot, int32_t ticked, const double *forces_l, const sp_robot_state *state, double *thrust)
 {
     for (int i = 0; i < SP_ROTORS; i++)
         thrust[i] = ticked ? sp_min(sp_norm(forces_l + 3 * i), robot->max_thrust) : state->thrust[i];
 }
 
-/* What the environment would show of this tick's flight. `control` is that of `state`. */
+/* Write the environment's observation of this tick's flight. `control` is computed from `state`. */
 static void look(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
                  const sp_control_state *control, const sp_preview *preview)
 {
@@ -257,13 +257,13 @@ static void look(const sp_robot *robot, sp_policy *policy, const sp_flight *flig
     sp_leg_momentum(&control->snapshot, flight->joint_velocity, momentum);
     for (int i = 0; i < 3; i++)
         rate[i] = policy->has_momentum ? (momentum[i] - policy->leg_momentum[i]) * flight->config.rate_hz : 0.0;
-    policy->has_momentum = sp_finite(momentum, 3); /* else one lost state would spoil two ticks */
+    policy->has_momentum = sp_finite(momentum, 3); /* an invalid state must not affect the next tick */
     sp_copy(policy->leg_momentum, momentum, 3);
     sp_observe(flight, state, control, thrust, flight->joint_velocity, momentum, rate, preview, 0, policy->action,
                SP_POLICY_ACTIONS, SP_POLICY_BOUND, policy->observation);
 }
 
-/* The residual of this tick's flight: neutral without a policy for it. */
+/* Compute the residual of a flight tick; neutral without a flight policy. */
 void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_residual *residual)
 {
@@ -274,8 +274,8 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }
 
-/* The command of this tick's flight, which no controller stands behind: that of `flight` remembers it, and what of it the
- * servos do within the tick. Without a policy for it, nothing is done. */
+/* Compute the command of a flight tick from a direct policy, without a controller. The memory of `flight` stores the
+ * command and the servo motion within the tick. Does nothing without a direct policy. */
 void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_command *command)
 {
@@ -288,14 +288,14 @@ void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *fligh
     else
         for (int k = 0; k < SP_POLICY_ACTIONS; k++) policy->action[k] = output(answer[k]);
     for (int k = 0; k < SP_POLICY_ACTIONS; k++)
-        if (policy->action[k] != policy->action[k]) policy->action[k] = 0.0; /* what is no number is no wish */
+        if (policy->action[k] != policy->action[k]) policy->action[k] = 0.0; /* NaN counts as 0 */
     sp_act_directly(policy->action, robot, flight->config.joint_speed, memory->vectoring, memory->forces_l,
                     memory->joint_position, flight->joint_velocity, command);
     sp_copy(memory->joint_velocity, flight->joint_velocity, SP_JOINTS);
     flight->ticked = 1;
 }
 
-/* The residual of this tick on the ground: neutral without a policy for it. `goal` is x, y [m], yaw [rad]. */
+/* Compute the residual of a crawl tick; neutral without a crawl policy. `goal` is x, y [m], yaw [rad]. */
 void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
                      sp_residual *residual)
 {

@@ -1,11 +1,10 @@
 /* The allocation as a quadratic program: modes as data, blocks of costs and rows, the certified closed form.
  *
- * Unknowns x = f / λ̄; wrench rows in units of the weight, torque rows in units of the servo's limit, all of them the
- * robot's.
+ * Unknowns x = f / λ̄. Wrench rows are in units of the robot's weight, torque rows in units of its servo torque limit.
  */
 #include "spidar_core.h"
 #include "spidar_math.h"
-#include "spidar_modes.h" /* generated: the modes and how many rows a block has */
+#include "spidar_modes.h" /* generated: modes, and the number of rows of each block */
 
 const sp_mode *sp_find_mode(int32_t kind) { return &SP_MODES[kind]; }
 
@@ -52,7 +51,7 @@ static void add_cost(const sp_robot *robot, const sp_cost *cost, const sp_demand
     }
 }
 
-/* A block's own limit, or the robot's where it has none. */
+/* A block's own limit, or the robot's if it has none. */
 static double limit_of(const sp_rows *rows, double robots) { return sp_finite(&rows->a, 1) ? rows->a : robots; }
 
 static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_demand *d, int n, double *A, double *l, double *u)
@@ -104,7 +103,7 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
         }
         break;
     case SP_CONTACT_WRENCH_RANGE: { /* [Zhao2025, Eq. 34, 35, 37] in {B} */
-        /* w̲ in {B}: a box of wrenches that four pegs can give [Zhao2025, Eq. 36]; w̄ is −w̲, f_z has no upper bound. */
+        /* w̲ in {B}: a box of wrenches of four pegs [Zhao2025, Eq. 36]; w̄ is −w̲, f_z has no upper bound. */
         double friction = rows->a, least = rows->b, bound = friction * least / (2.0 * sqrt(2.0));
         double tilt = 0.5 * robot->yaw_axis_xy * least - robot->peg_depth * bound;
         double twist = 0.25 * friction * least * robot->yaw_axis_xy * sqrt(2.0);
@@ -141,7 +140,7 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
     }
 }
 
-/* The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them. */
+/* Assemble the program of one tick, [Zhao2025, Eq. 9] with constraints, from the mode's blocks. */
 void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *demand, sp_program *p)
 {
     int n = mode->n, m = mode->m, row = 0;
@@ -157,7 +156,7 @@ void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *de
     }
 }
 
-/* Indices of the rows that the fallback may violate; how many. */
+/* Write the indices of the rows that the fallback may violate; returns their number. */
 int sp_soft_rows(const sp_mode *mode, int32_t *rows)
 {
     int count = 0, row = 0;
@@ -169,7 +168,7 @@ int sp_soft_rows(const sp_mode *mode, int32_t *rows)
     return count;
 }
 
-/* The same program where `rows` may be violated by slacks s at the cost ½ `price` ‖s‖²; unknowns (x, s). */
+/* Soften a program: `rows` may be violated by slacks s at the cost ½ `price` ‖s‖²; unknowns (x, s). */
 void sp_soften(const sp_program *program, const int32_t *rows, int count, double price, sp_program *soft)
 {
     int n = program->n, m = program->m, size = n + count;
@@ -186,7 +185,7 @@ void sp_soften(const sp_program *program, const int32_t *rows, int count, double
     sp_copy(soft->u, program->u, m);
 }
 
-/* Largest violation of a row at x; 0 where all hold, NaN where x is not finite. */
+/* Largest violation of a row at x: 0 if all rows hold, NaN if x is not finite. */
 double sp_violation(const sp_program *p, const double *x)
 {
     double worst = 0.0;
@@ -198,7 +197,7 @@ double sp_violation(const sp_program *p, const double *x)
     return worst;
 }
 
-/* Solve K x = right, K (size, size), by elimination with row pivoting, in place; 0 where K is singular. */
+/* Solve K x = right, K (size, size), by elimination with row pivoting, in place; returns 0 if K is singular. */
 static int eliminate(double *K, double *right, int size)
 {
     for (int k = 0; k < size; k++) {
@@ -235,13 +234,13 @@ static int eliminate(double *K, double *right, int size)
     return 1;
 }
 
-/* The optimum where a good guess of the active rows is enough; 0 where it is not.
+/* Find the optimum from a guess of the active rows; returns 0 if no optimum is found within `rounds`.
  *
- * Solves the KKT system of the rows taken for active. A point that satisfies every row, with multipliers of the right
- * sign on those rows, satisfies all KKT conditions. If it does not, the rows that it violates are taken for active,
- * those whose multiplier has the wrong sign for idle, and the system is solved again.
+ * Solves the KKT system of the rows assumed active. A point that satisfies every row, with multipliers of the right
+ * sign on those rows, satisfies all KKT conditions. Otherwise violated rows become active, rows whose multiplier has
+ * the wrong sign become inactive, and the system is solved again.
  *
- * duals: first guess of the rows' multipliers, of which the signs count; NULL for the equalities alone.
+ * duals: initial guess of the rows' multipliers, of which only the signs are used; NULL for the equalities alone.
  */
 int sp_closed_form(const sp_program *p, const double *duals, int rounds, sp_workspace *work, double *x)
 {

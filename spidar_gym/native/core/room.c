@@ -1,11 +1,11 @@
-/* A room: OSQP's generated work spaces, copied to where a thread has memory for them. */
+/* Workspace of a thread (`sp_room`): copies of OSQP's generated workspaces in the memory that the caller provides. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 #include "spidar_solvers.h"
 
 size_t sp_solvers_size(void) { return SP_SOLVERS_BYTES; }
 
-/* Copy a work space and let its pointers point into the copy; the solver in it. */
+/* Copy a workspace and relocate its pointers into the copy; returns the solver in it. */
 static OSQPSolver *settle(const sp_pattern *pattern, char **memory)
 {
     char *copy = *memory;

@@ -46,7 +46,7 @@ void sp_torque_map(const sp_snapshot *s, double *T, int stride)
             }
 }
 
-/* Angles (φ, θ) that point a module along its force [Zhao2025, Eq. 15, 16]; `held` is φ where it is locked, or NULL. */
+/* Angles (φ, θ) that point a module along its force [Zhao2025, Eq. 15, 16]; `held` is the locked φ, or NULL. */
 void sp_point(const double *f, double phi0, double theta0, const double *held, double min_force, double *angles)
 {
     double phi, along;
@@ -84,7 +84,7 @@ void sp_nominal_vectoring(const sp_snapshot *s, const double *present, double *n
         sp_point(s->R_bl[i] + 6, present[2 * i], present[2 * i + 1], NULL, 0.0, nominal + 2 * i);
 }
 
-/* Where φ of a rotor near a vertical link is led: towards the plane that is tangential about the CoG. */
+/* Target of φ for a rotor near a vertical link: towards the plane that is tangential about the CoG. */
 static double vertical_target(const sp_snapshot *s, int i, double phi_hat, double held, double up,
                               const sp_lock_config *config)
 {
@@ -104,7 +104,7 @@ static double vertical_target(const sp_snapshot *s, int i, double phi_hat, doubl
     return fabs(backward - held) + bias < fabs(forward - held) ? backward : forward;
 }
 
-/* The lock of φ, one tick on; `present` are the angles last commanded. */
+/* Advance the lock of φ by one tick; `present` are the angles last commanded. */
 void sp_update_lock(const sp_lock *previous, const int32_t *restricted, const double *nominal, const sp_snapshot *s,
                     const double *present, const sp_lock_config *config, sp_lock *lock)
 {
@@ -115,7 +115,7 @@ void sp_update_lock(const sp_lock *previous, const int32_t *restricted, const do
         double target = nominal[2 * i];
         int upright = fabs(up) > (previous->vertical[i] ? leave : enter);
         if (upright) target = restricted[i] ? held : vertical_target(s, i, target, held, up, config);
-        double rest = target - held; /* the nearest of target + kπ: both branches lie in the same plane */
+        double rest = target - held; /* to the nearest of target + kπ: both branches lie in the same plane */
         if (fabs(rest) > SP_HALF_PI) rest -= SP_PI * rint(rest / SP_PI);
         int active = upright || restricted[i] || (previous->active[i] && fabs(rest) > config->release);
         if (active) held += sp_clip(rest, -slew, slew);
@@ -126,7 +126,7 @@ void sp_update_lock(const sp_lock *previous, const int32_t *restricted, const do
     *lock = next;
 }
 
-/* Angles for the forces, φ held where it is locked, none farther than `step` from the present one. */
+/* Angles for the forces: φ is held if locked, and no angle moves by more than `step` from the present one. */
 void sp_follow(const double *forces_l, const sp_lock *lock, const double *present, double step, double *vectoring)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -140,8 +140,8 @@ void sp_follow(const double *forces_l, const sp_lock *lock, const double *presen
     }
 }
 
-/* The command of an action that no controller stands behind. The controller's memory (vectoring, forces, joints) is told
- * what the servos' speed limit makes of it within this tick; `joint_velocity`, if asked for, the rate of its setpoints. */
+/* Convert a direct action to a command, without a controller. Updates the controller's memory (vectoring, forces,
+ * joints) with the joints' speed-limited motion within this tick, and `joint_velocity`, if not NULL, with its rate. */
 void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
                      double *forces_l, double *joints, double *joint_velocity, sp_command *command)
 {

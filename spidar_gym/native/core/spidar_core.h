@@ -1,8 +1,8 @@
-/* SPIDAR's controller in flight and on the ground: what the simulator flies is what the robot runs.
+/* SPIDAR's controllers for flight and crawl: the simulator and the robot run the same code.
  *
- * C99, no heap, no globals that are written, no input or output. Every struct is plain data; a new controller is a reset
- * one. What a tick works in, OSQP's work spaces included, is a room: a thread has one, and nothing in it outlives a tick.
- * The robot's numbers are data as well (`sp_robot`); the export freezes them as SP_ROBOT.
+ * C99 without heap, written globals, input or output. Every struct is plain data. Resetting a controller clears all its
+ * memory. The temporary data of a tick, OSQP's included, are in a workspace (`sp_room`): each thread has its own, and
+ * nothing in it outlives a tick. The robot's numbers are data too (`sp_robot`); the export freezes them as SP_ROBOT.
  * Frames: w world, b torso, c CoG with torso axes, l axes of the link that carries a rotor, f floor. SI units.
  */
 #ifndef SPIDAR_CORE_H
@@ -11,9 +11,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "spidar_structs.h" /* generated: every struct, and with it the constants that Python and C share */
+#include "spidar_structs.h" /* generated: every struct, and the constants shared by Python and C */
 
-/* What a thread works in: the robot's numbers, a solver of OSQP for each program, hard and soft, room for linear algebra. */
+/* Workspace of one thread: robot, OSQP solvers of each program (hard and soft), memory for linear algebra. */
 typedef struct {
     const sp_robot *robot;
     void *hard[SP_PROGRAMS], *soft[SP_PROGRAMS];
@@ -22,7 +22,7 @@ typedef struct {
 
 /* room.c */
 size_t sp_solvers_size(void);
-void sp_make_room(const sp_robot *robot, void *memory, sp_room *room); /* memory for the solvers, as of malloc, to stay */
+void sp_make_room(const sp_robot *robot, void *memory, sp_room *room); /* memory as of malloc; outlives room */
 
 /* tree.c */
 void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, const double *vectoring, sp_snapshot *snapshot);
@@ -45,7 +45,7 @@ void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, co
                           const sp_interference_config *config, sp_interference *bounds);
 
 /* program.c */
-const sp_mode *sp_find_mode(int32_t kind); /* of sp_program_kind, which begins with the allocations in flight */
+const sp_mode *sp_find_mode(int32_t kind); /* kind: of sp_program_kind, flight modes first */
 void sp_ground_mode(int32_t kind, const sp_crawler_config *config, sp_mode *mode);
 void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *demand, sp_program *program);
 int sp_soft_rows(const sp_mode *mode, int32_t *rows);
@@ -85,12 +85,12 @@ void sp_lead_forces(const double *forces_l, const sp_snapshot *snapshot, const d
 void sp_ramp_joints(const double *command, const double *velocity, const double *target, double speed, double ramp,
                     double dt, double *following, double *rate);
 
-/* path.c: knots are in the order of time; before the first and behind the last the robot rests there */
+/* path.c: knots are sorted by time; before the first and after the last knot the path rests at that knot */
 void sp_path_at(const sp_knot *knots, int n, double time, double *pose, double *rate, double *acceleration);
 void sp_preview_path(const sp_knot *knots, int n, double time, sp_preview *preview);
 void sp_follow_path(const sp_knot *knots, int n, double time, sp_reference *reference);
 void sp_begin_legs(const double *point, double speed, int along, double yaw, double begin, sp_knot *knots, int room,
-                   sp_legs *legs); /* knots are counted, and written where there is room */
+                   sp_legs *legs); /* all knots are counted, the first `room` are written */
 void sp_leg_to(const double *point, sp_knot *knots, int room, sp_legs *legs);
 int sp_path_lemniscate(double half_width, double speed, double seconds, const double *position_w, double direction,
                        int along, double begin, sp_knot *knots, int room);
@@ -103,7 +103,7 @@ int sp_leg_angles(const sp_robot *robot, const double *feet_b, double *q);
 void sp_feet_at(const sp_robot *robot, const double *q, double *feet_b);
 void sp_home(const sp_robot *robot, const sp_gait_config *config, double *home_b);
 int sp_stride_fits(const sp_robot *robot, const sp_gait_config *config, const double *home_b, sp_pose2 way, double lift_height);
-double sp_largest_stride(const sp_robot *robot, const sp_crawl *crawl, sp_pose2 way); /* as a share of the way */
+double sp_largest_stride(const sp_robot *robot, const sp_crawl *crawl, sp_pose2 way); /* as a share of `way` */
 
 /* gait.c */
 void sp_gait_reset(sp_crawl *crawl, const double *position_w, const double *R_wb, const double *q);
@@ -132,7 +132,7 @@ int sp_manager_interrupt(sp_manager *manager, const sp_waypoint *commands, int n
 void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
                      sp_command *command);
 
-/* course.c */
+/* pilot.c: courses */
 double sp_course_floor(const sp_course *course, double x);
 double sp_course_end(const sp_course *course);
 void sp_target_form(const sp_target *target, double *q);
@@ -159,8 +159,8 @@ int sp_observe_course(const sp_robot *robot, const sp_manager *manager, const sp
                       const sp_robot_state *state, const sp_command *last, double charge, double time_left,
                       const double *previous_action, int action_size, const double *bound, float *observation);
 
-/* policy.c: called before the controller's step, which gets the residual, or NULL where the policy is switched off;
- * reset whenever it is switched on. */
+/* policy.c: call it before the controller's step and pass the residual to that step, NULL if the policy is off.
+ * Reset the policy whenever it is switched on. */
 void sp_make_residual(const double *action, const double *authority, int n, int32_t channels, sp_residual *residual);
 int sp_policy_kind(void); /* sp_policy_target */
 void sp_policy_reset(sp_policy *policy);

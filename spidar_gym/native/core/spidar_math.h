@@ -1,4 +1,4 @@
-/* Vectors, matrices and rotations of three dimensions; row-major, double precision, nothing but arithmetic. */
+/* Three-dimensional vectors, matrices and rotations: row-major, double precision, arithmetic only. */
 #ifndef SPIDAR_MATH_H
 #define SPIDAR_MATH_H
 
@@ -7,7 +7,7 @@
 
 #include "spidar_constants.h"
 
-/* A shared library asks for the old exp, which every glibc from 2.17 on has; its values are the same. */
+/* A shared library links to the old symbol of exp, which every glibc since 2.17 provides; its values are the same. */
 #if defined(SPIDAR_SHARED) && defined(__GLIBC__) && defined(__x86_64__)
 __asm__(".symver exp,exp@GLIBC_2.2.5");
 #elif defined(SPIDAR_SHARED) && defined(__GLIBC__) && defined(__aarch64__)
@@ -20,9 +20,9 @@ __asm__(".symver exp,exp@GLIBC_2.17");
 
 static inline double sp_min(double a, double b) { return a < b ? a : b; }
 static inline double sp_max(double a, double b) { return a > b ? a : b; }
-/* `x` within low … high. */
+/* `x` clipped to low … high. */
 static inline double sp_clip(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
-/* 1 where every number is finite: infinities and NaN spread through the sum. */
+/* 1 if every number is finite, else 0: infinities and NaN propagate through the sum. */
 static inline int sp_finite(const double *x, int n)
 {
     double sum = 0.0;
@@ -30,14 +30,14 @@ static inline int sp_finite(const double *x, int n)
     return sum == 0.0;
 }
 static inline double sp_dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-/* a x for a row of n numbers. */
+/* Dot product a x of n numbers. */
 static inline double sp_row(const double *a, const double *x, int n)
 {
     double sum = 0.0;
     for (int k = 0; k < n; k++) sum += a[k] * x[k];
     return sum;
 }
-/* The largest size of n numbers. */
+/* Largest absolute value of n numbers. */
 static inline double sp_largest(const double *x, int n)
 {
     double most = 0.0;

@@ -1,11 +1,11 @@
-/* The kinematic tree: (joint angles, attitude, vectoring angles) → snapshot. The table is generated. */
+/* The kinematic tree: (joint angles, attitude, vectoring angles) → snapshot. The table of bodies is generated. */
 #include "spidar_core.h"
 #include "spidar_math.h"
 
 /* Frames and composites of the bodies; body 0 is the torso. */
 typedef struct {
     double R[SP_BODIES][9], p[SP_BODIES][3], axis[SP_BODIES][3];
-    double mass[SP_BODIES], com[SP_BODIES][3], inertia[SP_BODIES][9]; /* of the body and all that hangs on it */
+    double mass[SP_BODIES], com[SP_BODIES][3], inertia[SP_BODIES][9]; /* of the body and its subtree */
 } tree;
 
 /* I += m (|d|² 1 − d dᵀ): parallel axes. */
@@ -60,7 +60,7 @@ static void place(const sp_robot *robot, const double *q, const double *vectorin
     }
 }
 
-/* Column j of J (3, 16): velocity of a point per rate of joint j, whose body is k. */
+/* Column j of J (3, 16): velocity of a point per rate of joint j, which moves body k. */
 static void column(const tree *t, int k, const double *point, double *J, int j)
 {
     double arm[3], v[3];
@@ -69,7 +69,7 @@ static void column(const tree *t, int k, const double *point, double *J, int j)
     for (int i = 0; i < 3; i++) J[SP_JOINTS * i + j] = v[i];
 }
 
-/* The model at one configuration: the coefficients of the centroidal dynamics [Zhao2025, Eq. 3-5]. */
+/* Compute the model at one configuration: the coefficients of the centroidal dynamics [Zhao2025, Eq. 3-5]. */
 void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, const double *vectoring, sp_snapshot *s)
 {
     tree t;
