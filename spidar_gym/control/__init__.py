@@ -1,4 +1,4 @@
-"""The controller: gait, centroidal control, thrust allocation; `ThrustAllocator` is the allocation as a library."""
+"""Controllers: gait, centroidal control and thrust allocation; `ThrustAllocator` is the allocation as a library."""
 
 from spidar_gym.control.allocation.allocator import Allocation, AllocationStatus, Allocator
 from spidar_gym.control.allocation.problem import Demand

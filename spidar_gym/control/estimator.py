@@ -1,7 +1,8 @@
-"""Pose, inertial unit and encoders → the controller's state: integrate the inertial unit, correct with the pose.
+"""State estimator: computes the controller's state from motion capture, inertial unit and encoders.
 
-Strapdown integration at the unit's rate, corrected with fixed gains by each frame of the motion capture against what
-the estimate was when that frame was taken. It runs on the robot: it knows the sensors, and no simulator.
+The inertial unit is integrated at its own rate (strapdown). Each motion capture frame corrects the estimate with fixed
+gains, by its error against the past estimate of the time at which the frame was taken. The estimator runs on the robot
+and does not depend on a simulator.
 """
 
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from spidar_gym.so3 import cross, exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
 
 HISTORY = 32
-"""Past samples kept for delayed frames: 160 ms."""
+"""Number of past estimates kept for delayed frames: 160 ms."""
 
 
 @dataclass(frozen=True)
@@ -22,25 +23,25 @@ class EstimatorConfig:
     """Gains of the corrections."""
 
     position: float = 0.27
-    """Share of a frame's position error that is corrected at once."""
+    """Share of a frame's position error that is corrected immediately."""
     velocity: float = 3.5
-    """Velocity per position error of a frame [1/s]."""
+    """Correction of the velocity per position error of a frame [1/s]."""
     accelerometer: float = 6.0
-    """Accelerometer bias per position error of a frame [1/s²]."""
+    """Correction of the accelerometer bias per position error of a frame [1/s²]."""
     attitude: float = 0.1
-    """Share of a frame's attitude error that is corrected at once."""
+    """Share of a frame's attitude error that is corrected immediately."""
     gyro: float = 0.25
-    """Gyroscope bias per attitude error of a frame [1/s]."""
+    """Correction of the gyroscope bias per attitude error of a frame [1/s]."""
     joint_bandwidth: float = 40.0
-    """Bandwidth of the joint velocity [rad/s]; one encoder count a reading is 0.08 rad/s. Slower ones are quieter, but
-    what lags is taken for motion of the CoG: at 15 rad/s the error at a joint speed of 1 rad/s doubles."""
+    """Bandwidth of the joint velocity filter [rad/s]; one encoder count per reading is 0.08 rad/s. A lower bandwidth
+    reduces noise, but its lag appears as motion of the CoG: at 15 rad/s the error at 1 rad/s joint speed doubles."""
     vectoring_bandwidth: float = 60.0
-    """Bandwidth of the vectoring velocity [rad/s]."""
+    """Bandwidth of the vectoring velocity filter [rad/s]."""
 
 
 @dataclass
 class EstimatorMemory:
-    """The estimate and its past."""
+    """The estimate and its history."""
 
     time: float
     """Time of the estimate [s]."""
@@ -57,11 +58,11 @@ class EstimatorMemory:
     accelerometer_bias: Vector3 = field(default_factory=lambda: np.zeros(3))
     """Bias of the accelerometer [m/s²]."""
     past_time: np.ndarray = field(default_factory=lambda: np.full(HISTORY, -np.inf))
-    """When the past estimates were made, oldest first [s]."""
+    """Times of the past estimates, oldest first [s]."""
     past_position_w: np.ndarray = field(default_factory=lambda: np.zeros((HISTORY, 3)))
-    """Past positions."""
+    """Past positions of the inertial unit [m]."""
     past_R_wb: np.ndarray = field(default_factory=lambda: np.tile(np.eye(3), (HISTORY, 1, 1)))
-    """Past attitudes."""
+    """Past attitudes of the torso."""
     encoder_time: float = 0.0
     """Time of the latest encoder reading [s]."""
     angles: np.ndarray = field(default_factory=lambda: np.zeros(N_JOINTS + 2 * N_ROTORS))
@@ -71,17 +72,17 @@ class EstimatorMemory:
 
 
 class Estimator:
-    """Turns measurements into states; owns the memory of one robot."""
+    """Estimates states from measurements; owns the memory of one robot."""
 
     def __init__(self, config: EstimatorConfig | None = None, robot: RobotSpec = ROBOT) -> None:
-        """Take the gains, and the robot: where in its torso motion capture and inertial unit look."""
+        """Set the gains, and the robot, which defines the position of the flight controller in the torso."""
         self.config = config or EstimatorConfig()
         bandwidth = np.repeat([self.config.joint_bandwidth, self.config.vectoring_bandwidth], (N_JOINTS, 2 * N_ROTORS))
         self._bandwidth, self._lever_b = bandwidth, np.array(robot.flight_controller)
         self.memory: EstimatorMemory
 
     def reset(self, state: RobotState) -> None:
-        """Start from a state that is known, at rest."""
+        """Start from a known state at rest."""
         R = quat_to_matrix(state.quat_wb)
         position = state.position_w + R @ self._lever_b
         memory = EstimatorMemory(state.time, R, position, state.velocity_w.copy(), state.omega_b.copy())
@@ -91,11 +92,11 @@ class Estimator:
         self.memory = memory
 
     def update(self, measurement: Measurement, thrust: RotorVector) -> RobotState:
-        """The state at a control tick.
+        """Estimate the state at a control tick.
 
         Args:
-            measurement: What the sensors said since the last tick.
-            thrust: Thrust last commanded [N]: the robot does not measure it.
+            measurement: Sensor data since the last tick.
+            thrust: Thrust last commanded [N]; the robot does not measure it.
         """
         memory = self.memory
         for k in range(measurement.imu_count):
@@ -128,7 +129,7 @@ class Estimator:
         )
 
     def _predict(self, time: float, gyro: Vector3, force: Vector3) -> None:
-        """Integrate one sample; the accelerometer gives the mean since the one before."""
+        """Integrate one sample; the accelerometer measures the mean since the previous sample."""
         memory = self.memory
         dt = time - memory.time
         if dt <= 0.0:
@@ -147,7 +148,7 @@ class Estimator:
             past[-1] = now
 
     def _correct(self, time: float, position_w: Vector3, R_wb: Matrix3) -> None:
-        """Move the estimate, and its past since then, towards a frame taken at `time`."""
+        """Correct the estimate, and its history since `time`, with a frame taken at `time`."""
         c, memory = self.config, self.memory
         k = int(np.argmin(np.abs(memory.past_time - time)))
         error = position_w - memory.past_position_w[k]
@@ -155,8 +156,8 @@ class Estimator:
         memory.velocity_w = memory.velocity_w + c.velocity * error
         memory.accelerometer_bias = memory.accelerometer_bias - c.accelerometer * (error @ memory.R_wb)
         memory.gyro_bias = memory.gyro_bias - c.gyro * (turn @ memory.R_wb)
-        # The whole way from then to now moves, the present included: later frames must not see again what this one
-        # has corrected, and a velocity that was wrong then has carried the position off since.
+        # The history since the frame is corrected too, so that later frames do not correct the same error again. The
+        # velocity error has changed the position since then.
         ages = memory.past_time[k:] - memory.past_time[k]
         memory.past_position_w[k:] += (c.position + c.velocity * ages)[:, None] * error
         memory.past_R_wb[k:] = exp(c.attitude * turn) @ memory.past_R_wb[k:]

@@ -1,8 +1,8 @@
-"""What a controller is: state in, command out, once a control period, whatever computes it.
+"""Interface of controllers: state in, command out, once per control period.
 
-`FlightControl` in flight, `CrawlControl` on the ground, each readable (Python: `flight/controller.py`,
-`crawl/controller.py`, where it is said what the arguments mean) and compiled (the core of the robot: `native`). An
-environment makes one from a configuration (`envs/controllers.py`) and never asks which.
+`FlightControl` is the interface in flight, `CrawlControl` on the ground. Each has a Python implementation
+(`flight/controller.py`, `crawl/controller.py`, which document the arguments) and a compiled one (the core of the robot:
+`native`). An environment creates a controller from a configuration (`envs/controllers.py`) and uses this interface.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotSta
 
 @runtime_checkable
 class LastCommand(Protocol):
-    """What every controller remembers: the angles that it commanded last."""
+    """Part of the memory that every controller has: the angles commanded last."""
 
     @property
     def vectoring(self) -> Vectoring:
@@ -39,44 +39,44 @@ class LastCommand(Protocol):
 
 @runtime_checkable
 class Controller(Protocol):
-    """What flight and ground have in common."""
+    """Common interface of the controllers in flight and on the ground."""
 
     model: Model
-    """The robot as described."""
+    """Model of the robot with nominal parameters."""
 
     @property
     def memory(self) -> LastCommand:
-        """What is remembered from one tick to the next."""
+        """State kept from one tick to the next."""
         ...
 
     def set_last_command(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
+        """Store the command of another controller as the last command."""
 
     def close(self) -> None:
-        """Release what is held: nothing can be asked any more."""
+        """Release all resources; the controller cannot be used afterwards."""
 
 
 @runtime_checkable
 class FlightControl(Controller, Protocol):
-    """In flight: it follows a reference."""
+    """Flight controller, which follows a reference."""
 
     config: ControllerConfig
     """Allocation, gains, limits."""
 
     @property
     def last_step(self) -> FlightRecord | None:
-        """What the last step did; None before the first."""
+        """Record of the last step; None before the first."""
         ...
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
-        """Forget everything."""
+        """Clear the memory."""
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
-        """(φ, θ) that a hover in the form q comes to rest near [rad]."""
+        """Compute (φ, θ) near which a hover in the form q settles [rad]."""
         ...
 
     def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
-        """Model quantities and errors; valid until the next call but one."""
+        """Compute model quantities and errors; the second call after this one may overwrite them."""
         ...
 
     def step(
@@ -86,17 +86,17 @@ class FlightControl(Controller, Protocol):
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
     ) -> Command:
-        """One control tick."""
+        """Compute the command of one control tick."""
         ...
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
-        """What a policy sees."""
+        """Compute the observation of a policy."""
         ...
 
 
 @runtime_checkable
 class GaitProgress(Protocol):
-    """What a gait is doing."""
+    """Progress of a gait."""
 
     @property
     def phase(self) -> str:
@@ -105,44 +105,44 @@ class GaitProgress(Protocol):
 
     @property
     def timeouts(self) -> int:
-        """Phases that ended by time-out."""
+        """Number of phases that ended by time-out."""
         ...
 
     @property
     def swinging(self) -> np.ndarray:
-        """Legs whose feet are on their way (4,)."""
+        """Legs whose feet are in the air (4,)."""
         ...
 
 
 @runtime_checkable
 class CrawlControl(Controller, Protocol):
-    """On the ground: it carries out the commands that it was given."""
+    """Crawl controller, which executes gait commands."""
 
     config: CrawlerConfig
     """Gait, allocation, limits."""
 
     @property
     def last_step(self) -> CrawlRecord | None:
-        """What the last step did; None before the first."""
+        """Record of the last step; None before the first."""
         ...
 
     @property
     def gait(self) -> GaitProgress:
-        """Where the gait is."""
+        """Progress of the gait."""
         ...
 
     @property
     def done(self) -> bool:
-        """Whether every command is carried out and the forces of the last mode have faded."""
+        """Whether every command is executed and the forces of the last mode have faded."""
         ...
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
-        """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
+        """Clear the memory and queue these commands; the robot lies on the floor with its rotors off."""
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick."""
+        """Compute the command of one control tick."""
         ...
 
     def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
-        """What a policy sees."""
+        """Compute the observation of a policy."""
         ...

@@ -1,4 +1,4 @@
-"""Presets: which allocation, gains, compensations and gait make a named controller, in flight and on the ground."""
+"""Presets: allocation, gains, compensations and gait of each named controller, in flight and on the ground."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,7 +12,7 @@ from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.errors import require_name
 from spidar_gym.robot import ROBOT, RobotSpec
 
-# What `spidar tune flight` found in 200 generations: the last line of baselines/searches/flight.json.
+# Result of `spidar tune flight` after 200 generations: the last line of baselines/searches/flight.json.
 TUNED = ControllerConfig(
     centroidal=CentroidalConfig(
         position_gains=((39.63, 0.03036, 7.01), (39.63, 0.03036, 7.01), (38.5, 5.118, 7.421)),
@@ -30,8 +30,8 @@ TUNED = ControllerConfig(
         reference_gain=1.0,
     ),
 )
-"""The best controller in the air without a lead."""
-# What a search of 30 generations found, on the simulator of its day.
+"""The best flight controller without a lead compensator."""
+# Result of a search of 30 generations on an earlier version of the simulator.
 TUNED_V1 = ControllerConfig(
     centroidal=CentroidalConfig(
         position_gains=((14.12, 0.0474, 4.193), (14.12, 0.0474, 4.193), (7.76, 6.023, 7.479)),
@@ -49,8 +49,8 @@ TUNED_V1 = ControllerConfig(
         reference_gain=1.0,
     ),
 )
-"""The first version of `tuned`, on which policies of format 1 and 2 were learned."""
-# What `spidar tune retuned` found, until no step was worth it: the last line of baselines/searches/retuned.json.
+"""The first version of `tuned`, with which policies of format 1 and 2 were trained."""
+# Result of `spidar tune retuned`, run until no step improved it: the last line of baselines/searches/retuned.json.
 RETUNED = replace(
     TUNED,
     centroidal=CentroidalConfig(
@@ -70,7 +70,7 @@ RETUNED = replace(
         lead_time=0.03258,
     ),
 )
-"""The best controller in the air: `tuned` with a lead compensator and an observer of the torque of its own."""
+"""The best flight controller: `tuned` with a lead compensator and a separate torque observer."""
 PRESETS: dict[str, ControllerConfig] = {
     "paper": ControllerConfig(),
     "as_flown": ControllerConfig(allocation="as_flown"),
@@ -94,9 +94,10 @@ def _named(name: str, listed: Mapping[str, ConfigT], former: Mapping[str, Config
 
 
 def for_robot(config: ConfigT, robot: RobotSpec) -> ConfigT:
-    """A controller for a robot: what it leaves at the nominal robot's limits becomes this one's, and so do the legs.
+    """Adapt a configuration to a robot: fields that equal the nominal robot's values are set to those of `robot`.
 
-    Gains, margins and the gait's angles and heights stay: they are choices, not numbers of the robot.
+    A crawler also gets the legs of `robot`. Gains, margins and the gait's angles and heights stay, because they are
+    choices and not properties of a robot.
     """
     own: dict[str, Any] = {
         name: getattr(robot, name.replace("joint_torque_limit", "max_joint_torque"))
@@ -114,33 +115,33 @@ def for_robot(config: ConfigT, robot: RobotSpec) -> ConfigT:
 
 
 def controller_config(preset: str, robot: RobotSpec = ROBOT) -> ControllerConfig:
-    """The controller of a preset, for a robot (`UnknownNameError` lists the valid ones)."""
+    """Return the flight configuration of a preset for a robot (`UnknownNameError` lists the valid presets)."""
     config = _named(preset, PRESETS, FORMER_PRESETS)
     return config if robot == ROBOT else for_robot(config, robot)
 
 
 SCHEDULES: dict[str, dict[str, Any]] = {
-    # The paper's: one phase after the other.
+    # The paper's schedule: one phase after the other.
     "sequential": {},
-    # No waiting: legs swing while they rise, the torso moves on while it is lifted, a low lift, no rest between cycles.
+    # Legs swing while they rise, the torso moves forward while it is lifted, the lift is low, no rest between cycles.
     "overlapped": {
         "swing_at": 0.5, "lower_at": 0.12, "forward_at": 0.2, "down_at": 0.97, "start_time": 0.3, "spool_time": 0.0,
         "settle_time": 0.0,
         "lift_height": 0.04, "leg_touch_time": 0.15, "torso_touch_time": 0.1, "trim_gain": 4.0,
     },
 }  # fmt: skip
-"""What schedules change about a gait."""
-# More margin for the servos, and thrust that answers the legs' errors: the paper's future work.
+"""Fields of `GaitConfig` that each schedule changes."""
+# More margin for the servos, and thrust feedback of the legs' errors: the paper's future work.
 ROBUST = CrawlerConfig(
     gait=GaitConfig(rolling=True, start_time=0.8, spool_time=0.8),
     torque_limit=4.5, blend_time=0.8, foot_friction=0.25, leg_stiffness=40.0, leg_damping=2.0,
 )  # fmt: skip
-"""Crawler for robots, floors and feet that are not as described."""
-# Its margins with the fast schedule, but the torso waits until it has arrived before it goes down.
+"""Crawler with margins for robots, floors and feet that differ from the nominal ones."""
+# The margins of ROBUST with the overlapped schedule, except that the torso is lowered only after it has arrived.
 ROBUST_OVERLAPPED_V1 = replace(ROBUST, gait=GaitConfig(rolling=True, **{**SCHEDULES["overlapped"], "down_at": 1.0}))
-"""The first version of `robust_overlapped`, put together by hand."""
-# What `spidar tune crawl` found in 26 generations: the last line of baselines/searches/crawl.json. The rests before a
-# crawl are those that the search began with.
+"""The first version of `robust_overlapped`, tuned by hand."""
+# Result of `spidar tune crawl` after 26 generations: the last line of baselines/searches/crawl.json. The rest times
+# before a crawl are the initial values of the search.
 ROBUST_OVERLAPPED = CrawlerConfig(
     gait=GaitConfig(
         rolling=True, start_time=0.12, spool_time=0.0, settle_time=0.0,
@@ -151,10 +152,11 @@ ROBUST_OVERLAPPED = CrawlerConfig(
     power=True, torque_limit=5.969, blend_time=0.2698, foot_friction=0.4729, min_normal=15.55, feed_forward=0.7914,
     leg_stiffness=20.31, leg_damping=2.0,
 )  # fmt: skip
-"""The best crawler before `robust_retuned`: it minimises electrical power, and hurries through what is safe."""
-# What `spidar tune recrawl` came to from there, the last line of baselines/searches/recrawl.json, but with its feet and
-# torso lifted higher, and with less torque than 6.83 Nm: of forty other crawls over tiles three were no success with
-# the feet as low as it had them, and of a hundred two were lost with that much torque. Of these none is.
+"""The best crawler before `robust_retuned`: it minimises electrical power and shortens phases that are safe."""
+# Result of `spidar tune recrawl`, started from ROBUST_OVERLAPPED (the last line of baselines/searches/recrawl.json),
+# with two manual changes: feet and torso are lifted higher, and the torque limit is below the search's 6.83 Nm. With
+# the feet as low as in the search's result, 3 of 40 other crawls over tiles failed; with its torque limit, 2 of 100
+# failed. With the changes none of them fails.
 ROBUST_RETUNED = replace(
     ROBUST_OVERLAPPED,
     gait=replace(
@@ -164,9 +166,9 @@ ROBUST_RETUNED = replace(
     ),
     power=False, torque_limit=6.5, foot_friction=0.3239, min_normal=24.06, blend_time=0.258, leg_stiffness=30.0,
 )  # fmt: skip
-"""The best crawler: the least ‖f‖², less friction planned, more of the servos' torque."""
+"""The best crawler: it minimises ‖f‖², assumes less friction, and uses more of the servos' torque."""
 CRAWL_PRESETS: dict[str, CrawlerConfig] = {
-    # The paper's phases and cost; the lab does not tell its friction, so 0.6 of the true one is planned.
+    # The paper's phases and cost; the lab's planned friction is not published, so 0.6 of the true friction is used.
     "published": CrawlerConfig(),
     "overlapped": CrawlerConfig(gait=GaitConfig(rolling=True, **SCHEDULES["overlapped"])),
     "robust": ROBUST,
@@ -179,15 +181,15 @@ FORMER_CRAWL_PRESETS: dict[str, CrawlerConfig] = {"robust_overlapped_v1": ROBUST
 
 
 def crawler_config(preset: str, schedule: str | None = None, robot: RobotSpec = ROBOT) -> CrawlerConfig:
-    """The crawler of a preset, for a robot (`UnknownNameError` lists the valid ones).
+    """Return the crawler configuration of a preset for a robot (`UnknownNameError` lists the valid presets).
 
     Args:
-        preset: Its name.
-        schedule: Another schedule if one is given.
-        robot: Whose legs it moves.
+        preset: Name of the preset.
+        schedule: Name of a schedule that replaces the preset's, or None.
+        robot: The robot.
 
     Raises:
-        InvalidValueError: For a robot whose legs do not reach what the preset asks of them.
+        InvalidValueError: For a robot whose legs cannot reach the preset's footholds.
     """
     config = _named(preset, CRAWL_PRESETS, FORMER_CRAWL_PRESETS)
     if robot != ROBOT:

@@ -1,4 +1,4 @@
-"""What the controllers in Python do alike: repeat the last command, or take one that somebody else gave."""
+"""Base class of the Python controllers: repeats the last command, or takes over from another controller."""
 
 from dataclasses import replace
 from typing import Generic, TypeVar
@@ -18,12 +18,12 @@ RecordT = TypeVar("RecordT", FlightRecord, CrawlRecord)
 
 
 class ReadableController(Generic[MemoryT, RecordT]):
-    """A controller in Python; owns the model and the memory."""
+    """Base class of the Python controllers; owns the model and the memory."""
 
     memory: MemoryT
-    """What is remembered from one tick to the next."""
+    """State kept from one tick to the next."""
     last_step: RecordT | None
-    """What the last step did; None before the first."""
+    """Record of the last step; None before the first."""
 
     def __init__(self, model: Model | None, *, rate_hz: float, joint_torque_limit: float) -> None:
         """Take the model, the control rate [Hz] and the torque that each joint servo may use [Nm]."""
@@ -33,17 +33,17 @@ class ReadableController(Generic[MemoryT, RecordT]):
         self.last_step = None
 
     def set_last_command(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
+        """Store the command of another controller as the last command."""
         forces = vectoring_to_force(command.thrust, command.vectoring)
         self.memory = replace(
             self.memory, vectoring=command.vectoring, forces_l=forces, joint_position=command.joint_position
         )
 
     def close(self) -> None:
-        """Nothing is held that has to be released."""
+        """Do nothing: a Python controller holds no resources."""
 
     def _hold(self) -> Command:
-        """The last command once more, its status `held`."""
+        """Repeat the last command and set the status to `held`."""
         memory, last = self.memory, self.last_step
         if last is not None:
             self.last_step = replace(last, allocation=replace(last.allocation, status=AllocationStatus.HELD))

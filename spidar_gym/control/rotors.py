@@ -1,4 +1,4 @@
-"""From a wrench to what the allocation is asked: rotors restricted by interference, locked, or lost."""
+"""Builds the allocation's demand from a wrench: rotors restricted by interference, locked, or lost."""
 
 from dataclasses import dataclass, replace
 
@@ -14,15 +14,15 @@ from spidar_gym.robot import N_ROTORS
 
 ALL_FREE = constant(False, N_ROTORS)
 NARROW = 0.01
-"""Half of the wedge that stands for the one direction of a module whose vectoring is stuck [rad]."""
+"""Half-width of the range of θ that represents the direction of a module with stuck vectoring [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class RotorMemory:
-    """What is remembered of the rotors from one tick to the next."""
+    """State of the rotors kept from one tick to the next."""
 
     lock: Lock
-    """Held φ."""
+    """State of the φ lock."""
     interference: Interference
     """Restricted rotors and chosen sides."""
     vectoring: Vectoring
@@ -32,7 +32,7 @@ class RotorMemory:
 
 
 def fresh_rotors(vectoring: Vectoring, forces_l: RotorForces) -> RotorMemory:
-    """The memory before a first tick, at angles [rad] and forces [N]: nothing held, nothing restricted."""
+    """Return the memory before the first tick, for given angles [rad] and forces [N]: no rotor locked or restricted."""
     return RotorMemory(Lock(ALL_FREE, ALL_FREE, vectoring[:, 0]), no_interference(), vectoring, forces_l)
 
 
@@ -40,18 +40,18 @@ def flight_demand(
     memory: RotorMemory, mode: Mode, snapshot: Snapshot, vectoring: Vectoring, wrench: Wrench, *,
     lost_thrust: RotorMask, lost_vectoring: RotorMask, interference_config: InterferenceConfig, lock_config: LockConfig,
 ) -> tuple[Demand, Lock, Interference]:  # fmt: skip
-    """What the allocation is asked: the wrench, the maps, and the rotors that are locked or restricted.
+    """Build the allocation's demand: the wrench, the maps, and the rotors that are locked or restricted.
 
     Args:
-        memory: What the last tick left.
-        mode: The allocation's mode; it says whether rotors avoid interference.
+        memory: State after the last tick.
+        mode: The allocation's mode, which specifies whether rotors avoid interference.
         snapshot: The model's quantities.
-        vectoring: (φ, θ) as they are [rad]; a stuck module's thrust stays there.
+        vectoring: Present (φ, θ) [rad], at which the thrust of a stuck module stays.
         wrench: Desired wrench, see `Wrench`.
         lost_thrust: Modules that have no thrust.
         lost_vectoring: Modules whose φ and θ no longer move.
-        interference_config: Thresholds.
-        lock_config: When and how φ is held.
+        interference_config: Thresholds of the interference test.
+        lock_config: Thresholds and rates of the φ lock.
     """
     nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
     bounds = find_interference(snapshot, nominal, memory.interference, config=interference_config)
@@ -79,7 +79,7 @@ def flight_demand(
 def _without(
     gone: RotorMask, stuck: RotorMask, lock: Lock, bounds: Interference, vectoring: Vectoring
 ) -> tuple[Lock, Interference]:
-    """Lock and bounds where modules are lost: no rows for those without thrust, one direction for those stuck."""
+    """Adapt lock and bounds to lost modules: no rows for modules without thrust, one direction for stuck modules."""
     lock = replace(lock, active=(lock.active | stuck) & ~gone, phi=np.where(stuck, vectoring[:, 0], lock.phi))
     bounds = replace(
         bounds,

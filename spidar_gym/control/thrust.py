@@ -1,4 +1,4 @@
-"""The allocator as a library: a state and a wrench in, thrusts and vectoring angles out, tick after tick."""
+"""The allocator as a library: computes thrusts and vectoring angles from a state and a wrench, tick after tick."""
 
 import math
 from collections.abc import Mapping
@@ -23,10 +23,10 @@ from spidar_gym.state import RobotState, valid_state
 
 
 class ThrustAllocator:
-    """Puts a wrench on the eight rotors as the controller does in flight: the same QP, locks and interference.
+    """Allocates a wrench to the eight rotors as the flight controller does: the same QP, locks and interference.
 
-    Owns the model, the solver's work space and what was last told to the rotors, so one object serves one robot, from
-    one thread, called once a control period.
+    It owns the model, the solver's workspace and the last commands. One object therefore serves one robot, from one
+    thread, with one call per control period.
     """
 
     def __init__(
@@ -41,14 +41,14 @@ class ThrustAllocator:
         """Build the model and the solver.
 
         Args:
-            preset: Whose allocation: `paper` or `as_flown`; `tuned` has the paper's.
-            period: Time from one call to the next [s]: no angle is told to turn farther than its servo does in it.
-                Infinity for the angles that the servos end at.
-            config: A configuration of one's own in place of the preset's; its allocation, allocator, interference and
-                lock count.
-            modes: Modes of one's own, `flight` and `flight_unrestricted`, in place of the allocation's: other weights,
-                limits, blocks (`spidar_gym.control.allocation.modes.find_allocation` has those to begin with).
-            robot: Whose rotors they are.
+            preset: Preset whose allocation is used: `paper` or `as_flown`; that of `tuned` is the paper's.
+            period: Time between two calls [s]; no angle turns farther per call than its servo can in this time.
+                With infinity the angles are the final ones, as if the servos had arrived.
+            config: Custom configuration that replaces the preset's; only its allocation, allocator, interference and
+                lock are used.
+            modes: Custom modes `flight` and `flight_unrestricted` that replace those of the allocation, with other
+                weights, limits or blocks (`spidar_gym.control.allocation.modes.find_allocation` returns built-in ones).
+            robot: The robot.
 
         Raises:
             UnknownNameError: There is no such preset or allocation.
@@ -63,13 +63,13 @@ class ThrustAllocator:
             raise InvalidValueError("modes", sorted(own), "flight and flight_unrestricted among them")
         self._allocator = Allocator(own, self._config.allocator)
         self._turn = robot.max_vectoring_speed * period
-        # The lock's slew is meant for the controller's own ticks.
+        # The lock's slew is per control period of the controller.
         self._lock_config = replace(self._config.lock, slew=self._config.lock.slew * (period * CONTROL_RATE))
         self._memory: RotorMemory | None = None
         self._last: tuple[RotorVector, Vectoring, Allocation] | None = None
 
     def reset(self) -> None:
-        """Forget what was last told to the rotors: the next call begins at the state's own angles."""
+        """Clear the last commands; the next call starts from the angles of its state."""
         self._memory = self._last = None
 
     def allocate(
@@ -81,25 +81,26 @@ class ThrustAllocator:
         lost_thrust: RotorMask = ALL_FREE,
         lost_vectoring: RotorMask = ALL_FREE,
     ) -> tuple[RotorVector, Vectoring, Allocation]:
-        """Thrusts and vectoring angles for a wrench.
+        """Compute thrusts and vectoring angles for a wrench.
 
         Args:
-            state: Where the robot is; joint angles, attitude and vectoring angles count, and all of it must be finite.
+            state: State of the robot, which must be finite; joint angles, attitude and vectoring angles are used.
             wrench: Force [N] and torque about the CoG [Nm], in the torso's axes, shape (6,); a level hover is
                 (0, 0, m g, 0, 0, 0).
-            avoid_interference: Whether rotors keep from blowing on each other; without, it is the paper's baseline.
+            avoid_interference: Whether jets must not meet other rotors; False is the paper's baseline.
             lost_thrust: Modules without thrust, shape (8,).
             lost_vectoring: Modules whose angles no longer move, shape (8,).
 
         Returns:
             Thrusts λ [N], shape (8,); angles (φ, θ) [rad], shape (8, 2), unwrapped, on the branch of the last ones;
-            and what lies behind them: `allocation.status` says whether this is the optimum (see `AllocationStatus`),
-            `allocation.unallocated_wrench` what of the wrench is missing, `allocation.joint_torques` what the joints
-            hold. Thrusts and angles make `allocation.forces_l`, once the servos have turned there. A state or wrench
-            that is not finite is answered with what was told last, status `held`.
+            and the allocation. `allocation.status` states whether it is the optimum (see `AllocationStatus`),
+            `allocation.unallocated_wrench` is the part of the wrench that is not produced, and
+            `allocation.joint_torques` are the torques of the joints. Thrusts and angles produce `allocation.forces_l`
+            once the servos have arrived. If the state or the wrench is not finite, the last result is returned with
+            the status `held`.
 
         Raises:
-            InvalidValueError: The wrench is not six numbers, or the very first state is not finite.
+            InvalidValueError: The wrench is not six numbers, or there is no last result when an input is not finite.
         """
         wanted = _wrench(wrench)
         if not (valid_state(state) and math.isfinite(float(wanted @ wanted))):

@@ -1,1 +1,1 @@
-"""Flight: centroidal control, compensations, what a policy sees, margins."""
+"""Flight: centroidal control, compensations, paths, observation of a policy, stability margins."""

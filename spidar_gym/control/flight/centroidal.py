@@ -13,14 +13,14 @@ from spidar_gym.so3 import quat_to_matrix, vee
 from spidar_gym.state import Reference, RobotState
 
 MISSED_FORCE, MISSED_TORQUE = 1.0, 0.1
-"""An axis of whose demand more than this went unallocated may not integrate further that way [N], [Nm]."""
+"""An axis whose unallocated demand exceeds this does not integrate further in that direction [N], [Nm]."""
 Gains = tuple[float, float, float]
 """P, I and D of one axis."""
 
 
 @dataclass(frozen=True)
 class CentroidalConfig:
-    """Gains as flown [JSK]; every gain gives an acceleration, so none depends on mass or form."""
+    """Gains as flown [JSK]; every gain yields an acceleration, so none depends on mass or form."""
 
     position_gains: tuple[Gains, Gains, Gains] = ((3.6, 0.03, 4.0), (3.6, 0.03, 4.0), (2.8, 1.2, 2.8))
     """k_{f,p} [1/s²], k_{f,i} [1/s³], k_{f,d} [1/s] of x, y and z."""
@@ -65,12 +65,12 @@ class Integrals:
 
 
 def clip(value: float, limit: float) -> float:
-    """`value` within ± `limit`."""
+    """Clip `value` to ± `limit`."""
     return -limit if value < -limit else limit if value > limit else value
 
 
 def _pid(gains: Gains, error: float, integral: float, rate: float, max_error: float, max_term: float) -> float:
-    """k_p e + k_i ∫e + k_d ė, the error clipped before k_p and each term after it."""
+    """Compute k_p e + k_i ∫e + k_d ė, with the error clipped before k_p and each term clipped after it."""
     kp, ki, kd = gains
     return clip(kp * clip(error, max_error), max_term) + clip(ki * integral, max_term) + clip(kd * rate, max_term)
 
@@ -84,14 +84,14 @@ def desired_wrench(
     *,
     config: CentroidalConfig,
 ) -> Wrench:
-    """w^d in {CoG} [N, Nm]: position PID with gravity, attitude PID with gyroscopic term [Zhao2025, Eq. 6-8].
+    """Compute w^d in {CoG} [N, Nm]: position PID with gravity, attitude PID with gyroscopic term [Zhao2025, Eq. 6-8].
 
     Args:
         snapshot: Mass and centroidal inertia.
         R_wb: Attitude of the torso.
         omega_b: Angular velocity, torso axes [rad/s].
         error: Errors, desired − actual.
-        integrals: Their integrals.
+        integrals: Integrals of the errors.
         config: Gains and limits.
     """
     e, s, v = error.position_w.tolist(), integrals.position_w.tolist(), error.velocity_w.tolist()
@@ -115,7 +115,7 @@ def desired_wrench(
 
 
 def warm_start_integrals(snapshot: Snapshot, R_wb: Matrix3, trim: Wrench, *, config: CentroidalConfig) -> Integrals:
-    """Integrals whose terms are a wrench that is known to be needed; 0 on axes without an integral gain.
+    """Compute the integrals whose terms equal a known trim wrench; 0 on axes without an integral gain.
 
     Args:
         snapshot: Mass and centroidal inertia.
@@ -140,9 +140,9 @@ def integrate(
 ) -> Integrals:
     """Advance the integrals by one tick, except along axes whose demand the allocation could not meet.
 
-    An axis holds still when part of its demand went unallocated and its error would push the demand further that way:
-    what the rotors cannot give must not wind up [Zhao2025, Eq. 6, 7]. A position axis that moves faster than
-    `max_speed` against its reference holds still too: on its way its error is a transient, not a bias.
+    The integral of an axis stays constant when part of the axis' demand went unallocated and the error would push the
+    demand further in that direction (anti-windup) [Zhao2025, Eq. 6, 7]. The integral of a position axis also stays
+    constant while the velocity error exceeds `max_speed`, because the position error is then a transient, not a bias.
 
     Args:
         integrals: ∫e_r, ∫e_R before the tick.
@@ -162,7 +162,7 @@ def integrate(
 
 
 def _advance(integral: Vector3, error: Vector3, unallocated: Vector3, threshold: float, dt: float) -> Vector3:
-    """∫e + e dt on the axes whose unallocated demand is below `threshold` or opposed to the error."""
+    """Compute ∫e + e dt on the axes whose unallocated demand is below `threshold` or opposed to the error."""
     return np.array(
         [
             i if abs(missing) > threshold and missing * e > 0.0 else i + dt * e
@@ -172,10 +172,10 @@ def _advance(integral: Vector3, error: Vector3, unallocated: Vector3, threshold:
 
 
 def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_wb: np.ndarray) -> MotionError:
-    """e_r, ė_r, e_R, e_ω of the CoG's motion, desired − actual [Zhao2025, Eq. 6, 7]."""
+    """Compute e_r, ė_r, e_R, e_ω of the CoG's motion, desired − actual [Zhao2025, Eq. 6, 7]."""
     rows = R_wb.tolist()
     com = snapshot.com_b.tolist()
-    # Velocity of the CoG against the torso's origin, torso axes: the turning torso's share and the moving joints'.
+    # Velocity of the CoG relative to the torso's origin, torso axes: from the torso's rotation and the moving joints.
     x, y, z = state.omega_b.tolist()
     vx, vy, vz = (snapshot.momentum_map[:3] @ state.joint_velocity).tolist()
     m, (cx, cy, cz) = snapshot.mass, com
@@ -190,7 +190,7 @@ def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_
 
 
 def _offset(desired: np.ndarray, actual: np.ndarray, rows: list[list[float]], shift: Sequence[float]) -> np.ndarray:
-    """Desired − (actual + R shift), in plain numbers: arrays of three cost more than their arithmetic."""
+    """Compute desired − (actual + R shift) with Python floats, which is faster than numpy for three numbers."""
     x, y, z = shift
     return np.array(
         [

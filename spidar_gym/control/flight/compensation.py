@@ -1,7 +1,7 @@
-"""What moving legs, slow servos, the air and the way itself ask of the torso: six options, each off by default.
+"""Compensations for moving legs, slow servos, external wrenches and accelerating references; all off by default.
 
 The paper's controller is quasi-static: it treats the legs' motion and everything unmodelled as disturbances for its
-integrals. Here are the classical answers. All are pure functions of a small memory.
+integrals. These are the classical alternatives. All are pure functions of a small memory.
 """
 
 import math
@@ -17,49 +17,49 @@ from spidar_gym.so3 import exp, quat_to_matrix
 from spidar_gym.state import Reference
 
 MAX_EXTERNAL_SHARE, MAX_EXTERNAL_TORQUE = 0.5, 10.0
-"""An observed external wrench is clipped to ± this share of the weight, [Nm]: a wrong belief must not take over."""
+"""Limits ± of the observed external force (share of the weight) and torque [Nm], in case the observer is wrong."""
 
 
 @dataclass(frozen=True)
 class CompensationConfig:
-    """Which of them act, and how strongly; all zero is the paper's controller, bit for bit."""
+    """Gains and time constants of the compensations; all zero is the paper's controller, bit for bit."""
 
     momentum_gain: float = 0.0
-    """Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]."""
+    """Share of the legs' angular momentum rate that is fed forward as a torque; 0 is off [Orin2013]."""
     momentum_filter: float = 0.02
-    """Time constant of its first-order filter [s]."""
+    """Time constant of the first-order filter of that torque [s]."""
     servo_bandwidth: float = 40.0
-    """Natural frequency of the model of the joint servos that drives it [rad/s]."""
+    """Natural frequency of the joint servo model that predicts the legs' momentum [rad/s]."""
     vectoring_lead: float = 0.0
-    """The force is pointed where its link will be this much later [s]; 0 is off."""
+    """Forces are expressed in the link axes predicted for this much later [s]; 0 is off."""
     observer_gain: float = 0.0
     """Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]."""
     observer_time: float = 0.25
     """Time constant of the observer [s]."""
     observer_beyond: bool = False
-    """Whether it looks at the error's momentum and at what is asked beyond what is fed forward: so no belief about the
-    rotors can take the legs' own torque, or a path's, for a disturbance."""
+    """Whether the observer uses the momentum of the error and excludes the feed-forward wrench, so that errors of its
+    rotor model do not make feed-forward torques appear as a disturbance."""
     observer_order: int = 1
-    """Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later."""
+    """Order of the observer's low-pass: 1, or 2 for two equal ones in series, with less noise and more lag."""
     observer_lag: float = 0.05
-    """Time constant of the model of the rotors that the observer believes in [s]."""
+    """Time constant of the observer's model of the rotors [s]."""
     torque_observer_gain: float = 0.0
-    """Share of the observed torque that is cancelled; 0: as of the force."""
+    """Share of the observed torque that is cancelled; 0: as for the force."""
     torque_observer_time: float = 0.0
-    """Time constant of the observer of the torque [s]; 0: as of the force."""
+    """Time constant of the observer of the torque [s]; 0: as for the force."""
     torque_observer_lag: float = 0.0
-    """That of the rotors, as it believes in them [s]; 0: as of the force."""
+    """Time constant of the rotor model for the torque [s]; 0: as for the force."""
     lead_gain: float = 0.0
-    """ρ: what the feedback asks for passes 1 + ρ (1 − 1/(1 + T s)), which gives back phase; 0 is off [Franklin2019]."""
+    """ρ of the lead compensator 1 + ρ (1 − 1/(1 + T s)) on the feedback, which adds phase; 0 is off [Franklin2019]."""
     lead_time: float = 0.1
-    """T of it [s]."""
+    """T of the lead compensator [s]."""
     joint_ramp: float = 0.0
-    """Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off."""
+    """Time in which the commanded joints reach their speed [s], which limits their acceleration; 0 is off."""
     reference_gain: float = 0.0
-    """Share of the reference's acceleration that is asked for before there is an error; 0 is off [Lee2010]."""
+    """Share of the reference's acceleration that is fed forward; 0 is off [Lee2010]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is not a filter."""
+        """Raise `InvalidValueError` for gains and time constants out of range."""
         if type(self.observer_order) is not int or self.observer_order not in (1, 2):
             raise InvalidValueError("observer_order", self.observer_order, "1 or 2")
         require_not_negative(**vars(self))
@@ -69,7 +69,7 @@ class CompensationConfig:
 
     @property
     def observers(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Gain, time constant [s] and belief about the rotors [s] of the observers of force and of torque."""
+        """Gain, time constant [s] and rotor model's time constant [s] of the observers of force and of torque."""
         force = (self.observer_gain, self.observer_time, self.observer_lag)
         torque = (self.torque_observer_gain, self.torque_observer_time, self.torque_observer_lag)
         gain, time, lag = (own or other for own, other in zip(torque, force, strict=True))
@@ -78,12 +78,12 @@ class CompensationConfig:
 
 @dataclass(frozen=True, slots=True)
 class CompensationMemory:
-    """What they remember from tick to tick."""
+    """State of the compensations between ticks."""
 
     servo_position: JointVector
     """Joint angles of the servo model [rad]."""
     servo_velocity: JointVector
-    """Their rates [rad/s]."""
+    """Joint velocities of the servo model [rad/s]."""
     momentum: Vector3 | None
     """Angular momentum of the legs at the last tick, torso axes [Nms]; None before the first."""
     torque: Vector3
@@ -91,19 +91,19 @@ class CompensationMemory:
     observed_momentum: np.ndarray | None
     """Linear and angular momentum of the robot at the last tick, world axes [Ns, Nms]; None before the first."""
     delivered_w: Wrench
-    """Wrench that the rotors are believed to give, world axes [N, Nm]."""
+    """Wrench of the rotors according to the observer's model, world axes [N, Nm]."""
     external_w: Wrench
     """Observed external wrench, world axes [N, Nm]."""
     residual_w: Wrench
-    """What is behind the first low-pass of an observer that has two, world axes [N, Nm]."""
+    """Output of the first of two low-passes of the observer, world axes [N, Nm]."""
     fed_w: Wrench
-    """Wrench that was fed forward in the last tick, the weight too, world axes [N, Nm]."""
+    """Wrench that was fed forward in the last tick, including the weight, world axes [N, Nm]."""
     slow_w: Wrench | None
-    """What the feedback asks for behind the low-pass of its lead, world axes [N, Nm]; None before the first tick."""
+    """Feedback behind the low-pass of the lead compensator, world axes [N, Nm]; None before the first tick."""
 
 
 def fresh_compensation(joint_position: JointVector, external_w: np.ndarray) -> CompensationMemory:
-    """Nothing moves; an external wrench, world axes [N, Nm], may be known."""
+    """Return the state at rest, with a known external wrench, world axes [N, Nm]."""
     rest, zero = np.zeros(N_JOINTS), np.zeros(6)
     return CompensationMemory(joint_position, rest, None, np.zeros(3), None, zero, external_w, external_w, zero, None)
 
@@ -111,11 +111,11 @@ def fresh_compensation(joint_position: JointVector, external_w: np.ndarray) -> C
 def servo_response(
     position: JointVector, velocity: JointVector, command: JointVector, *, bandwidth: float, dt: float
 ) -> tuple[JointVector, JointVector]:
-    """Critically damped second-order servo one tick later, exactly, for a command that is held.
+    """Advance a critically damped second-order servo by one tick, exactly, for a constant command.
 
     Args:
         position: q of the model [rad].
-        velocity: Its rate [rad/s].
+        velocity: q̇ of the model [rad/s].
         command: q^d [rad].
         bandwidth: Natural frequency ω [rad/s]; q̈ = ω² (q^d − q) − 2 ω q̇.
         dt: Length of the tick [s].
@@ -129,10 +129,10 @@ def servo_response(
 def momentum_torque(
     snapshot: Snapshot, memory: CompensationMemory, omega_b: Vector3, *, config: CompensationConfig, dt: float
 ) -> CompensationMemory:
-    """Torque that changes the legs' angular momentum as their motion wants it, and that momentum, for the next tick.
+    """Update the torque that changes the legs' angular momentum, and that momentum, for the next tick.
 
-    Full centroidal dynamics: L = IΣ ω + h(q, q̇), so τ = ḣ + ω × h beyond [Zhao2025, Eq. 4], which leaves h out. h is
-    taken from the servo model, which the commanded joints drive: nothing is differentiated that was measured.
+    Full centroidal dynamics: L = IΣ ω + h(q, q̇), so τ = ḣ + ω × h beyond [Zhao2025, Eq. 4], which omits h. The servo
+    model, driven by the commanded joints, yields h, so no measurement is differentiated.
     """
     h = snapshot.momentum_map[3:] @ memory.servo_velocity
     rate = np.zeros(3) if memory.momentum is None else (h - memory.momentum) / dt
@@ -144,12 +144,12 @@ def momentum_torque(
 
 
 def reference_wrench(snapshot: Snapshot, R_wb: Matrix3, reference: Reference) -> Wrench:
-    """Wrench in {CoG} that moves the robot as its reference moves: m r̈ᵈ and I ω̇ᵈ [N, Nm].
+    """Compute the wrench in {CoG} of the reference's acceleration: m r̈ᵈ and I ω̇ᵈ [N, Nm].
 
     Args:
         snapshot: Mass and centroidal inertia.
         R_wb: Attitude of the torso.
-        reference: Where its accelerations are from.
+        reference: Reference with the accelerations.
     """
     alpha_w = quat_to_matrix(reference.quat_wb) @ reference.alpha_b
     force_b = snapshot.mass * (reference.acceleration_w @ R_wb)
@@ -157,13 +157,13 @@ def reference_wrench(snapshot: Snapshot, R_wb: Matrix3, reference: Reference) ->
 
 
 def weight_wrench(snapshot: Snapshot, R_wb: Matrix3, omega_b: Vector3, turning_b: Vector3) -> Wrench:
-    """Wrench in {CoG} that carries the robot, and turns the angular momentum of `turning_b` with it [N, Nm].
+    """Compute the wrench in {CoG} that balances the weight and the gyroscopic torque ω × IΣ ω′ [N, Nm].
 
     Args:
         snapshot: Mass and centroidal inertia.
         R_wb: Attitude of the torso.
-        omega_b: Angular velocity of the torso, torso axes [rad/s].
-        turning_b: The one whose momentum it is, torso axes [rad/s].
+        omega_b: ω, angular velocity of the torso, torso axes [rad/s].
+        turning_b: ω′, angular velocity of the momentum, torso axes [rad/s].
     """
     x, y, z = omega_b.tolist()
     hx, hy, hz = (snapshot.inertia_c @ turning_b).tolist()
@@ -174,17 +174,17 @@ def weight_wrench(snapshot: Snapshot, R_wb: Matrix3, omega_b: Vector3, turning_b
 def lead_feedback(
     memory: CompensationMemory, feedback: Wrench, R_wb: Matrix3, *, config: CompensationConfig, dt: float
 ) -> tuple[CompensationMemory, Wrench]:
-    """What a lead compensator adds to the feedback: ρ times what changes faster than its time constant [Franklin2019].
+    """Compute the addition of the lead compensator: ρ times the high-passed feedback [Franklin2019].
 
     Args:
-        memory: The last tick.
-        feedback: What the PIDs ask for, {CoG} [N, Nm].
-        R_wb: Attitude.
+        memory: State after the last tick.
+        feedback: Wrench of the PIDs, {CoG} [N, Nm].
+        R_wb: Attitude of the torso.
         config: ρ and the time constant.
         dt: Length of the tick [s].
     """
     asked = np.concatenate((R_wb @ feedback[:3], R_wb @ feedback[3:]))
-    last = asked if memory.slow_w is None else memory.slow_w  # what is known to be needed at first is nothing new
+    last = asked if memory.slow_w is None else memory.slow_w  # the initial feedback passes without lead
     slow = last + (1.0 - math.exp(-dt / config.lead_time)) * (asked - last)
     more = config.lead_gain * (asked - slow)
     return replace(memory, slow_w=slow), np.concatenate((more[:3] @ R_wb, more[3:] @ R_wb))
@@ -193,14 +193,14 @@ def lead_feedback(
 def lead_forces(
     forces_l: RotorForces, snapshot: Snapshot, omega_b: Vector3, joint_velocity: JointVector, *, lead: float
 ) -> RotorForces:
-    """The same forces in the axes that the links will have `lead` [s] later: what slow servos should aim at.
+    """Express the forces in the axes that the links will have `lead` [s] later, as setpoints for slow servos.
 
     Args:
         forces_l: Forces in the present link axes [N].
         snapshot: Joint axes and attitudes of the links.
         omega_b: Angular velocity of the torso, torso axes [rad/s].
-        joint_velocity: q̇ as commanded [rad/s].
-        lead: How far to look ahead [s].
+        joint_velocity: q̇ of the servo model [rad/s].
+        lead: Prediction time [s].
     """
     rates = (snapshot.joint_axes * joint_velocity).reshape(3, -1, 4)
     inner = rates[:, :, 0] + rates[:, :, 1]
@@ -221,27 +221,28 @@ def observe_wrench(
     config: CompensationConfig,
     dt: float,
 ) -> CompensationMemory:
-    """Momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ), the residual of the robot's momentum [DeLuca2006].
+    """Update the momentum observer: ŵ ← ŵ + dt/T (ṗ − w_λ − w_g − ŵ), the residual of the momentum [DeLuca2006].
 
-    With a gain of 1 and no integral gains this is incremental inversion of the centroidal dynamics [Smeur2016]: the
-    command is that of before, filtered as the momentum's rate is, and what the acceleration lacks. With a low-pass of
-    order 2 it is the extended state observer of a velocity, at bandwidth 1/T [Gao2003]. Tests hold it against both.
+    With a gain of 1 and no integral gains this is incremental inversion of the centroidal dynamics [Smeur2016]: the new
+    command is the last one, filtered like the momentum's rate, plus the missing acceleration. With a low-pass of order
+    2 it is the extended state observer of a velocity, at bandwidth 1/T [Gao2003]. Tests compare it with both.
 
-    `observer_beyond` leaves out on both sides what is fed forward, w_g and the legs' h with it: the momentum is that of
-    the error. A T of the rotors above theirs buys margin, and would have whatever is fed forward come late.
+    With `observer_beyond` the feed-forward wrench, w_g and the legs' h are excluded on both sides, and the momentum is
+    that of the error. A rotor time constant above the real one increases the stability margin. Without
+    `observer_beyond` it would also make the observer expect feed-forward wrenches too late.
 
     Args:
         snapshot: Mass, inertia, momentum map.
-        memory: The last tick.
-        R_wb: Attitude.
-        omega_b: Angular velocity, or what it exceeds the reference's by, torso axes [rad/s].
-        velocity_w: Velocity of the CoG, or what it exceeds the reference's by, world [m/s].
+        memory: State after the last tick.
+        R_wb: Attitude of the torso.
+        omega_b: Angular velocity, or with `observer_beyond` its excess over the reference, torso axes [rad/s].
+        velocity_w: Velocity of the CoG, or with `observer_beyond` its excess over the reference, world [m/s].
         allocated: Wrench of the last tick's allocation, {CoG} [N, Nm].
         config: Time constants.
         dt: Length of the tick [s].
 
     Returns:
-        The memory with the observed wrench, the wrench that the rotors are believed to give, and the momentum.
+        The memory with the observed wrench, the modelled wrench of the rotors, and the momentum.
     """
     L = snapshot.inertia_c @ omega_b
     if not config.observer_beyond:
@@ -271,21 +272,23 @@ def ramp_joints(
     command: np.ndarray, velocity: np.ndarray, target: np.ndarray,
     *, speed: float | np.ndarray, ramp: float | np.ndarray, dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Next joint command towards `target` and its velocity: all joints together, no acceleration above speed/ramp.
+    """Compute the next joint command towards `target` and its velocity, with accelerations up to speed/ramp.
+
+    All joints arrive together.
 
     Args:
         command: q^d (…, 16) [rad].
-        velocity: Its rate in the last tick (…, 16) [rad/s].
-        target: Where to go (…, 16) [rad].
-        speed: Speed of the slowest joint, one for all robots or (…, 1) [rad/s].
-        ramp: Time from rest to that speed, likewise [s].
+        velocity: Rate of q^d in the last tick (…, 16) [rad/s].
+        target: Target joint angles (…, 16) [rad].
+        speed: Speed of the joint with the longest way, a scalar or (…, 1) [rad/s].
+        ramp: Time from rest to that speed, a scalar or (…, 1) [s].
         dt: Length of the tick [s].
     """
     ahead = target - command
     longest = np.abs(ahead).max(axis=-1, keepdims=True)
     step = speed / ramp * dt
-    # The speed (n + f) steps from which, losing one step a tick, the command comes to rest on the target: it covers
-    # (n + f) + (n − 1 + f) + … + f = (n + 1) (n/2 + f) steps times dt on the way.
+    # Speed, (n + f) steps, from which the command comes to rest on the target if it loses one step per tick. The
+    # distance is (n + f) + (n − 1 + f) + … + f = (n + 1) (n/2 + f) steps times dt.
     far = longest / (step * dt)
     n = np.floor(np.sqrt(0.25 + 2.0 * far) - 0.5 + 1e-9)
     reach = step * (n + (far - 0.5 * n * (n + 1.0)) / (n + 1.0))

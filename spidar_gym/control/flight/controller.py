@@ -1,4 +1,4 @@
-"""The stack: (state, reference, residual) → command. Snapshot, wrench, allocation, vectoring, joint targets."""
+"""Flight controller: (state, reference, residual) → command, by snapshot, wrench, allocation, vectoring and joints."""
 
 import math
 from collections.abc import Callable
@@ -66,29 +66,29 @@ CONTROL_RATE = 40.0
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """Everything that can be chosen about the controller."""
+    """Configuration of the flight controller."""
 
     allocation: str = "paper"
     """Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`."""
     joint_speed: float = ROBOT.joint_speed
-    """Speed of the planned joint motion [rad/s]; the servos are told the same limit."""
+    """Speed of the planned joint motion [rad/s]; the servos have the same limit."""
     joint_torque_limit: float = ROBOT.max_joint_torque
     """Torque that each joint servo may use [Nm]."""
     rate_hz: float = CONTROL_RATE
     """Control rate [Hz]."""
     centroidal: CentroidalConfig = field(default_factory=CentroidalConfig)
-    """Gains."""
+    """Gains and limits of the centroidal control."""
     compensation: CompensationConfig = field(default_factory=CompensationConfig)
-    """What goes beyond the paper's quasi-static control."""
+    """Compensations beyond the paper's quasi-static control."""
     allocator: AllocatorConfig = field(default_factory=AllocatorConfig)
     """Solver settings."""
     interference: InterferenceConfig = field(default_factory=InterferenceConfig)
-    """Interference thresholds."""
+    """Thresholds of the interference test."""
     lock: LockConfig = field(default_factory=LockConfig)
-    """φ lock."""
+    """Thresholds and rates of the φ lock."""
 
     def __post_init__(self) -> None:
-        """Refuse speeds and limits that are not positive."""
+        """Raise `InvalidValueError` for speeds and limits that are not positive."""
         for name in ("joint_speed", "joint_torque_limit", "rate_hz"):
             value = getattr(self, name)
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
@@ -96,13 +96,13 @@ class ControllerConfig:
 
 
 class FlightController(ReadableController[FlightMemory, FlightRecord]):
-    """The paper's controller for one robot; owns the model, the solver's work space and the memory.
+    """The paper's controller for one robot; owns the model, the solver's workspace and the memory.
 
-    A law of one's own overrides `compute_wrench`, which says what the allocation is asked for, or `compute_joints`.
+    A custom control law overrides `compute_wrench`, which computes the wrench to allocate, or `compute_joints`.
     """
 
     preview: Callable[[float], Reference] | None = None
-    """Reference so many seconds ahead, where whoever flies knows it: for laws that look ahead."""
+    """Returns the reference a given time ahead [s], or None if it is not known; for predictive control laws."""
 
     def __init__(
         self,
@@ -110,19 +110,19 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         model: Model | None = None,
         allocator: type[Allocator] = Allocator,
     ) -> None:
-        """Build the allocation (`UnknownNameError` lists the valid ones), solved by a class of one's own if given."""
+        """Build the allocation (`UnknownNameError` lists the valid ones), with a custom allocator class if given."""
         self.config = c = config or ControllerConfig()
         super().__init__(model, rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
         self.allocator = allocator(find_allocation(c.allocation), c.allocator)
         self.memory = fresh_memory(np.zeros((N_ROTORS, 2)), np.zeros((N_ROTORS, 3)), np.zeros(N_JOINTS))
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
-        """Forget everything.
+        """Clear the memory.
 
         Args:
-            state: Where the robot is; its vectoring angles are those last commanded.
+            state: State of the robot; its vectoring angles become the last commanded ones.
             joint_position: q^d to start from [rad]; the joints of `state` by default.
-            trim: Wrench in {CoG} that a hover is known to take beyond the model's [N, Nm]; the integrals start with it.
+            trim: Known wrench in {CoG} that a hover needs beyond the model's [N, Nm]; the integrals start with it.
         """
         self.last_step = None
         joints = state.joint_position if joint_position is None else joint_position
@@ -131,7 +131,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         if trim is not None:
             R_wb = quat_to_matrix(state.quat_wb)
             snapshot = self.model.snapshot(joints, R_wb, state.vectoring)
-            # What the observer is going to cancel, the integrals need not hold.
+            # The integrals provide only the share of the trim that the observer will not cancel.
             kept = 1.0 - np.repeat([gain for gain, _, _ in self.config.compensation.observers], 3)
             integrals = warm_start_integrals(snapshot, R_wb, kept * trim, config=self.config.centroidal)
             external = -np.concatenate((R_wb @ trim[:3], R_wb @ trim[3:]))
@@ -139,11 +139,11 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             self.memory = replace(self.memory, integrals=integrals, compensation=compensation)
 
     def resume(self, state: RobotState, command: Command) -> None:
-        """Begin again where somebody else has controlled, with the integrals and the observer's belief of before.
+        """Take over from another controller, keeping the integrals and the observed external wrench.
 
         Args:
-            state: Where the robot is.
-            command: What it was told last.
+            state: State of the robot.
+            command: Last command of the other controller.
         """
         before = self.memory
         self.reset(state, command.joint_position)
@@ -155,9 +155,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         )  # fmt: skip
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
-        """(φ, θ) that a hover in the form q comes to rest near: upright, φ locked as the controller will lock it [rad].
+        """Compute (φ, θ) near which a hover in the form q settles: upright, φ locked as the controller locks it [rad].
 
-        θ is on the branch that goes on from the flat form: −135° for the inverted outer links of form ③.
+        θ is on the branch that continues from the flat form: −135° for the inverted outer links of form ③.
         """
         pitch = np.cumsum(q.reshape(-1, 2, 2)[:, :, 1], axis=1).reshape(-1)
         guess = np.stack([np.zeros(N_ROTORS), -pitch], axis=1)
@@ -176,7 +176,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         )
 
     def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
-        """What the controller makes of a state: model quantities and errors. Pure, but for the model's work space."""
+        """Compute model quantities and errors of a state. Pure, except for the model's workspace."""
         R_wb = quat_to_matrix(state.quat_wb)
         snapshot = self.model.snapshot(state.joint_position, R_wb, state.vectoring)
         return ControlState(R_wb, snapshot, motion_error(state, reference, snapshot, R_wb))
@@ -188,17 +188,17 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
     ) -> Command:
-        """One control tick.
+        """Compute the command of one control tick.
 
         Args:
-            state: What is known of the robot.
-            reference: What it should do.
-            residual: What a policy adds; `NO_RESIDUAL` is the paper's controller.
-            control_state: `compute_state(state, reference)`, where the caller has it already.
+            state: State of the robot.
+            reference: Desired motion.
+            residual: Additions of a policy; `NO_RESIDUAL` is the paper's controller.
+            control_state: `compute_state(state, reference)`, if the caller has already computed it.
 
         Returns:
-            The command for the next control period. `self.last_step` keeps what led to it. A state or reference that is
-            not finite is answered with the last command, a residual that is not finite is left out.
+            The command for the next control period; `self.last_step` records how it was computed. If the state or the
+            reference is not finite, the last command is repeated. A residual that is not finite is ignored.
         """
         if not (valid_state(state) and valid_reference(reference)):
             return self._hold()
@@ -232,17 +232,17 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return Command(allocation.thrust, vectoring, joints, self._torque_limit)
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
-        """What a policy sees; see `observation.observe`."""
+        """Compute the observation of a policy; see `observation.observe`."""
         return observe(observables, self.memory, bound=bound)
 
     def compute_wrench(
         self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
     ) -> tuple[Wrench, Integrals, CompensationMemory]:
-        """w^d in {CoG} before a residual, and what is remembered of how it came about: here a law of one's own begins.
+        """Compute w^d in {CoG} without residual, and the new memory; override this for a custom control law.
 
         Args:
-            state: What is known of the robot.
-            reference: What it should do.
+            state: State of the robot.
+            reference: Desired motion.
             control_state: Model quantities and errors.
             joints: The new q^d [rad].
         """
@@ -267,11 +267,11 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
     def compensate(
         self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
     ) -> tuple[CompensationMemory, Wrench]:
-        """What the compensations add to the desired wrench, and what they remember; `joints` is the new q^d."""
+        """Compute the compensations' new memory and their addition to the desired wrench; `joints` is the new q^d."""
         memory, options, dt = self.memory.compensation, self.config.compensation, self.dt
         more = np.zeros(6)
         R_wb, snapshot, omega = control_state.R_wb, control_state.snapshot, state.omega_b
-        # A reference that stands still changes no bit.
+        # With a reference at rest the result is bit for bit that without this compensation.
         if options.reference_gain and (reference.acceleration_w.any() or reference.alpha_b.any()):
             more += options.reference_gain * reference_wrench(snapshot, R_wb, reference)
         if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
@@ -313,7 +313,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
     def demand_at(
         self, q: JointVector, R_wb: Matrix3, vectoring: Vectoring, wrench: Wrench, reference: Reference | None = None
     ) -> Demand:
-        """The demand of a first tick in a configuration, for benchmarks and tests: no history, interference avoided."""
+        """Build the demand of a first tick, without history, for benchmarks and tests; interference is avoided."""
         snapshot = self.model.snapshot(q, R_wb, vectoring)
         memory = fresh_memory(vectoring, np.zeros((N_ROTORS, 3)), q)
         level = Reference(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), q)
@@ -322,7 +322,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
     def _demand(
         self, memory: FlightMemory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench
     ) -> tuple[Demand, Lock, Interference]:
-        """What the allocation is asked in a mode, with the losses, of the `reference`."""
+        """Build the allocation's demand in the mode and with the lost modules of the `reference`."""
         return flight_demand(
             memory, self.allocator.mode(reference.mode), snapshot, vectoring, wrench,
             lost_thrust=reference.lost_thrust, lost_vectoring=reference.lost_vectoring,
@@ -330,10 +330,10 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         )  # fmt: skip
 
     def compute_joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
-        """Next joint command on the straight line to `target`, and its rate: all joints arrive together.
+        """Compute the next joint command on the straight line to `target`, and its rate: all joints arrive together.
 
-        The slowest joint moves at the joint speed [Zhao2025, Tab. 1]; `speed_scale` scales all, and no joint exceeds
-        the joint speed, which is also what the servos allow.
+        The joint with the longest way moves at the joint speed [Zhao2025, Tab. 1]. `speed_scale` scales all rates, but
+        no joint exceeds the joint speed, which is also the servos' limit.
         """
         config, command, dt = self.config, self.memory.joint_position, self.dt
         limit = self.model.robot.joint_limit

@@ -1,8 +1,8 @@
-"""How much gain and delay a controller's loops bear: each axis of the centroidal motion as a loop of its own.
+"""Stability margins of a controller's loops: each axis of the centroidal motion is treated as a separate loop.
 
-An axis is a double integrator behind the actuators, D(s) = e^{−Ts} / (1 + τs). With the PID C(s) and the observer
-F(s) = 1 / (1 + T_o s), or its square, whose share g of the estimate is cancelled, the loop is
-L = D (C + g F s²) / (1 − g F D_m) / s², D_m the observer's belief about D. A lead compensator is part of C.
+An axis is a double integrator behind the actuators, D(s) = e^{−Ts} / (1 + τs). C(s) is the PID and F(s) the observer's
+low-pass, 1 / (1 + T_o s) or its square. A share g of the observer's estimate is cancelled, and D_m is its model of D.
+Then the loop is L = D (C + g F s²) / (1 − g F D_m) / s². A lead compensator is part of C.
 """
 
 import math
@@ -13,13 +13,13 @@ import numpy as np
 from spidar_gym.control.flight.controller import ControllerConfig
 
 DELAY = 0.040
-"""T: half a hold of 25 ms, the command's way and the estimator's, on the robot [s]."""
+"""T: half a control period of 25 ms, plus the delays of command and estimator on the robot [s]."""
 LAG = 0.035
-"""τ: of thrust and vectoring servos [s]."""
+"""τ: lag of thrust and vectoring servos [s]."""
 FREQUENCIES = np.geomspace(0.02, 200.0, 8000)
-"""Where the loops are looked at [rad/s]."""
+"""Frequencies at which the loops are evaluated [rad/s]."""
 AXES = ("x, y", "z", "roll, pitch", "yaw")
-"""The loops that differ."""
+"""Axes with different loops."""
 
 
 @dataclass(frozen=True)
@@ -27,21 +27,21 @@ class Margins:
     """Margins of one loop."""
 
     gain: float
-    """The loop's gain may rise by this factor."""
+    """Gain margin: factor by which the loop's gain may rise."""
     phase: float
     """Phase margin at the gain crossover [rad]."""
     delay: float
-    """More delay than the modelled one that it bears [s]."""
+    """Delay margin beyond the modelled delay [s]."""
     sensitivity: float
-    """Largest |1 / (1 + L)|; 1 over it is the distance from −1."""
+    """Largest |1 / (1 + L)|; its inverse is the distance of L from −1."""
     noise: float
-    """What white noise of the rate makes of the commanded acceleration, RMS over RMS: how the rotors tremble [1/s]."""
+    """Commanded acceleration per white noise of the rate, RMS over RMS: a measure of the rotors' activity [1/s]."""
 
 
 def loop(
     config: ControllerConfig, axis: int, omega: np.ndarray, *, delay: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """L(iω) of one of `AXES`, and what the controller makes of the rate in it, both with the loop open."""
+    """Compute L(iω) of one of `AXES` and the controller's response to the rate, both with the loop open."""
     centroidal, options = config.centroidal, config.compensation
     rows = (centroidal.position_gains[0], centroidal.position_gains[2], *centroidal.attitude_gains[1:])
     kp, ki, kd = rows[axis]
@@ -50,7 +50,7 @@ def loop(
     gain, time, belief = options.observers[axis // 2]
     observer = gain / (1.0 + time * s) ** options.observer_order
     believed = 1.0 / (1.0 + belief * s)
-    kept = np.exp(-1.0 / (config.rate_hz * options.lead_time))  # of the low-pass, from tick to tick
+    kept = np.exp(-1.0 / (config.rate_hz * options.lead_time))  # decay of the low-pass per tick
     slow = (1.0 - kept) / (1.0 - kept * np.exp(-s / config.rate_hz))
     lead = 1.0 + options.lead_gain * (1.0 - slow)
     within = 1.0 - observer * believed
@@ -59,17 +59,17 @@ def loop(
 
 
 def margins(config: ControllerConfig, axis: int, *, delay: float = DELAY, lag: float = LAG) -> Margins:
-    """Margins of one of `AXES`; all zero for a loop that is unstable."""
+    """Compute the margins of one of `AXES`; those of an unstable loop are as in `margins_of`."""
     return margins_of(*loop(config, axis, FREQUENCIES, delay=delay, lag=lag), rate_hz=config.rate_hz)
 
 
 def margins_of(L: np.ndarray, of_rate: np.ndarray, *, rate_hz: float) -> Margins:
-    """Margins of a loop; all zero, and infinite noise, for one that is unstable.
+    """Compute the margins of a loop; an unstable loop has zero margins and infinite sensitivity and noise.
 
     Args:
         L: L(iω) at `FREQUENCIES`.
-        of_rate: Commanded acceleration over rate there, the loop open.
-        rate_hz: Rate of the ticks.
+        of_rate: Commanded acceleration over rate at `FREQUENCIES`, with the loop open.
+        rate_hz: Control rate [Hz].
     """
     omega = FREQUENCIES
     angle = np.unwrap(np.angle(L))
@@ -94,6 +94,6 @@ def margins_of(L: np.ndarray, of_rate: np.ndarray, *, rate_hz: float) -> Margins
 
 
 def _noise(closed: np.ndarray, nyquist: float) -> float:
-    """RMS gain of white noise up to a frequency, from what the closed loop makes of it at `FREQUENCIES`."""
+    """Compute the RMS gain of white noise up to a frequency from the closed loop's response at `FREQUENCIES`."""
     heard = nyquist >= FREQUENCIES
     return math.sqrt(float(np.trapezoid(np.abs(closed[heard]) ** 2, FREQUENCIES[heard])) / nyquist)

@@ -1,4 +1,4 @@
-"""What the flight controller makes of a state, remembers from tick to tick, and records of its last step."""
+"""Data of the flight controller: model quantities and errors of a state, memory between ticks, record of a step."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from spidar_gym.robot import N_JOINTS
 
 @dataclass(frozen=True, slots=True)
 class ControlState:
-    """What the controller makes of a state."""
+    """Model quantities and errors that the controller computes from a state."""
 
     R_wb: Matrix3
     """Attitude of the torso."""
@@ -28,7 +28,7 @@ class ControlState:
 
 @dataclass(frozen=True, slots=True)
 class FlightMemory(RotorMemory):
-    """All that the controller remembers from one tick to the next; a new one is a reset."""
+    """Complete state of the controller between ticks; a reset replaces it."""
 
     integrals: Integrals
     """Integrals of the errors."""
@@ -37,15 +37,15 @@ class FlightMemory(RotorMemory):
     unallocated_w: Vector3
     """Force that the last tick could not allocate, world axes [N]."""
     unallocated_torque: Vector3
-    """Torque that it could not allocate, torso axes [Nm]."""
+    """Torque that the last tick could not allocate, torso axes [Nm]."""
     joint_velocity: JointVector
     """Rate of q^d in the last tick [rad/s]."""
     compensation: CompensationMemory
-    """What the compensations remember."""
+    """State of the compensations."""
 
 
 def fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: JointVector) -> FlightMemory:
-    """What the controller remembers before its first tick, at angles [rad] and forces [N]."""
+    """Return the memory before the first tick, for given angles [rad] and forces [N]."""
     zero, rotors = np.zeros(3), fresh_rotors(vectoring, forces_l)
     return FlightMemory(
         rotors.lock, rotors.interference, rotors.vectoring, rotors.forces_l,
@@ -60,17 +60,17 @@ def fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: Jo
 
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
-    """What one step did, for observations, plots and tests."""
+    """Record of one step, for observations, plots and tests."""
 
     control_state: ControlState
     """Model quantities and errors."""
     wrench_desired: Wrench
     """w^d, residual included [N, Nm]."""
     allocation: Allocation
-    """What the allocation answered."""
+    """Result of the allocation."""
     joint_velocity: JointVector
     """Commanded joint velocity [rad/s]."""
     restricted: RotorMask
     """Rotors restricted by interference."""
     demand: Demand | None = None
-    """What the allocation was asked; None where compiled code asked it."""
+    """Demand of the allocation; None if the step was computed by compiled code."""

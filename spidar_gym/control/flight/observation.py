@@ -1,6 +1,6 @@
-"""What a policy sees: a named layout and one pure function, used by the environment and by the robot.
+"""Observation of a policy in flight: a named layout and one pure function, used by the environment and on the robot.
 
-Everything here is measured or known on the real robot: no contact force, no wake, no parameter of the simulator.
+Every quantity is measured or known on the real robot: no contact forces, no wake, no parameters of the simulator.
 """
 
 from dataclasses import dataclass, replace
@@ -14,38 +14,38 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import RobotState
 
 NO_NEXT_FORM = 60.0
-"""Time to the next form when there is none, and the longest that is told [s]."""
+"""Observed time to the next form if there is none, and the largest observed value [s]."""
 _UNTIL_NEXT_FORM = f"until they become the target; {NO_NEXT_FORM:g} if there is none"
 
 
 @dataclass(frozen=True)
 class Field:
-    """One named piece of the observation."""
+    """One named part of the observation."""
 
     name: str
-    """What it is called."""
+    """Name of the field."""
     size: int
-    """How many numbers."""
+    """Number of values."""
     bound: float
-    """They are clipped to ± this."""
+    """Values are clipped to ± this."""
     unit: str
-    """Their unit."""
+    """Unit of the values."""
     doc: str
-    """What they mean, with the frame."""
+    """Meaning of the values, with the frame."""
 
 
 def layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
-    """The observation's pieces in order; the previous action makes its length depend on the action mode."""
+    """Return the fields of the observation in order; the length depends on the size of the action."""
     return (*_flight(robot), _previous(action_size))
 
 
 def path_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
-    """The same along a path, of which the next second is told too."""
+    """Return the fields of the observation along a path, which include the path of the next second."""
     return (*_flight(robot), *_PATH, _previous(action_size))
 
 
 def _flight(robot: RobotSpec) -> tuple[Field, ...]:
-    """What is told of every flight; thrusts have the robot's largest as their bound."""
+    """Return the fields common to all flights; the bound of thrusts is the robot's largest thrust."""
     return tuple(replace(f, bound=robot.max_thrust) if f.name == "thrust_command" else f for f in _FLIGHT)
 
 
@@ -87,12 +87,12 @@ _PATH = (
 
 @dataclass(frozen=True, slots=True)
 class FlightObservables:
-    """What an observation is made of, beside the controller's memory."""
+    """Inputs of an observation in addition to the controller's memory."""
 
     state: RobotState
     """Measured state."""
     control_state: ControlState
-    """What the controller makes of it."""
+    """Model quantities and errors of that state."""
     thrust_command: RotorVector
     """Thrust last commanded [N]."""
     joint_command_velocity: JointVector
@@ -100,21 +100,21 @@ class FlightObservables:
     leg_momentum: Vector3
     """Angular momentum of the legs about the CoG, torso axes [Nms]."""
     leg_momentum_rate: Vector3
-    """Its change since the last tick [Nm]."""
+    """Rate of that momentum since the last tick [Nm]."""
     joint_target: JointVector
-    """Form to reach now [rad]."""
+    """Present target form [rad]."""
     next_form: JointVector
-    """Form after it [rad]."""
+    """Target form after the present one [rad]."""
     time_to_next_form: float
-    """Time until then [s]."""
+    """Time until the next form becomes the target [s]."""
     previous_action: np.ndarray
     """The last action."""
     path: PathPreview | None = None
-    """What is told of the path, where there is one."""
+    """Preview of the path, or None without a path."""
 
 
 def observe(seen: FlightObservables, memory: FlightMemory, *, bound: np.ndarray) -> np.ndarray:
-    """The observation in the order of `layout`, clipped to ± `bound` (one per number), float32."""
+    """Compute the observation in the order of `layout`, clipped to ± `bound` (one per number), float32."""
     state, error, rotation = seen.state, seen.control_state.error, seen.control_state.R_wb
     angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
     sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS

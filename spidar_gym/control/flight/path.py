@@ -10,26 +10,27 @@ from spidar_gym.errors import InvalidValueError, require_above
 from spidar_gym.state import Reference
 
 EASE = 0.75
-"""Mean acceleration with which a path leaves its rest and comes to it [m/s²]; the largest is 1.9 times as much."""
+"""Mean acceleration from rest and to rest [m/s²]; the peak is 1.9 times as large."""
 REST = 0.5
 """Shortest rest between two straight legs [s]."""
 TURN_RATE = 0.6
-"""Fastest turn of the heading at rest [rad/s]."""
+"""Largest rate of the heading while the position rests [rad/s]."""
 KNOT_TIME = 0.25
-"""Time between two knots of a lemniscate [s]: the quintics then miss it by less than 10 µm at 1.5 m/s."""
+"""Time between two knots of a lemniscate [s]: the error of the quintics is then below 10 µm at 1.5 m/s."""
 AHEAD, AHEAD_STEP = 4, 0.25
-"""At how many times ahead a policy is told of the path, and how far apart they are [s]."""
+"""Number of future times in the preview of a path, and the time between them [s]."""
 DETOUR, RUN_AHEAD = 0.1, 0.35
-"""A path that begins in motion may swing away from its way by this, [m] or [rad], and ahead on it by such a share."""
+"""Largest overshoot of a coordinate that begins in motion [m] or [rad]; in motion towards its end, plus this share of
+its distance."""
 TOGETHER = 1e-6
-"""Knots so near to each other are one [s]."""
+"""Knots closer in time than this are merged [s]."""
 LEAST_SECONDS, FADE = 0.5, 0.4
-"""No coordinate comes to rest from motion in less time; in such a time an acceleration fades [s]."""
+"""Shortest time in which a moving coordinate comes to rest, and shortest time in which an acceleration fades [s]."""
 PEAK, DRIFT, SWING = 1.875, 0.2, 0.0173
-"""Quintics that take a time t: the largest speed from rest to rest over the mean; how far one drifts to rest from a
-speed v beyond d, over v t; how far one swings from an acceleration a, over a t²."""
+"""Constants of a quintic of duration t: peak over mean speed from rest to rest; overshoot due to an initial speed v,
+over v t; overshoot due to an initial acceleration a, over a t²."""
 SUBSTEPS = 8
-"""Steps of the fourth-order integration along a lemniscate from one knot to the next."""
+"""Steps of the fourth-order Runge-Kutta integration between two knots of a lemniscate."""
 
 Point = tuple[float, float, float]
 _LATER = tuple(AHEAD_STEP * (k + 1) for k in range(AHEAD))
@@ -37,37 +38,37 @@ _LATER = tuple(AHEAD_STEP * (k + 1) for k in range(AHEAD))
 
 @dataclass(frozen=True, slots=True)
 class PathPreview:
-    """What a policy is told of a path at a time, world axes."""
+    """Preview of a path at a time for the observation of a policy, world axes."""
 
     ahead_w: np.ndarray
-    """Where it will be at the times ahead, seen from where it is, shape (4, 3) [m]."""
+    """Positions at the future times relative to the present one, shape (4, 3) [m]."""
     turn: np.ndarray
-    """How far its heading will have turned until then, shape (4,) [rad]."""
+    """Headings at the future times relative to the present one, shape (4,) [rad]."""
     velocity_w: Vector3
-    """Its velocity now [m/s]."""
+    """Present velocity [m/s]."""
     acceleration_w: Vector3
-    """Its acceleration now [m/s²]."""
+    """Present acceleration [m/s²]."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """Knots in the order of time. Before the first and behind the last the robot rests there.
+    """Knots in the order of time. The robot rests at the first knot before it and at the last knot after it.
 
-    Between two knots every coordinate is the quintic that has their values and first and second derivatives, so the
-    acceleration of the whole is continuous.
+    Between two knots every coordinate is the quintic with their values and first and second derivatives, so the
+    acceleration is continuous.
     """
 
     times: np.ndarray
-    """When each knot is passed, shape (K,) [s]."""
+    """Time of each knot, shape (K,) [s]."""
     pose_w: np.ndarray
-    """Position of the CoG and heading there, shape (K, 4) [m], [rad]."""
+    """Position of the CoG and heading at each knot, shape (K, 4) [m], [rad]."""
     rate_w: np.ndarray
-    """Their rates, shape (K, 4) [m/s], [rad/s]."""
+    """First derivatives at each knot, shape (K, 4) [m/s], [rad/s]."""
     acceleration_w: np.ndarray
-    """The rates' rates, shape (K, 4) [m/s²], [rad/s²]."""
+    """Second derivatives at each knot, shape (K, 4) [m/s²], [rad/s²]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no path."""
+        """Raise `InvalidValueError` for times out of order and for arrays of the wrong shape."""
         knots, times = len(self.times), self.times
         if times.ndim != 1 or not knots or not np.isfinite(times).all() or not (np.diff(times) > 0.0).all():
             raise InvalidValueError("times", times.tolist(), "finite times, each after the one before it")
@@ -78,11 +79,11 @@ class Path:
 
     @property
     def seconds(self) -> float:
-        """When it ends [s]."""
+        """Time of the last knot [s]."""
         return float(self.times[-1])
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pose, rate and acceleration (4,) at a time: x, y, z [m] and heading [rad]."""
+        """Evaluate pose, rate and acceleration (4,) at a time: x, y, z [m] and heading [rad]."""
         first = int(np.searchsorted(self.times, time, side="right")) - 1
         if first < 0 or first + 1 >= len(self.times):
             return self.pose_w[max(first, 0)].copy(), np.zeros(4), np.zeros(4)
@@ -99,13 +100,13 @@ class Path:
         return pose, rate, acceleration
 
     def preview(self, time: float) -> PathPreview:
-        """What a policy is told of it at a time."""
+        """Compute the preview at a time."""
         pose, rate, acceleration = self.at(time)
         ahead = np.array([self.at(time + later)[0] for later in _LATER]) - pose
         return PathPreview(ahead[:, :3], ahead[:, 3], rate[:3], acceleration[:3])
 
     def reference(self, time: float, joint_target: JointVector, mode: str = "flight") -> Reference:
-        """What the controller is asked at a time: the level robot on the path, its legs on their way to a form."""
+        """Compute the reference at a time: the level robot on the path, its joints moving to a form."""
         pose, rate, acceleration = self.at(time)
         half = 0.5 * float(pose[3])
         return Reference(
@@ -116,17 +117,17 @@ class Path:
 
 
 class _Knots:
-    """A path that is being built: knots one after the other."""
+    """Builder of a path from knots."""
 
     def __init__(self) -> None:
         self._rows: list[list[float]] = []
 
     def add(self, time: float, pose: list[float], rate: list[float], acceleration: list[float]) -> None:
-        """One more."""
+        """Append a knot."""
         self._rows.append([time, *pose, *rate, *acceleration])
 
     def path(self) -> Path:
-        """The path."""
+        """Return the path."""
         rows = np.array(self._rows)
         return Path(rows[:, 0], rows[:, 1:5], rows[:, 5:9], rows[:, 9:])
 
@@ -135,29 +136,30 @@ _STILL = [0.0, 0.0, 0.0, 0.0]
 
 
 def wrap(angle: float) -> float:
-    """The angle plus as many turns as bring it into −π … π [rad]."""
+    """Wrap an angle into −π … π [rad]."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 def ease(u: float) -> float:
-    """From 0 to 1, smoothly: the quintic from rest to rest."""
+    """Evaluate the quintic from 0 to 1, from rest to rest."""
     u = min(1.0, max(0.0, u))
     return u * u * u * (10.0 - u * (15.0 - 6.0 * u))
 
 
 def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, end: np.ndarray, speed: float) -> Path:
-    """To a pose, at rest there, from however a path moves now; from rest it is straight.
+    """Build a path from a present motion to rest at a pose; from rest it is a straight line.
 
-    A quintic that begins at rate v and acceleration a and takes T swings out by up to 0.2 v T + 0.017 a T² before it
-    turns to its end. A coordinate that this would lead far astray comes to rest before the others; where its way takes
-    longer than that, its acceleration fades first, and it brakes first where it moves the other way.
+    A quintic of duration T that begins with rate v and acceleration a overshoots by up to 0.2 v T + 0.017 a T² before
+    it turns to its end. A coordinate that would overshoot too far gets a shorter duration, and comes to rest before the
+    others. If its distance does not allow that, its acceleration fades in a first segment, in which the coordinate also
+    brakes to rest if it moves away from its end.
 
     Args:
-        pose: Position and heading now (4,) [m], [rad].
-        rate: Their rates [m/s], [rad/s].
-        acceleration: The rates' rates [m/s²], [rad/s²].
-        end: Where to.
-        speed: Largest speed of the way from rest [m/s].
+        pose: Present position and heading (4,) [m], [rad].
+        rate: Present rates [m/s], [rad/s].
+        acceleration: Present accelerations [m/s²], [rad/s²].
+        end: Position and heading at the end (4,) [m], [rad].
+        speed: Largest speed of a path from rest [m/s].
     """
     way = end - pose
     length, fast = math.sqrt(float(way[:3] @ way[:3])), math.sqrt(float(rate[:3] @ rate[:3]))
@@ -201,13 +203,13 @@ def from_motion(pose: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, en
 
 
 def _part(times: list[float], places: list[float], rates: list[float], accelerations: list[float]) -> Path:
-    """One coordinate, as the first of a path."""
+    """Build a path with one coordinate, the first; the others are zero."""
     columns = [np.column_stack((values, np.zeros((len(times), 3)))) for values in (places, rates, accelerations)]
     return Path(np.array(times), *columns)
 
 
 class Legs:
-    """A path of straight legs that is being built: a rest at every point."""
+    """Builder of a path of straight legs with a rest at every point."""
 
     def __init__(
         self, point: Point, speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0
@@ -215,19 +217,19 @@ class Legs:
         """Begin at a point; arguments as those of `legs`."""
         self._point, self._speed, self._along, self._heading = point, speed, along, yaw
         self.seconds = begin
-        """When it ends so far [s]."""
+        """Time of the last knot so far [s]."""
         self._knots = _Knots()
         self._knots.add(begin, [*point, yaw], _STILL, _STILL)
 
     def to(self, point: Point) -> None:
-        """Go straight to another point, and rest there."""
+        """Append a straight leg to another point and a rest there."""
         (x, y, z), (nx, ny, nz), add = self._point, point, self._knots.add
         way = (nx - x, ny - y, nz - z)
         length = math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
         if self._along and (way[0] or way[1]):
             turn = wrap(math.atan2(way[1], way[0]) - self._heading)
             self._heading += turn
-            # A turn from rest to rest is fastest in its middle, 15/8 of its mean rate.
+            # The peak rate of a turn from rest to rest is 15/8 of its mean rate.
             self.seconds += max(REST, PEAK * abs(turn) / TURN_RATE) if turn else 0.0
             if turn:
                 add(self.seconds, [x, y, z, self._heading], _STILL, _STILL)
@@ -247,19 +249,19 @@ class Legs:
         self._point = point
 
     def path(self) -> Path:
-        """The path so far."""
+        """Return the path so far."""
         return self._knots.path()
 
 
 def legs(points: list[Point], speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0) -> Path:
-    """Straight lines from point to point with a rest at each.
+    """Build a path of straight lines from point to point with a rest at each.
 
     Args:
-        points: Where it begins, and every point that it goes to [m].
-        speed: Speed between them, less on legs too short to reach it [m/s].
-        along: Whether the robot turns at rest so that it flies ahead, or keeps its heading.
+        points: Start point and every following point [m].
+        speed: Speed between the points, lower on legs too short to reach it [m/s].
+        along: Whether the robot turns at each rest to face the next point; otherwise it keeps its heading.
         yaw: Heading at the beginning [rad].
-        begin: When it leaves the first point [s].
+        begin: Time at which it leaves the first point [s].
     """
     _require(points, speed)
     built = Legs(points[0], speed, along=along, yaw=yaw, begin=begin)
@@ -272,16 +274,16 @@ def lemniscate(
     half_width: float, speed: float, seconds: float,
     *, position_w: Vector3, direction: float = 0.0, along: bool = False, begin: float = 0.0,
 ) -> Path:  # fmt: skip
-    """Bernoulli's lemniscate from its crossing on, at constant speed but at both ends.
+    """Build Bernoulli's lemniscate from its crossing, at constant speed except at both ends.
 
     Args:
-        half_width: From the crossing to either end [m].
-        speed: Along the curve [m/s].
-        seconds: How long it takes, beginning at `begin` [s]; at its end the robot comes to rest.
-        position_w: The crossing [m].
-        direction: In which it leaves the crossing [rad].
-        along: Whether the heading is that of the curve, or 0.
-        begin: When it leaves [s].
+        half_width: Distance from the crossing to either end [m].
+        speed: Speed along the curve [m/s].
+        seconds: Duration from `begin` until the robot is at rest again [s].
+        position_w: Position of the crossing [m].
+        direction: Initial direction of the curve [rad].
+        along: Whether the heading is the direction of the curve; otherwise it is 0.
+        begin: Time at which the robot leaves the crossing [s].
     """
     require_above("m", half_width=half_width)
     require_above("m/s", speed=speed)
@@ -290,13 +292,13 @@ def lemniscate(
     if seconds < 2.0 * ease:
         raise InvalidValueError("seconds", seconds, f"{2.0 * ease:.3g} s or more, from rest to {speed:g} m/s and back")
     # x = a cos s / (1 + sin² s), y = x sin s; |dγ/ds| = a / √(1 + sin² s); its tangent turns by 3 atan(sin s) + π/2.
-    # At the crossing, s = −π/2, the tangent is −π/4: the curve is turned so that `direction` is where it begins.
+    # At the crossing, s = −π/2, the tangent is −π/4: the curve is turned so that it begins in `direction`.
     turn = direction + 0.25 * math.pi
     c, n = math.cos(turn), math.sin(turn)
     s, x0, y0, z0 = -0.5 * math.pi, *position_w.tolist()
 
     def pace(t: float) -> tuple[float, float]:
-        """Speed and its rate, t after the beginning."""
+        """Speed and its rate at the time t after the beginning."""
         u = max(0.0, min(1.0, t / ease, (seconds - t) / ease))
         sign = 1.0 if t < 0.5 * seconds else -1.0
         rate = sign * speed * 30.0 * u * u * (1.0 - u) * (1.0 - u) / ease
@@ -335,16 +337,17 @@ def lemniscate(
 
 
 def spline(points: list[Point], speed: float, *, along: bool = False, yaw: float = 0.0, begin: float = 0.0) -> Path:
-    """A smooth way through points, from rest to rest.
+    """Build a smooth path through points, from rest to rest.
 
-    Velocity and acceleration at a point are those of the parabola through it and its neighbours.
+    Velocity and acceleration at a point are those of the parabola through the point and its neighbours.
 
     Args:
-        points: Where it begins, and every point that it goes through [m].
-        speed: Mean speed from one to the next, half of it on the first way and the last [m/s].
-        along: Whether the robot's heading is that of the way at every point, near it between them, or stays.
-        yaw: Heading where it stays [rad].
-        begin: When it leaves the first point [s].
+        points: Start point and every following point [m].
+        speed: Mean speed between two points, halved in the first and the last segment [m/s].
+        along: Whether the heading is the direction of the path at every point, and close to it in between; otherwise it
+            is constant.
+        yaw: The constant heading [rad].
+        begin: Time at which the robot leaves the first point [s].
     """
     _require(points, speed)
     ends, times = len(points) - 1, [begin]
@@ -355,7 +358,7 @@ def spline(points: list[Point], speed: float, *, along: bool = False, yaw: float
     rates, bends = _parabolas(times, places)
     headings = [yaw] * len(points)
     if along:
-        # Where it leaves its rest, and comes to it, the third derivative points ahead.
+        # At both ends the velocity is zero, and the third derivative gives the direction.
         ways, inside = rates[:], len(points) - 2
         for end, knot, sign in ((0, 1, 1.0), (-1, inside, -1.0)):
             T = abs(times[end] - times[knot])
@@ -376,7 +379,7 @@ def spline(points: list[Point], speed: float, *, along: bool = False, yaw: float
 
 
 def _parabolas(times: list[float], values: list[list[float]]) -> tuple[list[list[float]], list[list[float]]]:
-    """First and second derivatives of the parabola through each value and its neighbours; 0 at both ends."""
+    """Compute both derivatives of the parabola through each value and its neighbours; 0 at both ends."""
     size = len(values[0])
     rates, bends = ([[0.0] * size for _ in values] for _ in range(2))
     for k in range(1, len(values) - 1):
@@ -389,7 +392,7 @@ def _parabolas(times: list[float], values: list[list[float]]) -> tuple[list[list
 
 
 def _require(points: list[Point], speed: float) -> None:
-    """Refuse points that are none, and those that lie on one another."""
+    """Raise `InvalidValueError` for invalid points, equal consecutive points or a speed that is not above 0."""
     require_above("m/s", speed=speed)
     numbers = np.array(points, float)
     is_way = numbers.ndim == 2 and numbers.shape[1] == 3 and len(numbers) > 1 and np.isfinite(numbers).all()
