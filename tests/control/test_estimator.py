@@ -1,4 +1,4 @@
-"""Pins the estimator: exact with perfect sensors, how good with real ones, biases learnt, drop-outs bridged."""
+"""Pins the estimator: exact with perfect sensors, bounded errors with real ones, learnt biases, bridged drop-outs."""
 
 import copy
 import math
@@ -30,7 +30,7 @@ COUNT = 2 * math.pi / 2**12
 
 
 def rest(time) -> RobotState:
-    """At rest."""
+    """State of the robot at rest."""
     return replace(STILL, time=time)
 
 
@@ -66,7 +66,7 @@ def cruise(time, velocity=(0.4, -0.3, 0.2), omega=(0.0, 0.0, 0.0)) -> RobotState
 
 
 def bend(time) -> RobotState:
-    """Joints that begin to move at 0.2 rad/s after half a second, forwards and backwards; vectoring angles swing."""
+    """Joints move at ± 0.2 rad/s after half a second; vectoring angles swing."""
     way = np.tile([1.0, -1.0], 8) * max(time - 0.5, 0.0)
     return replace(
         STILL,
@@ -80,7 +80,7 @@ def bend(time) -> RobotState:
 
 @dataclass
 class Flight:
-    """What became of a motion that was measured and estimated."""
+    """A motion, its estimates and their errors."""
 
     time: np.ndarray
     truth: list[RobotState]
@@ -92,7 +92,7 @@ class Flight:
     learnt: np.ndarray
 
     def after(self, seconds, until=math.inf) -> np.ndarray:
-        """Errors later than that."""
+        """Errors within `seconds` … `until`."""
         return self.errors[(self.time > seconds + 1e-9) & (self.time < until + 1e-9)]
 
 
@@ -106,7 +106,7 @@ def deviation(seen: RobotState, true: RobotState) -> np.ndarray:
 
 @cache
 def follow(motion, config=PERFECT, seconds=4.0, seed=0, blind=(0.0, 0.0), wrong=False) -> Flight:
-    """Measure a motion and estimate it every 25 ms; within `blind` no frame arrives; `wrong`: from a wrong start."""
+    """Measure a motion and estimate it every 25 ms; no frame arrives within `blind`; `wrong` offsets the start."""
     sensors, rng, estimator = Sensors(config), np.random.default_rng(seed), Estimator()
     start = motion(0.0)
     memory = sensors.start(start, rng)
@@ -153,7 +153,7 @@ def equal(a, b) -> bool:
 
 
 def said(time, *, imu=(), frame=None, encoder_time=0.0) -> Measurement:
-    """What a perfect robot at rest says: samples at these times, and a frame (time, position, attitude)."""
+    """Perfect measurement of a robot at rest: samples at these times, and a frame (time, position, attitude)."""
     frames = [] if frame is None else [frame]
     pad = [(0.0, np.zeros(3), np.zeros((3, 3)))] * (4 - len(frames))
     times, positions, attitudes = zip(*frames, *pad, strict=True)
@@ -175,7 +175,7 @@ def said(time, *, imu=(), frame=None, encoder_time=0.0) -> Measurement:
 
 
 def told_late(delay, frame, **gains) -> RobotState:
-    """The estimate 0.3 s after the start of a robot at rest that gets one frame of 0.1 s, so much later [s]."""
+    """Estimate at 0.3 s of a robot at rest that receives one frame of 0.1 s with a delay [s]."""
     estimator = Estimator(EstimatorConfig(**gains))
     estimator.reset(STILL)
     seen = STILL
@@ -187,7 +187,7 @@ def told_late(delay, frame, **gains) -> RobotState:
 
 
 def midway() -> tuple[Estimator, Measurement]:
-    """An estimator in a flight with real sensors, and what it hears next: samples, frames and encoders."""
+    """An estimator during a flight with real sensors, and its next measurement: samples, frames and encoders."""
     sensors, rng, estimator = Sensors(REAL), np.random.default_rng(0), Estimator()
     memory = sensors.start(wander(0.0), rng)
     estimator.reset(wander(0.0))
@@ -227,7 +227,7 @@ def test_the_estimate_follows_the_robot_under_its_controller():
         moved.append(np.abs(env.state.joint_velocity).max())
     env.close()
     assert max(moved) > 0.1
-    # What the air does to the robot between two samples is not in a perfect one.
+    # Forces of the air between two samples are not measured even by perfect sensors.
     assert np.all(largest(np.array(errors[40:])) < [1e-4, 2e-4, 2e-3, 5e-4])
 
 
@@ -248,7 +248,7 @@ def test_latency_does_not_hold_back_a_robot_at_constant_velocity(latency):
         return cruise(time, (0.4, -0.3, 0.2), (0.1, 0.2, -0.3))
 
     flight = follow(glide, replace(PERFECT, latency=latency), 3.0)
-    # A frame that was taken for a present one would be 0.5 m/s × latency behind.
+    # Without compensation, a frame would be 0.5 m/s × latency behind.
     assert np.all(largest(flight.after(2.0)) < [5e-5, 1e-5, 2e-4, 2e-5])
 
 
@@ -256,7 +256,7 @@ def test_latency_does_not_hold_back_a_robot_at_constant_velocity(latency):
 def test_a_wrong_start_is_forgotten_within_two_seconds(latency):
     flight = follow(wander, replace(PERFECT, latency=latency), 3.0, wrong=True)
     assert np.all(largest(flight.after(0.0, 0.05))[:2] > [0.05, 0.05])
-    # The poles: 27 and 10 times a second; the position has those of the accelerometer's bias besides.
+    # Poles at 27 and 10 1/s; the position has those of the accelerometer's bias as well.
     assert np.all(largest(flight.after(0.5, 0.6))[:2] < [6e-3, 2e-2])
     assert np.all(largest(flight.after(2.0)) < [2e-4, 1e-4, 2e-3, 5e-4])
 
@@ -372,7 +372,7 @@ def test_with_real_encoders_joint_velocities_are_far_better_known_than_a_count_a
 def test_joint_angles_are_those_of_the_tick_and_not_of_the_reading_before():
     flight = follow(bend, seconds=2.5)
     errors = [s.joint_position - t.joint_position for s, t in zip(flight.seen, flight.truth, strict=True)]
-    # Up to 20 ms lie between them, 4 mrad.
+    # They are up to 20 ms apart, 4 mrad.
     assert np.abs(errors)[flight.time > 1.0].max() < 0.6 * COUNT
 
 
@@ -411,7 +411,7 @@ def test_an_update_is_a_function_of_memory_and_measurement_alone():
     assert equal(twin.memory, other.memory)
 
 
-def test_an_update_writes_to_nothing_that_it_was_given_and_hands_out_nothing_of_its_own():
+def test_an_update_modifies_no_argument_and_returns_copies():
     estimator, measurement = midway()
     before = copy.deepcopy(measurement)
     arrays = [value for value in vars_of(measurement) if isinstance(value, np.ndarray)]
@@ -446,7 +446,7 @@ def test_a_reset_forgets_everything():
     assert equal(estimator.memory, fresh.memory)
 
 
-def test_a_tick_without_news_changes_nothing_but_its_time():
+def test_a_tick_without_measurements_changes_only_its_time():
     estimator, measurement = midway()
     seen = estimator.update(measurement, TOLD)
     again = estimator.update(replace(measurement, pose_count=0, imu_count=0), TOLD)

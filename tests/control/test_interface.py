@@ -1,4 +1,4 @@
-"""Pins the interface of controllers: readable and compiled ones meet it, and no environment asks which one it has."""
+"""Pins the interface of controllers: Python and C ones meet it, and no environment depends on a concrete one."""
 
 import ast
 import inspect
@@ -28,7 +28,7 @@ CONCRETE = {kind.__name__ for kind, _ in PAIRS} | {"Core", "Any"}
 
 
 def methods(protocol) -> dict:
-    """Name → function of all that a protocol asks to be called."""
+    """Name → function of all public methods of a protocol."""
     found = {name: member for base in protocol.__mro__ for name, member in vars(base).items()}
     return {n: found[n] for n in found if not n.startswith("_") and inspect.isfunction(found[n])}
 
@@ -39,7 +39,7 @@ def parameters(function) -> list:
 
 
 @pytest.mark.parametrize(("kind", "protocol"), PAIRS, ids=lambda kind: kind.__name__)
-def test_every_controller_takes_what_the_interface_says(kind, protocol):
+def test_every_controller_has_the_signatures_of_the_interface(kind, protocol):
     asked = methods(protocol)
     assert {"reset", "step", "observe", "set_last_command", "close"} <= set(asked)
     for name, function in asked.items():
@@ -69,11 +69,11 @@ def test_the_types_of_every_controller_are_those_of_the_interface(tmp_path):
     )  # fmt: skip
     errors = [line for line in done.stdout.splitlines() if " error: " in line]
     assert len(errors) == 1, done.stdout
-    assert f":{len(CLAIMS.splitlines())}:" in errors[0], "a crawler is no flight controller, and all else is as claimed"
+    assert f":{len(CLAIMS.splitlines())}:" in errors[0], "a crawler is no flight controller; all else is valid"
 
 
 @pytest.mark.parametrize("file", ENVIRONMENTS)
-def test_an_environment_asks_for_no_concrete_controller(file):
+def test_an_environment_refers_to_no_concrete_controller(file):
     for node in ast.walk(ast.parse((PACKAGE / file).read_text())):
         if isinstance(node, ast.ImportFrom):
             assert node.module not in COMPILED, ast.unparse(node)

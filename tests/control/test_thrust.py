@@ -1,4 +1,4 @@
-"""Pins the allocator as a library: its answer is physics, within the limits, and the controller's own, bit for bit."""
+"""Pins the allocator as a library: the wrench of its answer in MuJoCo, its limits, the controller's own bits."""
 
 import math
 import subprocess
@@ -25,12 +25,12 @@ HOVER = np.array([0.0, 0.0, ROBOT.weight, 0.0, 0.0, 0.0])
 
 @pytest.fixture(scope="module")
 def engine():
-    """MuJoCo's model of the robot, which knows nothing of the controller's."""
+    """MuJoCo's model of the robot, independent of the controller's model."""
     return mujoco.MjModel.from_xml_path(str(mjcf_path()))
 
 
 def delivered(engine, q, thrust, vectoring):
-    """Force and torque about the CoG that MuJoCo's rotors make of thrusts and angles, torso axes."""
+    """Force and torque of MuJoCo's rotors about the CoG for thrusts and vectoring angles, torso axes."""
     data = mujoco.MjData(engine)
     for i in range(engine.njnt):
         name = engine.joint(i).name
@@ -49,7 +49,7 @@ def delivered(engine, q, thrust, vectoring):
 
 
 def settled(allocator, q, wrench):
-    """The answer once the servos have turned to it, since the rotors' centres move a little with them."""
+    """Answer after the servos have reached it, because the rotors' centres move with the vectoring angles."""
     state = RobotState.at_rest(q)
     for _ in range(8):
         answer = allocator.allocate(state, wrench)
@@ -58,7 +58,7 @@ def settled(allocator, q, wrench):
 
 
 def test_a_level_hover_of_the_flat_robot_is_an_eighth_of_its_weight_each_upright():
-    # Of the least thrust, that is; the paper's cost gives a little of it for less torque in the joints.
+    # The least-thrust cost shares thrust almost equally; the paper's cost trades some thrust for less joint torque.
     for preset, off in (("as_flown", 0.005), ("paper", 0.03)):
         thrust, vectoring, allocation = settled(ThrustAllocator(preset, period=math.inf), FORMS["form1"], HOVER)
         assert allocation.status == "closed_form"
@@ -116,7 +116,7 @@ def test_it_answers_as_the_controller_does_tick_by_tick(preset, mode):
         assert len(statuses) > 1
 
 
-def test_no_angle_turns_farther_than_its_servo_does_in_a_period_and_a_reset_begins_anew():
+def test_no_angle_turns_farther_than_its_servo_in_a_period_and_a_reset_starts_over():
     allocator = ThrustAllocator(period=0.01)
     state, sideways = resting(FORMS["form1"]), HOVER + [20.0, 0.0, 0.0, 0.0, 0.0, 3.0]
     angles = [state.vectoring] + [allocator.allocate(state, sideways)[1] for _ in range(30)]
@@ -147,7 +147,7 @@ def test_what_is_not_finite_is_answered_with_the_last_answer_and_spoils_no_later
     np.testing.assert_array_equal(allocator.allocate(state, HOVER)[0], untouched.allocate(state, HOVER)[0])
 
 
-def test_what_is_no_wrench_no_period_and_no_preset_is_refused():
+def test_an_invalid_wrench_period_or_preset_is_refused():
     allocator, state = ThrustAllocator(), resting(FORMS["form1"])
     for wrench in (np.zeros(5), np.zeros((6, 1)), [], list("abcdef")):
         with pytest.raises(InvalidValueError, match="6 numbers"):
@@ -161,7 +161,7 @@ def test_what_is_no_wrench_no_period_and_no_preset_is_refused():
         ThrustAllocator("mine")
 
 
-def test_who_allocates_thrust_has_neither_a_simulator_nor_gymnasium():
+def test_allocation_imports_neither_a_simulator_nor_gymnasium():
     code = (
         "import sys\nfrom spidar_gym.control import ThrustAllocator\nfrom spidar_gym.state import RobotState\n"
         "import numpy as np\nThrustAllocator().allocate(RobotState.at_rest(np.zeros(16)), np.zeros(6))\n"
@@ -172,14 +172,14 @@ def test_who_allocates_thrust_has_neither_a_simulator_nor_gymnasium():
 
 
 def with_blocks(change):
-    """The paper's modes, one block after the other changed."""
+    """The paper's modes with `change` applied to every block."""
     return {
         name: replace(mode, costs=tuple(map(change, mode.costs)), constraints=tuple(map(change, mode.constraints)))
         for name, mode in find_allocation("paper").items()
     }
 
 
-def test_a_weight_of_ones_own_trades_thrust_for_torque_and_a_limit_of_ones_own_is_kept():
+def test_a_custom_weight_trades_thrust_for_torque_and_a_custom_limit_is_kept():
     q, wrench = FORMS["form3"], HOVER + [0.0, 0.0, 0.0, 0.0, 0.0, 1.5]
     heavy = with_blocks(lambda block: JointTorqueEffort(10.0) if isinstance(block, JointTorqueEffort) else block)
     tight = with_blocks(lambda block: JointTorqueLimit(1.0) if isinstance(block, JointTorqueLimit) else block)

@@ -1,12 +1,12 @@
-"""What several files of this folder are given."""
+"""Fixtures of the allocation tests."""
 
 import pytest
 
 
 @pytest.fixture
 def no_shortcut(monkeypatch):
-    """Every tick goes through OSQP: the closed form may refine its answer, never replace it."""
-    # Imported late: a package that a conftest imports escapes the checks of shapes and types.
+    """Solve every tick with OSQP: the closed form refines its solution and never replaces it."""
+    # Imported late: a package imported by a conftest is not instrumented with checks of shapes and types.
     from spidar_gym.control.allocation import allocator as module
     from spidar_gym.control.allocation.solver import closed_form
 

@@ -26,14 +26,14 @@ def stationarity(program: QuadraticProgram, x, *, margin):
     return nnls(np.vstack(normals).T, -gradient)[1] / np.linalg.norm(gradient)
 
 
-def test_the_solvers_words_are_read_as_it_means_them():
+def test_the_status_codes_are_those_of_osqp():
     words = osqp.SolverStatus
     assert words.OSQP_SOLVED == solver.OSQP_SOLVED
     assert words.OSQP_PRIMAL_INFEASIBLE == solver.OSQP_INFEASIBLE
     assert words.OSQP_MAX_ITER_REACHED == solver.OSQP_MAX_ITER
 
 
-def test_raw_answers_of_osqp_agree_with_the_exact_optimum_wherever_it_says_solved():
+def test_raw_answers_of_osqp_agree_with_the_exact_optimum_where_its_status_is_solved():
     allocator = Allocator(ALLOCATIONS["paper"])
     mode, solved = allocator.mode("flight"), 0
     for demand, _ in ticks("paper", True):

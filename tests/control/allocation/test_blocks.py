@@ -33,7 +33,7 @@ def rows(block, demand):
 
 
 def scene(rng):
-    """A pose, any thrusts and vectoring angles: forces in link axes, and the demand with the maps of that geometry."""
+    """Random pose, thrusts and vectoring angles, their forces in link axes, and the demand with the pose's maps."""
     q, R_wb = random_pose(rng)
     thrust, vectoring = rng.uniform(1.0, 40.0, 8), rng.uniform(-3.0, 3.0, (8, 2))
     snapshot = model().snapshot(q, R_wb, vectoring)
@@ -47,13 +47,13 @@ def scene(rng):
 
 
 def world_forces(q, R_wb, vectoring, thrust):
-    """Rotor positions and forces in the world, the torso's origin at its origin, from the thrust frames."""
+    """Rotor positions and forces in world axes about the torso's origin, from the thrust frames."""
     positions_b, attitudes = rotors(model(), q, vectoring)
     return positions_b @ R_wb.T, thrust[:, None] * (attitudes[:, :, 2] @ R_wb.T)
 
 
 def potential(q, R_wb, vectoring):
-    """Potential energy of the segments with the torso held still [J]."""
+    """Potential energy of the segments with a fixed torso [J]."""
     masses, positions_b, _ = segments(model(), q, vectoring)
     return GRAVITY * masses @ (positions_b @ R_wb.T)[:, 2]
 

@@ -1,4 +1,4 @@
-"""Pins the blocks of the ground: what pegs and feet can carry against friction cones, wrenches against MuJoCo."""
+"""Pins the ground blocks: bounds of pegs and feet against friction cones, wrenches against MuJoCo."""
 
 from dataclasses import replace
 from itertools import product
@@ -65,7 +65,7 @@ def test_pegs_can_give_every_wrench_in_the_box(friction):
         assert pegs_can_give(wrench, friction), wrench
 
 
-def test_pegs_with_their_own_friction_can_give_all_that_the_crawler_plans_with_half_of_it_however_hard_they_press():
+def test_pegs_can_exert_every_wrench_that_the_crawler_plans_with_half_their_friction_at_any_normal_force():
     rng, friction = np.random.default_rng(0), 0.5 * ROBOT.peg_friction
     low, high = contact_wrench_bounds(friction, N_MIN)
     wrenches = list(corners_of_the_box(friction))
@@ -77,7 +77,7 @@ def test_pegs_with_their_own_friction_can_give_all_that_the_crawler_plans_with_h
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3, 0.6])
-def test_no_bound_is_wider_than_what_pegs_can_give_and_none_is_narrower_than_a_tenth_of_it(friction):
+def test_no_bound_exceeds_what_pegs_can_exert_and_none_is_below_a_tenth_of_it(friction):
     _, high = contact_wrench_bounds(friction, N_MIN)
     limits = {0: friction * N_MIN, 3: A * N_MIN, 5: friction * N_MIN * A * np.sqrt(2.0)}
     limits |= {1: limits[0], 4: limits[3]}
@@ -87,7 +87,7 @@ def test_no_bound_is_wider_than_what_pegs_can_give_and_none_is_narrower_than_a_t
             for factor, given in ((0.98, True), (1.02, False)):
                 wrench[axis] = factor * sign * limit
                 if axis < 2:
-                    # The force acts on the floor: about the torso's origin, d higher, it turns.
+                    # The force acts at the floor, d below the torso's origin, and so has a moment about it.
                     wrench[3:5] = np.cross([0.0, 0.0, -D], wrench[:3])[:2]
                 assert pegs_can_give(wrench, friction) == given
             assert 0.1 * limit < high[axis] < limit
@@ -157,7 +157,7 @@ def test_friction_rows_of_a_foot_hold_exactly_where_its_force_is_in_the_pyramid(
 
 
 def power_optimal(demand, ticks=200):
-    """Forces of the program that `PowerEffort` makes with the weights it is given, after many ticks."""
+    """Optimal forces with the cost `PowerEffort`, whose weights have been iterated for `ticks` ticks."""
     mode, effort = Mode("power", (PowerEffort(),), (WrenchBalance(), ThrustBox())), np.ones(8)
     for _ in range(ticks):
         forces = FORCE_SCALE * exact(assemble(mode, replace(demand, effort=effort))).reshape(8, 3)
@@ -186,7 +186,7 @@ def test_power_cost_with_its_weights_converged_minimises_the_sum_of_thrusts_to_t
                 assert power(forces.reshape(-1) + step @ null) > power(forces)
         least_squares = Mode("paper", (ThrustEffort(),), (WrenchBalance(), ThrustBox()))
         saved.append(1.0 - power(forces) / power(FORCE_SCALE * exact(assemble(least_squares, demand))))
-    assert max(saved) > 1e-4, "it differs from the paper's cost"
+    assert max(saved) > 1e-4, "the optimum differs from the optimum of the paper's cost"
 
 
 def test_weights_turn_squares_into_powers_of_three_halves_and_are_bounded_at_zero_thrust():
@@ -220,12 +220,12 @@ def test_objective_is_thrust_or_weighted_thrust_and_torque_of_lifted_legs_and_a_
 
 
 @pytest.mark.parametrize("name", ["leg", "legs", "stance"])
-def test_what_a_leg_on_the_ground_feels_changes_no_bit_of_the_program(name):
+def test_the_torques_of_a_leg_on_the_ground_change_no_bit_of_the_program(name):
     rng, mode = np.random.default_rng(6), modes()[name]
     for _ in range(10):
         demand = ground_demand(rng, mode)
         standing = ~np.repeat(demand.lifted, 4)
-        # In the same order in memory: a product adds up in the order of its layout.
+        # Copied in the same memory order, because the summation order of a product follows the layout.
         T, g = demand.torque_map.copy(order="K"), demand.gravity_torque.copy()
         T[standing], g[standing] = rng.normal(size=T[standing].shape), 1e3
         programs = assemble(mode, demand), assemble(mode, replace(demand, torque_map=T, gravity_torque=g))
@@ -273,7 +273,7 @@ def test_assembling_one_tick_of_a_ground_mode_leaves_no_trace_in_the_next(name):
 
 
 def test_only_the_wrenches_of_floor_and_weight_feet_and_joint_torques_may_be_softened():
-    """Rotors that are lost stay lost, thrusts stay in their box and held angles held, whatever is asked."""
+    """For any demand, lost rotors have no thrust, thrusts stay in their box and held angles stay held."""
     rng = np.random.default_rng(10)
     for name, mode in modes().items():
         demand = ground_demand(rng, mode, np.ones(4, bool))

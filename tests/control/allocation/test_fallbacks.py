@@ -1,4 +1,4 @@
-"""Pins what is answered where there is no optimum: softened rows, spheres, held forces; ticks are independent."""
+"""Pins the fallbacks without an optimum: softened rows, spheres, held forces; ticks are independent."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_an_infeasible_demand_is_softened_within_the_hard_limits(preset, weights
     assert infeasible > 40
 
 
-def test_five_weights_are_answered_with_nearly_all_the_thrust_there_is():
+def test_a_demand_of_five_weights_is_answered_with_nearly_the_largest_thrust():
     demand = demand_of(FORMS["form1"], np.eye(3), 5.0 * LEVEL_HOVER)
     allocation = Allocator(ALLOCATIONS["as_flown"]).allocate(demand, "flight", NO_FORCES)
     assert allocation.status == AllocationStatus.SOFTENED
@@ -56,7 +56,7 @@ def test_five_weights_are_answered_with_nearly_all_the_thrust_there_is():
 
 
 def softened_by_hand(demand, mode, price):
-    """Optimum of the program whose wrench and torque rows are replaced by ½ price × (their violation)²."""
+    """Optimum of the program with the cost ½ price × (violation)² in place of the wrench and torque rows."""
     program = assemble(mode, demand)
     k, m = len(mode.soft_rows), len(program.l)
     A = np.zeros((m, 24 + k))
@@ -80,7 +80,7 @@ def test_softened_forces_agree_with_an_exact_solver():
 
 
 def holds_and_forgets(name, value):
-    """Answers to `value` in a field of the demand hold the previous forces, and leave no trace in the next answer."""
+    """Assert that `value` in a field of the demand holds the previous forces and does not affect the next answer."""
     good, previous = restricted_demand(), np.random.default_rng(22).uniform(-20.0, 20.0, (8, 3))
     array = getattr(good, name).copy()
     array.flat[0] = value
@@ -154,11 +154,11 @@ def rows_broken(demand, preset, forces):
     return max(assemble(ALLOCATIONS[preset]["flight"], demand).violation(x), sphere)
 
 
-def test_where_the_optimum_leaves_the_sphere_the_best_answer_within_is_given_and_every_row_holds():
+def test_an_optimum_outside_the_spheres_is_replaced_by_the_best_within_and_every_row_holds():
     lateral = np.array([194.4, 0.0, 270.0, 0.0, 0.0, 0.0])
     demand = demand_of(FORMS["form1"], np.eye(3), lateral)
     program = assemble(ALLOCATIONS["as_flown"]["flight"], demand)
-    assert leaves_the_spheres(exact(program)), "the optimum lies in a corner of the cube"
+    assert leaves_the_spheres(exact(program)), "the optimum is in a corner of the cube"
     allocation = Allocator(ALLOCATIONS["as_flown"]).allocate(demand, "flight", NO_FORCES)
     assert allocation.status == AllocationStatus.PROJECTED
     assert rows_broken(demand, "as_flown", allocation.forces_l) < 1e-9
@@ -176,7 +176,7 @@ def test_no_hover_needs_the_spheres():
 
 @EACH_PRESET
 @pytest.mark.parametrize("cap", [300, 2000])
-def test_an_answer_obeys_every_row_and_the_spheres_or_says_that_nothing_does(preset, cap):
+def test_an_answer_obeys_every_row_and_the_spheres_or_reports_infeasibility(preset, cap):
     allocator, seen = Allocator(ALLOCATIONS[preset], AllocatorConfig(max_iter=cap)), set()
     for demand, x in hardest(preset):
         allocation = allocator.allocate(demand, "flight", NO_FORCES)
@@ -190,13 +190,13 @@ def test_an_answer_obeys_every_row_and_the_spheres_or_says_that_nothing_does(pre
 
 
 @EACH_PRESET
-def test_an_optimum_of_the_cube_within_the_spheres_is_answered_bit_for_bit_and_the_spheres_are_not_asked(
+def test_an_optimum_of_the_cube_within_the_spheres_is_returned_bit_for_bit_without_the_sphere_solver(
     preset, monkeypatch
 ):
-    def unasked(*_):
-        raise AssertionError("the spheres were looked at")
+    def forbidden(*_):
+        raise AssertionError("the sphere solver was called")
 
-    monkeypatch.setattr(module, "sphere_optimum", unasked)
+    monkeypatch.setattr(module, "sphere_optimum", forbidden)
     allocator, mode, compared = Allocator(ALLOCATIONS[preset]), ALLOCATIONS[preset]["flight"], 0
     for demand, _ in ticks(preset, False) + ticks(preset, True):
         program = assemble(mode, demand)
@@ -213,7 +213,7 @@ def test_an_optimum_of_the_cube_within_the_spheres_is_answered_bit_for_bit_and_t
     assert compared > 400
 
 
-def test_softened_forces_obey_what_is_hard_and_the_slack_is_theirs():
+def test_softened_forces_obey_the_hard_rows_and_the_slack_is_their_violation():
     allocator, mode, softened = Allocator(ALLOCATIONS["paper"]), ALLOCATIONS["paper"]["flight"], 0
     for demand, x in hardest("paper"):
         if x is None:

@@ -1,4 +1,4 @@
-"""Pins the projection of wished forces: the nearest valid ones, on the sphere too, or the previous ones."""
+"""Pins the projection of requested forces: the nearest valid ones, on the sphere too, or the previous ones."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from spidar_gym.robot import ROBOT
 
 
 def wishes(n, size, seed=30):
-    """Demands with their valid optimum and a force that a policy might wish for, up to `size` N off it per axis."""
+    """Demands with their valid optimum, and random requested forces up to `size` N from it per axis."""
     rng = np.random.default_rng(seed)
     for demand, optimum in ticks("paper", True)[:n] + ticks("paper", False)[:n]:
         if optimum is not None:
@@ -23,7 +23,7 @@ def wishes(n, size, seed=30):
 
 
 def nearest(demand, wish):
-    """Projection onto the rows and the spheres, None where no forces are valid."""
+    """Projection onto the rows and the spheres; None where no forces are valid."""
     x = within_spheres(replace(assemble(PROJECTION, demand), q=-wish.reshape(-1) / FORCE_SCALE))
     return None if x is None else FORCE_SCALE * x.reshape(8, 3)
 
@@ -59,7 +59,7 @@ def test_projected_forces_are_the_nearest_valid_ones(size):
 def test_a_projection_is_held_only_where_no_forces_are_valid_and_obeys_every_limit_where_some_are():
     rng, allocator, held = np.random.default_rng(41), Allocator(ALLOCATIONS["paper"]), 0
     for demand, _ in hardest("as_flown"):
-        # The links of a robot that was drawn heavier, or that lost a rotor, hang on the others' thrust.
+        # Randomised heavier links and lost rotors.
         demand = replace(demand, gravity_torque=rng.uniform(1.0, 3.0) * demand.gravity_torque, lost=rng.random(8) < 0.2)
         wish = rng.uniform(-60.0, 60.0, (8, 3))
         best, answer = nearest(demand, wish), allocator.project(demand, wish, NO_FORCES)

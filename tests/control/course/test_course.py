@@ -1,4 +1,4 @@
-"""Pins courses as maps: what is refused, what targets and actions say to each other, where the rule goes."""
+"""Pins courses: refused maps, the conversion between targets and actions, the targets of the rule."""
 
 import math
 import re
@@ -53,29 +53,29 @@ LYING, NARROW = FORMS["form1"], FORMS["form3"]
         (lambda: Course((WALL,) * 9, Pose2(5.0)), "gates"),
     ],
 )
-def test_what_nobody_can_go_is_refused_in_one_line(make, word):
+def test_an_impassable_course_is_refused_in_one_line(make, word):
     with pytest.raises((InvalidValueError, UnknownNameError), match=word) as error:
         make()
     assert "\n" not in str(error.value)
     assert re.search(r"is not valid; expected .*\d|valid: wall, beam, slot, platform, tiles, slope", str(error.value))
 
 
-def test_who_dares_may_have_gates_that_are_too_small():
+def test_gates_that_are_too_small_are_accepted_on_request():
     assert Course((Gate("slot", 2.0, 2.4, 1.0),), Pose2(5.0), dares=True).gates[0].size == 1.0
 
 
-def test_floors_are_as_high_as_they_are():
+def test_the_floor_height_is_that_of_slopes_and_platforms():
     slope = Course((Gate("slope", 3.0, 6.0, 0.1),), Pose2(4.5))
     assert slope.floor_at(2.9) == 0.0
     assert slope.floor_at(4.0) == pytest.approx(math.tan(0.1))
     assert WHOLE.floor_at(13.0) == 0.3
-    assert WHOLE.floor_at(3.1) == 0.0  # a wall is nothing to stand on
+    assert WHOLE.floor_at(3.1) == 0.0  # a wall is no floor
 
 
 # ---- targets ----
 
 
-def test_an_action_says_what_its_target_does():
+def test_a_target_survives_the_conversion_to_an_action_and_back():
     rng = np.random.default_rng(0)
     for _ in range(200):
         here = np.array([rng.uniform(0.0, 12.0), rng.uniform(-2.0, 2.0), 1.0])
@@ -91,14 +91,14 @@ def test_an_action_says_what_its_target_does():
             assert getattr(back, name) == pytest.approx(getattr(target, name), abs=1e-9), name
 
 
-def test_every_action_stands_for_a_target_inside_the_field():
+def test_every_action_is_a_target_inside_the_field():
     rng = np.random.default_rng(1)
     for action in rng.uniform(-1.0, 1.0, (500, 8)):
         here = rng.uniform((-2.5, -3.0, 0.0), (18.0, 3.0, 3.0))
         take_target(action, WHOLE, here).require_inside(WHOLE)
 
 
-def test_a_way_too_long_is_cut_in_its_direction():
+def test_a_displacement_that_is_too_long_is_shortened_in_its_direction():
     action = Target(x=12.0, y=1.0).action(WHOLE, np.zeros(3))
     back = take_target(action, WHOLE, np.zeros(3))
     assert back.x == pytest.approx(WAY)
@@ -112,7 +112,7 @@ def test_a_way_too_long_is_cut_in_its_direction():
         ({"z": math.inf}, "z"), ({"narrow": 1.5}, "narrow"), ({"sweep": 1.0}, "sweep"),
     ],
 )  # fmt: skip
-def test_a_target_that_is_none_is_refused(values, word):
+def test_an_invalid_target_is_refused(values, word):
     with pytest.raises(InvalidValueError, match=rf"^{word} = .* is not valid; expected a number within") as error:
         Target(**values)
     assert "\n" not in str(error.value)
@@ -163,7 +163,7 @@ def test_it_crawls_under_beams_and_flies_over_walls_and_through_slots():
     assert before_slot.narrow == 1.0
 
 
-def test_who_drifts_back_while_taking_off_behind_a_beam_is_not_sent_back_through_it():
+def test_a_robot_that_drifts_back_during_take_off_behind_a_beam_is_not_sent_back_through_it():
     behind = BEAM.end + PASSED - 0.02
     crawls_on = rule(behind, z=0.15, phase="lie")
     assert not crawls_on.flies
@@ -212,7 +212,7 @@ def test_on_the_goals_floor_it_crawls_to_the_goal():
     assert (target.flies, target.x, target.y, target.yaw) == (False, 13.7, 0.2, 0.3)
 
 
-def test_one_gait_alone_is_what_it_says():
+def test_a_rule_restricted_to_one_gait_uses_that_gait_alone():
     assert not rule(0.0, z=0.15, phase="lie", flies=False).flies
     waits = rule(BEAM.begin - 1.5, 0.0, 1.0, crawls=False)
     assert waits.flies

@@ -1,4 +1,4 @@
-"""Pins the crawler's tick: a function of the states alone, residuals, states that are none, refused settings."""
+"""Pins the crawler's tick: a function of the states alone, residuals, non-finite states, refused settings."""
 
 import copy
 from dataclasses import fields, replace
@@ -17,7 +17,7 @@ from spidar_gym.state import NO_RESIDUAL, Command, Residual
 
 
 def follow(crawl, residuals=None, crawler=None):
-    """Commands of a crawler, a fresh one unless given, that sees the states of another's crawl."""
+    """Commands of `crawler`, by default a new one, for the recorded states of a crawl."""
     if crawler is None:
         crawler = Crawler()
         crawler.reset(crawl.states[0], [STEP])
@@ -41,7 +41,7 @@ def test_a_crawl_depends_on_the_states_alone_bit_for_bit():
 
 
 @pytest.mark.parametrize("tick", [60, 240])
-def test_both_memories_are_all_that_a_crawler_remembers(tick):
+def test_both_memories_are_the_complete_state_of_a_crawler(tick):
     crawl, crawler = ride(STEP), Crawler()
     crawler.reset(crawl.states[0], [STEP])
     for state in crawl.states[:tick]:

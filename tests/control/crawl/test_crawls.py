@@ -1,4 +1,4 @@
-"""Pins whole crawls in the simulator: where the torso ends, thrust without jolts, what floor and servos carry."""
+"""Pins whole crawls in the simulator: the torso's final pose, smooth thrust, loads of floor and servos."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pins the footsteps: home on the floor, strides as far as the legs reach, as few cycles as allowed, refusals."""
+"""Pins the footsteps: home positions on the floor, the longest strides in reach, the fewest cycles, refusals."""
 
 import math
 import re
@@ -32,7 +32,7 @@ CONFIGS = [
 
 
 def ways(seed, n):
-    """Straight ways, turns on the spot and arcs in all directions."""
+    """Straight displacements, turns on the spot and arcs in all directions."""
     rng = np.random.default_rng(seed)
     for k in range(n):
         bearing, length, yaw = rng.uniform((-math.pi, 0.1, 0.4), (math.pi, 2.5, 2.5)).tolist()
@@ -42,10 +42,10 @@ def ways(seed, n):
 
 
 def fits_by_hand(config, way):
-    """Whether leg angles exist at both ends, torso lying and lifted, with feet seen through matrices from the torso."""
+    """Whether leg angles exist at both ends, torso lying and lifted, with the feet transformed into torso axes."""
     home = config.home_b
     if config.stride == "centred":
-        # The feet stand round the middle of the way: half of it before and half of it behind the torso.
+        # The feet stand around the middle of the displacement: half of it ahead of and half of it behind the torso.
         begin, middle, end = Pose2(), way.arc(0.5), way
     else:
         begin, middle, end = Pose2(), way, way
@@ -83,7 +83,7 @@ def test_a_stride_fits_exactly_if_every_foot_is_in_reach_at_both_ends_lying_and_
     assert min(seen.values()) > 50
 
 
-def test_the_height_of_a_stride_can_be_given():
+def test_the_height_of_a_stride_is_a_parameter():
     for height in (0.05, 0.2, 0.3):
         for way in ways(1, 60):
             config, stride = GaitConfig(lift_height=height), way.arc(0.15)
@@ -134,11 +134,11 @@ def test_no_stride_of_a_plan_is_beyond_reach_or_longer_than_configured_and_there
         assert plan_cycles(unlimited, Move(way)) <= cycles
 
 
-def test_no_way_at_all_is_one_cycle():
+def test_a_zero_displacement_is_one_cycle():
     assert plan_cycles(GaitConfig(), Move(Pose2())) == 1
 
 
-def test_as_many_cycles_as_wanted_are_planned_where_the_reach_allows_it():
+def test_the_requested_number_of_cycles_is_planned_where_the_reach_allows_it():
     config, refused = GaitConfig(), 0
     for way in ways(6, 60):
         for cycles in (1, 2, 5, 20):
@@ -172,7 +172,7 @@ def test_a_negative_number_of_cycles_is_refused(cycles):
 
 
 @pytest.mark.parametrize("way", [Pose2(math.nan), Pose2(0.1, math.inf), Pose2(0.1, 0.0, -math.inf)])
-def test_a_way_that_is_no_number_is_refused(way):
+def test_a_displacement_that_is_not_finite_is_refused(way):
     with pytest.raises(InvalidValueError, match="way"):
         plan_cycles(GaitConfig(), Move(way))
 
@@ -190,7 +190,7 @@ def test_a_gait_that_would_not_move_is_refused(name):
         GaitConfig(**{name: 0.0})
 
 
-def test_an_unknown_stride_scheme_is_refused_with_those_that_are():
+def test_an_unknown_stride_scheme_is_refused_with_the_valid_ones():
     with pytest.raises(UnknownNameError, match="centred, home"):
         GaitConfig(stride="long")
 

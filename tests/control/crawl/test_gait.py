@@ -1,4 +1,4 @@
-"""Pins the gait's cycle: the paper's phases in order, where torso and feet go, commands one after the other."""
+"""Pins the gait's cycle: the paper's phases in order, the paths of torso and feet, the sequence of commands."""
 
 from dataclasses import replace
 from functools import cache
@@ -20,13 +20,13 @@ ON_FEET = ("brace", "up", "forward", "down")
 
 @cache
 def crawl(name):
-    """One world that a robot has gone some ways in, from a start that is not the origin."""
+    """A world in which the gait has executed `WAYS[name]`, starting away from the origin."""
     world = World(start=(0.7, -0.4, 2.0))
     return world.run(*(Move(way) for way in WAYS[name]))
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_the_torso_ends_where_the_command_said(name):
+def test_the_torso_ends_at_the_commanded_pose(name):
     world = crawl(name)
     assert np.all(world.missed(*WAYS[name]) < 1e-3)
     assert world.gait.memory.timeouts == 0
@@ -42,7 +42,7 @@ def test_every_cycle_goes_through_the_papers_phases_in_order(name):
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_no_joint_is_told_to_move_faster_than_the_joint_speed(name):
+def test_no_joint_is_commanded_to_move_faster_than_the_joint_speed(name):
     plans = np.array([row[1] for row in crawl(name).rows])
     speeds = np.abs(np.diff(plans, axis=0)).max(axis=1) / DT
     assert speeds.max() <= SPEED * (1.0 + 1e-9)
@@ -66,7 +66,7 @@ def test_feet_are_off_the_floor_while_they_swing_and_on_it_while_the_torso_moves
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_the_torso_goes_its_way_at_its_height_and_rises_and_sinks_on_the_spot(name):
+def test_the_torso_moves_forward_at_its_lift_height_and_rises_and_sinks_on_the_spot(name):
     world = crawl(name)
     heights = np.array([row[3] for row in world.during("forward")])
     np.testing.assert_allclose(heights, EXACT.lift_height, rtol=0, atol=1e-3)
@@ -79,7 +79,7 @@ def test_the_torso_goes_its_way_at_its_height_and_rises_and_sinks_on_the_spot(na
                 assert abs(abs(rows[-1][3] - rows[0][3]) - EXACT.lift_height) < 0.01
 
 
-def test_each_cycle_goes_the_same_share_of_the_way_along_the_arc():
+def test_each_cycle_covers_the_same_share_of_the_arc():
     way = Pose2(0.5, 0.3, 1.2)
     world = World().run(Move(way, cycles=4))
     ends = [list(rows)[-1][4] for phase, rows in groupby(world.rows, key=lambda row: row[0]) if phase == "settle"]
@@ -90,7 +90,7 @@ def test_each_cycle_goes_the_same_share_of_the_way_along_the_arc():
 
 
 @pytest.mark.parametrize("stride", ["centred", "home"])
-def test_feet_end_a_stride_where_the_scheme_says_round_the_torso(stride):
+def test_feet_end_a_stride_at_the_positions_of_the_scheme(stride):
     config = replace(EXACT, stride=stride)
     world = World(config).run(Move(Pose2(0.12), cycles=1))
     behind = {"centred": 0.06, "home": 0.0}[stride]
@@ -148,7 +148,7 @@ def test_commands_are_carried_out_one_after_the_other_also_if_they_come_later():
     assert np.all(world.missed(Pose2(0.1, 0.0, 0.3), Pose2(-0.05, 0.1)) < 1e-3)
 
 
-def test_a_command_that_comes_while_the_robot_is_under_way_waits_for_its_turn():
+def test_a_command_that_arrives_during_a_crawl_is_queued():
     world = World()
     world.gait.command([Move(Pose2(0.1))])
     for _ in range(200):

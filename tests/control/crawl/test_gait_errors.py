@@ -1,4 +1,4 @@
-"""Pins the gait where things go wrong: lagging torso, slope, rolling feet, time-outs, what is out of reach."""
+"""Pins the gait under errors: lagging torso, slope, rolling feet, time-outs, commands out of reach."""
 
 import copy
 import inspect
@@ -18,7 +18,7 @@ from spidar_gym.so3 import exp, rotation_z
 
 
 class Lagging(World):
-    """Joints that follow 70 ms behind, as the servos do."""
+    """Joints with a lag of 70 ms, as the servos have."""
 
     def servo(self, plan):
         return self.q + (1.0 - math.exp(-DT / 0.07)) * (plan - self.q)
@@ -51,7 +51,7 @@ def test_a_torso_that_stays_behind_arrives_before_it_goes_down_unless_it_may_beg
 
 def test_feet_have_not_touched_down_before_the_legs_are_still_and_where_they_should_be():
     class Sluggish(World):
-        """Inner pitches that go down at half the joint speed."""
+        """Joints that move down at half the joint speed."""
 
         def servo(self, plan):
             return np.minimum(plan, self.q + 0.5 * SPEED * DT)
@@ -94,8 +94,8 @@ def test_a_phase_that_does_not_end_times_out():
     assert len(world.during("lower")) == pytest.approx(3.0 / DT, abs=1)
 
 
-def test_the_gait_is_told_of_no_force():
-    """Neither feet nor torso have a touch sensor: pose and joint angles are all there is."""
+def test_the_gait_receives_no_forces():
+    """Neither feet nor torso have a touch sensor: the inputs are pose and joint angles."""
     assert list(inspect.signature(Gait.step).parameters) == ["self", "position_w", "R_wb", "q", "residual"]
     assert list(inspect.signature(Gait.reset).parameters) == ["self", "position_w", "R_wb", "q"]
     world = World()
@@ -108,7 +108,7 @@ def test_the_gait_is_told_of_no_force():
 
 @pytest.mark.parametrize("heading", [0.0, 0.8, -2.0])
 @pytest.mark.parametrize("way", [Pose2(0.2), Pose2(-0.1, 0.25)])
-def test_on_a_slope_the_torso_ends_where_the_command_said_seen_from_above(heading, way):
+def test_on_a_slope_the_torso_ends_at_the_commanded_pose_in_the_horizontal_plane(heading, way):
     R_wf = exp(0.25 * np.array([math.sin(heading), -math.cos(heading), 0.0]))
     world = World(R_wf=R_wf, start=(0.0, 0.0, 0.5)).run(Move(way))
     assert np.all(world.missed(way) < 1e-3)
@@ -118,7 +118,7 @@ def test_on_a_slope_the_torso_ends_where_the_command_said_seen_from_above(headin
     assert climbed == pytest.approx(math.tan(0.25) * uphill, abs=1e-3)
 
 
-def test_on_a_slope_a_way_with_a_turn_ends_where_the_command_said_but_for_the_slopes_second_order():
+def test_on_a_slope_a_displacement_with_a_turn_ends_at_the_commanded_pose_to_first_order_in_the_slope():
     way = Pose2(0.2, 0.1, 0.4)
     world = World(R_wf=exp(np.array([0.1, 0.1, 0.0]))).run(Move(way))
     assert np.all(world.missed(way) < (0.002, 0.002, 0.01))
@@ -135,7 +135,7 @@ def test_the_trim_makes_up_for_a_torso_that_stays_behind_its_plan(gain, most, le
 def test_errors_of_earlier_cycles_are_made_up_for_by_later_ones(gain):
     way = Pose2(0.6, 0.0)
     world = World(replace(EXACT, trim_gain=gain), lost=0.05).run(Move(way, cycles=3))
-    # Each way is longer by what the last one lacked: in a series of thirds only the last 5 % are lost.
+    # Each cycle is lengthened by the shortfall of the one before, so only the last third loses 5 %.
     assert math.hypot(*world.missed(way)[:2]) < 0.0115
 
 
@@ -146,7 +146,7 @@ def test_the_trim_is_limited():
 
 
 @pytest.mark.parametrize("rolling", [False, True])
-def test_a_gait_that_knows_that_feet_roll_arrives_without_a_trim_where_they_do(rolling):
+def test_a_gait_that_models_rolling_feet_needs_no_trim_where_feet_roll(rolling):
     way = Pose2(0.2, 0.0, 0.0)
     world = World(replace(EXACT, rolling=rolling), rolling=True).run(Move(way))
     error = math.hypot(*world.missed(way)[:2])
@@ -189,7 +189,7 @@ def test_a_command_out_of_reach_is_refused_and_none_of_the_list_is_taken(command
     assert np.all(world.missed(FORWARD.way) < 1e-3)
 
 
-def test_a_command_says_in_how_many_steps_it_is_carried_out():
+def test_a_command_returns_its_number_of_steps():
     world = World()
     assert world.gait.command([Move(Pose2(0.3), cycles=2), Stand(), Lift()]) == 4
     assert world.gait.command([]) == 0

@@ -1,4 +1,4 @@
-"""Pins the legs' kinematics in closed form: both directions against MuJoCo and Pinocchio, and where the reach ends."""
+"""Pins the legs' kinematics in closed form: both directions against MuJoCo and Pinocchio, and the limits of reach."""
 
 import math
 from functools import cache
@@ -45,7 +45,7 @@ def pinocchio_feet(q):
 
 
 def bent_legs(rng, n):
-    """Joint angles with the outer yaw at 0 and the knee up, within ± 90°; the foot is outside the hip's axis."""
+    """Joint angles within ± 90° with the outer yaw at 0, the knee up and the foot outside the hip's axis."""
     while n:
         inner, outer = rng.uniform(-1.5, 1.5, N_LEGS), rng.uniform(0.01, 1.55, N_LEGS)
         if np.all(ROBOT.yaw_to_pitch + UPPER * np.cos(inner) + LOWER * np.cos(inner + outer) > 0.02):
@@ -56,7 +56,7 @@ def bent_legs(rng, n):
 
 
 def with_first_foot(out, z):
-    """The feet of the lying pose, but the first straight ahead of its hip, so far from the inner pitch axis."""
+    """Feet of the lying pose with the first at yaw 0, `out` from its inner pitch axis, at height `z` [m]."""
     feet = mujoco_feet(lying_pose(GaitConfig()))
     feet[0, :2] = ROBOT.yaw_axis_xy + (ROBOT.yaw_to_pitch + out) * math.sqrt(0.5)
     feet[0, 2] = z
@@ -95,7 +95,7 @@ def test_angles_found_have_the_knees_up_the_outer_yaw_at_zero_and_stay_within_90
 
 
 def test_feet_that_no_angles_within_90_degrees_reach_have_none():
-    """Against a grid of all that the first leg can do."""
+    """Compared with a grid over the first leg's joint angles."""
     inner, outer = np.meshgrid(np.linspace(-QUARTER, QUARTER, 500), np.linspace(0.0, QUARTER, 250))
     out = UPPER * np.cos(inner) + LOWER * np.cos(inner + outer)
     z = ROBOT.yaw_axis_z - UPPER * np.sin(inner) - LOWER * np.sin(inner + outer)
@@ -104,7 +104,7 @@ def test_feet_that_no_angles_within_90_degrees_reach_have_none():
         foot = rng.uniform((0.0, -1.1), (1.1, 1.1))
         gap = float(np.hypot(out - foot[0], z - foot[1]).min())
         if 0.002 < gap < 0.02:
-            continue  # too close to the border for the grid
+            continue  # too close to the limit of reach for the grid
         reachable = gap <= 0.002
         seen[reachable] += 1
         assert (leg_angles(with_first_foot(*foot)) is not None) == reachable
@@ -114,7 +114,7 @@ def test_feet_that_no_angles_within_90_degrees_reach_have_none():
 @pytest.mark.parametrize("edge", ["knee straight", "knee square", "left", "right", "thigh down", "thigh up"])
 def test_reach_ends_where_the_knee_is_straight_or_a_joint_is_at_90_degrees(edge):
     def first_leg(inside):
-        """Yaw, inner and outer pitch of a leg a hair inside or outside the edge."""
+        """Yaw, inner and outer pitch of a leg just inside or outside the limit of reach."""
         limit = QUARTER - (1e-6 if inside else -1e-6)
         return {
             "knee square": (0.0, -0.5, limit),

@@ -1,4 +1,4 @@
-"""Pins planar poses: a group like that of their matrices, arcs of constant curvature that compose, points that move."""
+"""Pins planar poses: the group of their matrices, arcs of constant curvature that compose, transformed points."""
 
 import math
 
@@ -24,7 +24,7 @@ def same(a, b, atol=1e-12):
 
 
 def poses(seed, n, turn=3.0):
-    """Random poses, every fourth with no turn and every fourth with a turn of almost nothing."""
+    """Random poses, every fourth with no turn and every fourth with a turn of at most 1e-6 rad."""
     rng = np.random.default_rng(seed)
     for k in range(n):
         yaw = (0.0, float(rng.uniform(-1e-6, 1e-6)), *rng.uniform(-turn, turn, 2).tolist())[k % 4]
@@ -61,14 +61,14 @@ def test_a_share_of_an_arc_and_the_rest_are_the_arc():
             along = pose.arc(share)
             same(along @ pose.arc(1.0 - share), pose, atol=1e-8)
             same(pose.arc(-share), along.inverse(), atol=1e-8)
-            # The rest of the way is itself such an arc.
+            # The rest of an arc is an arc of the same curvature.
             rest = along.inverse() @ pose
             same(along @ rest.arc(0.5), pose.arc(0.5 + 0.5 * share), atol=1e-8)
             same(pose.arc(0.5).arc(share), pose.arc(0.5 * share), atol=1e-8)
 
 
 def test_an_arc_is_the_motion_at_a_constant_velocity_seen_from_the_moving_pose():
-    """Integrated in small steps, which is independent of any closed form."""
+    """Integrated numerically in small steps, independently of the closed form."""
     for pose in poses(7, 12):
         h, n = 1e-5, 2000
         first = pose.arc(h)
@@ -102,7 +102,7 @@ def test_a_quarter_of_a_circle_to_the_left_is_walked_as_one():
     same(quarter.arc(2.0), Pose2(0.0, 2.0, math.pi))
 
 
-def test_an_arc_without_a_turn_is_straight_and_one_without_a_way_turns_on_the_spot():
+def test_an_arc_without_a_turn_is_straight_and_one_without_a_displacement_turns_on_the_spot():
     for share in (-1.0, 0.3, 1.7):
         same(Pose2(0.4, -0.3).arc(share), Pose2(0.4 * share, -0.3 * share))
         same(Pose2(yaw=0.8).arc(share), Pose2(yaw=0.8 * share))

@@ -1,4 +1,4 @@
-"""Pins allocation on the ground: foot forces and Jacobians by MuJoCo, every mode by an exact solver, equilibrium."""
+"""Pins ground allocation: foot forces and Jacobians against MuJoCo, every mode against an exact solver, equilibrium."""
 
 from dataclasses import fields, replace
 from functools import cache
@@ -29,7 +29,7 @@ MODES = {
 
 
 def random_stances(seed, n):
-    """Poses near the crawl's, torso on the floor or lifted: q, attitudes of torso and floor, vectoring."""
+    """Poses near those of a crawl, torso on the floor or lifted: q, attitudes of torso and floor, vectoring."""
     rng, config = np.random.default_rng(seed), GaitConfig()
     for _ in range(n):
         q = leg_angles(config.home_b - (0.0, 0.0, rng.choice([0.0, rng.uniform(0.0, 0.1)])))
@@ -43,7 +43,7 @@ def random_stances(seed, n):
 
 
 def feet_maps(q, R_wb, R_wf, vectoring):
-    """The columns of `with_feet` that belong to the feet, and the rest of them."""
+    """Thrust and torque maps of `with_feet`, after a check that the rotors' columns are unchanged."""
     snapshot, feet = model().stance(q, R_wb, vectoring)
     Q, T = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot)
     wide_Q, wide_T = with_feet(Q, T, snapshot, feet, R_wb.T @ R_wf)
@@ -117,7 +117,7 @@ def test_joint_torque_of_foot_forces_is_their_virtual_work_on_the_material_of_th
 
 
 def ground_demand(rng, pose, mode):
-    """What the crawler asks in one of these poses: all legs, some legs, or the robot on its feet."""
+    """Demand of the crawler in a pose: all legs or some legs lifted, or the robot on its feet."""
     q, R_wb, R_wf, vectoring = pose
     snapshot, feet = model().stance(q, R_wb, vectoring)
     Q, T = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot)
@@ -142,12 +142,12 @@ def ground_demand(rng, pose, mode):
 
 @cache
 def answers(name, powered):
-    """Poses, what is asked there, the exact optimum [N] or None, and the allocator's answer."""
+    """Poses, their demands, the exact optimum [N] or None, and the allocator's answer."""
     rng, mode, allocator = np.random.default_rng(5), MODES[powered][name], Allocator(MODES[powered])
     found = []
     for pose in random_stances(6, 40 if powered else 120):
         demand = ground_demand(rng, pose, mode)
-        # The exact solver wants independent equalities: a rotor that gives nothing needs no plane.
+        # The exact solver requires independent equalities: a rotor without thrust needs no plane.
         optimum = exact(assemble(mode, replace(demand, locked=demand.locked & ~demand.lost)))
         allocation = allocator.allocate(demand, name, np.zeros((8, 3)))
         found.append((pose, demand, None if optimum is None else FORCE_SCALE * optimum, allocation))
@@ -158,7 +158,7 @@ def answers(name, powered):
 @pytest.mark.parametrize("name", ["rest", "leg", "legs", "stance"])
 def test_every_ground_mode_agrees_with_an_exact_solver(name, powered):
     for _, _, optimum, allocation in answers(name, powered):
-        assert optimum is not None, "nothing here asks for the impossible"
+        assert optimum is not None, "every demand here is feasible"
         assert allocation.status in OPTIMAL
         np.testing.assert_allclose(allocation.forces_l.reshape(-1), optimum[:24], rtol=0, atol=1e-6)
         np.testing.assert_allclose(allocation.foot_forces_f.reshape(-1)[: len(optimum) - 24], optimum[24:], atol=1e-6)
@@ -178,7 +178,7 @@ def test_robot_on_its_feet_is_in_equilibrium_and_no_joint_bears_more_than_its_li
     assert pressed > 20, "the limit matters"
 
 
-def test_robot_on_its_pegs_asks_of_them_a_wrench_within_bounds_and_no_joint_bears_more_than_its_limit():
+def test_a_robot_on_its_pegs_loads_them_within_bounds_and_no_joint_bears_more_than_its_limit():
     pressed = 0
     for pose, demand, _, allocation in answers("legs", False)[::2]:
         wrench, torque = by_mujoco(pose, demand, allocation.forces_l, allocation.foot_forces_f)
@@ -201,13 +201,13 @@ def test_only_the_rotors_of_lifted_legs_lift_and_their_joints_bear_no_more_than_
         assert not allocation.thrust[~demand.lifted[ROTOR_LEG]].any()
 
 
-def test_a_robot_at_rest_is_given_no_thrust():
+def test_a_robot_at_rest_needs_no_thrust():
     for _, _, _, allocation in answers("rest", False)[::10]:
         assert not allocation.forces_l.any()
         assert allocation.status == AllocationStatus.CLOSED_FORM
 
 
-def test_what_no_floor_can_give_is_softened_within_the_sphere_and_the_held_planes():
+def test_a_wrench_that_no_floor_can_exert_is_softened_within_the_sphere_and_the_held_planes():
     rng, allocator = np.random.default_rng(7), Allocator(MODES[False])
     for pose in random_stances(7, 15):
         demand = ground_demand(rng, pose, MODES[False]["stance"])

@@ -22,7 +22,7 @@ GAINS = CentroidalConfig(
 
 
 def wrench_of(R_wb=None, omega_b=ZERO, config=None, integral=ZERO, attitude_integral=ZERO, rate=ZERO, **errors):
-    """Desired wrench of a state at rest, level and without errors, but for what is given; `rate` is e_ω."""
+    """Desired wrench of a level state at rest without errors, except for the arguments; `rate` is e_ω."""
     R_wb, integrals = np.eye(3) if R_wb is None else R_wb, Integrals(integral, attitude_integral)
     error = replace(NO_ERROR, omega_b=rate, **errors)
     return desired_wrench(SNAPSHOT, R_wb, omega_b, error, integrals, config=config or CentroidalConfig())
@@ -117,7 +117,7 @@ def test_an_axis_is_frozen_only_when_its_missing_demand_and_its_error_push_the_s
         (-0.5, 0.0, True),
     ):
         for axis in np.eye(3):
-            # The other axes have errors too, and nothing missing.
+            # The other axes have errors too, and no missing demand.
             errors = MotionError(np.full(3, error), ZERO, np.full(3, error), ZERO)
             after = integrate(start, errors, missing * axis, missing * axis, dt=0.1)
             step = np.where((axis == 1.0) & (not moves), 0.0, 0.1 * error)
@@ -126,7 +126,7 @@ def test_an_axis_is_frozen_only_when_its_missing_demand_and_its_error_push_the_s
 
 
 def fly(seconds, *, push_w=ZERO, turn_b=ZERO, config=None, rate=40.0):
-    """Final |errors| of a rigid body of the robot's mass and inertia, pushed all the time, from 0.3 m, 0.3 rad off."""
+    """Final |errors| of a rigid body of the robot's mass and inertia under a constant push, from 0.3 m and 0.3 rad."""
     config, dt = config or CentroidalConfig(), 1.0 / rate
     R, p, v, omega = exp(np.array([0.3, -0.2, 0.3])), np.array([0.3, -0.3, 0.3]), ZERO, ZERO
     integrals = NO_INTEGRALS

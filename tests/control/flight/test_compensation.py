@@ -1,4 +1,4 @@
-"""Pins the compensations' options and the lead of the vectoring: zeros do nothing, every option changes a flight."""
+"""Pins the compensations' options and the lead of the vectoring: zeros have no effect, every option has one."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ def world(snapshot, R_wb, forces_l):
 
 
 def miss(seed, lead):
-    """Angles [rad] between each force now and the led force when its link has turned for `lead` seconds; no lead's."""
+    """Angles [rad] between desired forces and forces `lead` seconds later, with and without lead."""
     q, dq, omega, forces = lead_case(seed)
     now, then = (model().snapshot(q + t * dq, np.eye(3), LEVEL) for t in (0.0, lead))
     wanted, R_wb = world(now, np.eye(3), forces), exp(lead * omega)
@@ -54,7 +54,7 @@ def miss(seed, lead):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_led_force_points_where_it_should_once_its_link_has_turned(seed):
-    """To first order: what is missed falls with the square of the lead."""
+    """The compensation is of first order: the remaining error falls with the square of the lead."""
     led, unled = miss(seed, 0.04)
     assert led.max() < 0.002 < 0.015 < np.median(unled)
     closer, _ = miss(seed, 0.02)
@@ -90,7 +90,7 @@ def test_a_joint_turns_the_forces_of_its_leg_from_its_link_on_and_no_others():
 
 @pytest.mark.parametrize("name", FIELDS)
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
-def test_what_is_no_filter_is_refused_with_what_was_expected(name, value):
+def test_an_invalid_filter_is_refused_with_what_was_expected(name, value):
     with pytest.raises(InvalidValueError, match=rf"{name} = .* a number of at least 0"):
         CompensationConfig(**{name: value})
 
@@ -169,7 +169,7 @@ def test_what_lasts_passes_the_lead_as_it_is_and_a_step_is_enlarged_at_first():
     config = CompensationConfig(lead_gain=0.5, lead_time=0.1)
     memory, R_wb = fresh_compensation(np.zeros(16), np.zeros(6)), exp(np.array([0.4, -0.2, 0.9]))
     step, added = np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1]), []
-    # What is asked for in the first tick is what is known to be needed: no step.
+    # The first tick initialises the filter: its demand is no step.
     memory, more = lead_feedback(memory, -step, R_wb, config=config, dt=0.025)
     close(more, np.zeros(6), atol=0.0)
     step = 2.0 * step
@@ -181,7 +181,7 @@ def test_what_lasts_passes_the_lead_as_it_is_and_a_step_is_enlarged_at_first():
 
 
 def test_the_lead_is_that_of_world_axes():
-    """A force that lasts in the world is not enlarged because the robot turns."""
+    """A force that is constant in world axes is not enlarged while the robot turns."""
     config = CompensationConfig(lead_gain=0.5, lead_time=0.1)
     memory, force = fresh_compensation(np.zeros(16), np.zeros(6)), np.array([3.0, -2.0, 1.0])
     for k in range(80):
@@ -195,7 +195,7 @@ def test_the_lead_is_that_of_world_axes():
 
 
 def wrench_of(gain, **changes):
-    """Desired wrench of a first tick with a reference, and the control state: a robot that is turned, on it."""
+    """Desired wrench and control state of the first tick of a rotated robot on its reference."""
     rng = np.random.default_rng(4)
     R_wb = exp(np.array([0.1, -0.2, 0.7]))
     state = resting(rng.uniform(-0.4, 0.4, 16), R_wb)
@@ -205,8 +205,8 @@ def wrench_of(gain, **changes):
     return controller.last_step.wrench_desired, controller.last_step.control_state
 
 
-def test_an_accelerating_reference_asks_for_what_moves_the_robot_so():
-    """m r̈ and I ω̇, whatever the axes that they are given in."""
+def test_an_accelerating_reference_adds_the_wrench_of_its_acceleration():
+    """m r̈ and I ω̇, independent of the axes in which they are expressed."""
     a, alpha, turned = np.array([0.7, -0.4, 0.2]), np.array([0.3, 0.1, -0.8]), exp(np.array([0.0, 0.0, 1.1]))
     still, control = wrench_of(1.0)
     moved, _ = wrench_of(1.0, acceleration_w=a, alpha_b=alpha)

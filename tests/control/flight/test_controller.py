@@ -1,4 +1,4 @@
-"""Pins the controller: the residual's door, synchronised joints, rate limits, memory, motion errors, form three."""
+"""Pins the controller: residuals, synchronised joints, rate limits, memory, motion errors, form three."""
 
 from dataclasses import fields, replace
 
@@ -28,7 +28,7 @@ def controller_at(state, **config):
 
 
 def shaken(rng, state):
-    """The same robot, a little off in every measured quantity."""
+    """The state with small random errors in every measured quantity."""
     return replace(
         state,
         position_w=state.position_w + rng.normal(scale=0.02, size=3),
@@ -85,7 +85,7 @@ def test_residual_wrench_shifts_the_desired_wrench_exactly():
         np.testing.assert_array_equal(shifted.last_step.wrench_desired, plain.last_step.wrench_desired + added)
 
 
-def test_a_hover_without_error_asks_for_the_weight_alone():
+def test_a_hover_without_error_demands_the_weight_alone():
     for form in FORMS.values():
         state = resting(form)
         controller = controller_at(state)
@@ -94,7 +94,7 @@ def test_a_hover_without_error_asks_for_the_weight_alone():
 
 
 def joint_motion(target, speed_scale, ticks, start=None):
-    """Commanded joints of `ticks` ticks towards `target`, start first."""
+    """Commanded joint angles of `ticks` ticks towards `target`, preceded by the start."""
     state = resting(FORMS["form1"] if start is None else start)
     controller, path = controller_at(state), [state.joint_position]
     reference, residual = staying(state, joint_target=target), Residual(joint_speed_scale=speed_scale)
@@ -153,7 +153,7 @@ def spoiled(struct, name, value):
 
 
 def holds_and_forgets(spoil):
-    """While `spoil` changes (state, reference) the last command is repeated, and afterwards nothing tells of it."""
+    """Assert that the last command is repeated while `spoil` changes (state, reference), without later effects."""
     states, reference = flight(4, 6)
     controller, undisturbed = controller_at(HOVER), controller_at(HOVER)
     last = commands(controller, states[:3], reference)[-1]
@@ -205,7 +205,7 @@ def test_a_residual_that_is_not_finite_is_left_out(name, value):
     assert all(map(same, given, commands(plain, states, reference)))
 
 
-def test_what_the_rotors_could_not_give_freezes_the_integral_along_that_axis_of_the_world():
+def test_a_missing_force_freezes_the_integral_along_its_world_axis():
     state = resting(FORMS["form1"], exp(np.array([0.0, 0.0, np.pi / 2])))  # the torso's x axis is the world's y axis
     controller, reference = controller_at(state), staying(state, quat_wb=state.quat_wb)
     reference = replace(reference, position_w=reference.position_w + np.array([0.0, 0.1, -0.1]))
@@ -215,7 +215,7 @@ def test_what_the_rotors_could_not_give_freezes_the_integral_along_that_axis_of_
     controller.step(state, reference)
     _, y, z = controller.memory.integrals.position_w - before
     assert y == 0.0
-    assert z == pytest.approx(-0.1 / 40.0)  # lift is missing too, but the robot is asked to sink
+    assert z == pytest.approx(-0.1 / 40.0)  # lift is missing too, but the reference is below the robot
     controller.step(state, reference)
     assert controller.memory.integrals.position_w[1] > before[1]
 
@@ -308,7 +308,7 @@ def test_attitude_error_is_the_small_rotation_to_the_desired_attitude_in_torso_a
 
 
 def settled(form, preset):
-    """The controller and the last two commands of a hover in a form whose rotors come to where they are commanded."""
+    """Last tick, its command and the vectoring before it, of a hover whose rotors reach their commanded angles."""
     q, controller = FORMS[form], FlightController(ControllerConfig(allocation=preset), model())
     state = resting(q, vectoring=controller.rest_vectoring(q))
     controller.reset(state)
@@ -342,7 +342,7 @@ def test_a_hover_in_each_form_of_the_paper_is_allocated_whole_and_comes_to_rest(
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_form_of_the_paper_can_give_a_torque_about_every_axis(form):
+def test_every_form_of_the_paper_can_exert_a_torque_about_every_axis(form):
     q = FORMS[form]
     for torque in np.vstack([np.eye(3), -np.eye(3)]):
         controller = FlightController(model=model())
@@ -356,7 +356,7 @@ def test_every_form_of_the_paper_can_give_a_torque_about_every_axis(form):
 
 
 def with_lost(form, preset, rotor, fault, turned=(0.0, 0.0), added=None):
-    """The controller after one tick of a hover with a lost rotor whose vectoring is `turned` away [rad], the state."""
+    """Controller, command and state after a tick of a hover with a lost rotor; `turned` offsets its vectoring [rad]."""
     q, controller = FORMS[form], FlightController(controller_config(preset), model())
     vectoring = controller.rest_vectoring(q)
     vectoring[rotor] += turned
@@ -377,7 +377,7 @@ def wrench_of(forces_l, state):
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("rotor", range(8))
-def test_a_lost_rotor_gives_nothing_and_the_other_seven_carry_form_two_with_torques_about_every_axis(rotor, preset):
+def test_a_lost_rotor_has_no_thrust_and_the_other_seven_carry_form_two_with_torques_about_every_axis(rotor, preset):
     for added in (np.zeros(6), np.array([3.0, -3.0, 3.0, 0.5, 0.5, -0.5])):
         controller, command, state = with_lost("form2", preset, rotor, "lost_thrust", added=added)
         allocation = controller.last_step.allocation
@@ -397,7 +397,7 @@ def test_the_force_of_a_lost_rotor_is_exactly_zero():
             assert command.thrust[rotor] == 0.0
 
 
-def test_a_lost_rotor_gives_nothing_even_where_the_demand_cannot_be_met():
+def test_a_lost_rotor_has_no_thrust_even_where_the_demand_cannot_be_met():
     controller, command, _ = with_lost("form2", "paper", 3, "lost_thrust", added=np.array([0, 0, 300.0, 0, 0, 0]))
     assert controller.last_step.allocation.status == AllocationStatus.SOFTENED
     assert command.thrust[3] < 1e-9
@@ -414,7 +414,7 @@ def test_a_stuck_rotor_thrusts_along_the_direction_in_which_it_is_stuck(turned, 
     stuck = np.array([np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)])
     force = allocation.forces_l[rotor]
     assert force @ stuck > 5.0
-    # One direction is a wedge of a hundredth of a radian to either side.
+    # The stuck direction is a wedge of ± 0.01 rad.
     assert np.linalg.norm(np.cross(stuck, force)) <= 0.0101 * np.linalg.norm(force)
     np.testing.assert_allclose(command.vectoring[rotor], (phi, theta), rtol=0, atol=0.0101)
     assert allocation.status in (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED)

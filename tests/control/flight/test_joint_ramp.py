@@ -22,7 +22,7 @@ STEP = SPEED / RAMP * DT
 
 
 def ramped(start, targets, *, speed=SPEED, ramp=RAMP):
-    """Commands and velocities of one tick for each of the targets, the start first."""
+    """Commands and velocities of one tick per target, preceded by the start."""
     q, v = start, np.zeros(16)
     path, rates = [q], [v]
     for target in targets:
@@ -70,7 +70,7 @@ def test_a_ramp_takes_its_distance_at_full_speed_and_one_ramp(distance):
     assert abs(DT * arrived - (distance / SPEED + RAMP)) <= DT * (1.0 + 1e-9)
 
 
-def test_a_short_way_takes_two_halves_of_the_acceleration_and_never_full_speed():
+def test_a_short_distance_is_accelerated_and_braked_without_reaching_full_speed():
     distance = 0.05
     target = np.full(16, distance)
     path, rates = ramped(np.zeros(16), [target] * 100)
@@ -101,7 +101,7 @@ def test_a_ramp_with_nowhere_to_go_stays():
     assert not rates.any()
 
 
-def test_the_controllers_joints_ramp_and_its_tick_tells_their_rate():
+def test_the_controllers_joints_ramp_and_its_tick_reports_their_rate():
     state, target = resting(FORMS["form1"]), FORMS["form2"]
     controller = FlightController(ControllerConfig(compensation=CompensationConfig(joint_ramp=RAMP)), model())
     controller.reset(state)

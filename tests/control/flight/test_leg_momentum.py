@@ -1,4 +1,4 @@
-"""Pins what the legs' momentum feeds forward: the servo model by its ODE, the torque by inverse dynamics."""
+"""Pins the feed-forward of the legs' momentum: the servo model by its ODE, the torque by inverse dynamics."""
 
 import math
 from dataclasses import replace
@@ -114,12 +114,12 @@ def motion(rng):
 
 
 def fed_forward(q, vectoring, dq, ddq, omega, h=1e-5):
-    """The torque of two ticks `h` apart around a moment of a motion."""
+    """Feed-forward torque of two ticks at ∓ h/2 around an instant of a motion."""
     memory = fresh_compensation(q, np.zeros(6))
     for t in (-0.5 * h, 0.5 * h):
         snapshot = model().snapshot(q + t * dq, np.eye(3), vectoring)
         memory = replace(memory, servo_velocity=dq + t * ddq)
-        # Unfiltered, what was torque before is forgotten.
+        # Without the filter, the previous torque has no effect.
         memory = momentum_torque(snapshot, memory, omega, config=UNFILTERED, dt=h)
     return memory.torque
 
@@ -135,7 +135,7 @@ def test_the_feed_forward_is_the_torque_that_keeps_the_torso_of_a_floating_robot
 
 @pytest.mark.parametrize("seed", range(5))
 def test_with_a_turning_torso_the_gyroscopic_torque_of_the_legs_comes_on_top(engine, seed):
-    """What is left of the inverse dynamics besides Iα + ω × Iω (nothing here is accelerated) and İω."""
+    """The inverse dynamics minus ω × Iω and İω; Iα is zero here."""
     rng = np.random.default_rng(100 + seed)
     (q, dq, ddq), vectoring, omega = motion(rng), rng.uniform(-1.0, 1.0, (8, 2)), rng.uniform(-2.0, 2.0, 3)
     inertia, later, earlier = (model().snapshot(q + t * dq, np.eye(3), vectoring).inertia_c for t in (0.0, 1e-5, -1e-5))
@@ -146,7 +146,7 @@ def test_with_a_turning_torso_the_gyroscopic_torque_of_the_legs_comes_on_top(eng
 
 
 def manoeuvre(config, omega=STILL, ticks=60):
-    """Torques and momenta of the legs while the joints step to another form as fast as the servos follow."""
+    """Torques and momenta of the legs during a step of the joint targets to another form."""
     rng = np.random.default_rng(7)
     q, target = rng.uniform(-0.5, 0.5, (2, 16))
     memory, torques, momenta = fresh_compensation(q, np.zeros(6)), [], []
@@ -174,7 +174,7 @@ def test_the_filter_delays_the_torque_and_loses_none_of_it():
 
 
 def test_a_step_of_the_wanted_torque_passes_the_filter_by_63_percent_in_its_time_constant():
-    """Joints that do not move on a turning torso want nothing; a constant h on a constant ω wants ω × h."""
+    """The desired torque of a constant h under a constant ω is ω × h."""
     q, dq, omega = FORMS["form2"], np.linspace(-1.0, 1.0, 16), np.array([0.3, -0.5, 0.8])
     snapshot = model().snapshot(q, np.eye(3), LEVEL)
     memory, config = replace(fresh_compensation(q, np.zeros(6)), servo_velocity=dq), CompensationConfig()
@@ -186,7 +186,7 @@ def test_a_step_of_the_wanted_torque_passes_the_filter_by_63_percent_in_its_time
 
 
 def rotation_of_floating_torso(share, fold=0.3, ticks=40):
-    """Rotation vector of a floating robot [rad] that folds one leg up sideways, helped by a share of the torque."""
+    """Rotation vectors [rad] of a floating robot that folds one leg sideways, under a share of the feed-forward."""
     plant = Plant(PlantConfig(aero=AeroConfig(wake=False), joint_speed=1.0))
     plant.model.opt.gravity[:] = 0.0
     state = plant.reset(np.array([0.0, 0.0, 5.0]))

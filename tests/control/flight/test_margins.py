@@ -1,4 +1,4 @@
-"""Pins the margins: gain and delay at which a simulated loop really loses its stability, observer included."""
+"""Pins the margins: the gain and delay at which a simulated loop becomes unstable, including the observer."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,9 @@ def gains(config: ControllerConfig, axis: int) -> tuple[float, float, float]:
 
 
 def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float = 0.0) -> float:
-    """Largest |x| of the last seconds over that of the seconds before, of x'' = lagged, delayed feedback from 1."""
+    """Largest |x| of the last third of a simulation from x = 1 over that of the second third.
+
+    The plant is x'' = lagged, delayed feedback."""
     kp, ki, kd = gains(config, axis)
     o = config.compensation
     x, v, a, integral, first, estimate, believed = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -33,9 +35,9 @@ def growth(config: ControllerConfig, axis: int, gain: float = 1.0, delay: float 
     seconds, peaks = 60.0, []
     for _ in range(round(seconds / H)):
         integral += H * x
-        # The observer: ŵ follows what accelerates beyond what the rotors are believed to give.
+        # The observer: ŵ follows the acceleration beyond the modelled one of the rotors.
         feedback = -(kp * x + ki * integral + kd * v)
-        # The low-pass of the lead goes from tick to tick, and here every instant is one.
+        # The low-pass of the lead is discrete with the control period; here it runs at every step of H.
         slow.append(feedback + kept * (slow.pop(0) - feedback))
         u = feedback + o.lead_gain * (feedback - slow[-1]) - share * estimate
         first += H / time * (a - believed - first)
@@ -75,7 +77,7 @@ def test_a_loop_bears_its_margins_and_no_more(preset, axis, options):
 
 
 def trembling(config: ControllerConfig, axis: int) -> float:
-    """RMS of the commanded acceleration over that of a white error of the rate, drawn anew in every tick of 200 s."""
+    """RMS of the commanded acceleration over that of a white error of the rate, sampled every tick for 200 s."""
     (kp, ki, kd), o, dt, fine = gains(config, axis), config.compensation, 1.0 / config.rate_hz, 10
     share, time, lag = o.observers[axis // 2]
     passes = [1.0 - math.exp(-dt / each) for each in (time, lag, o.lead_time)]
@@ -109,7 +111,7 @@ def trembling(config: ControllerConfig, axis: int) -> float:
         ("tuned", {"torque_observer_gain": 0.5, "torque_observer_time": 0.1, "torque_observer_lag": 0.1}),
     ],
 )  # fmt: skip
-def test_noise_of_the_rate_comes_through_as_the_margins_say(preset, options):
+def test_the_gain_of_rate_noise_is_that_of_the_margins(preset, options):
     config = controller_config(preset)
     config = replace(config, compensation=replace(config.compensation, **options))
     for axis in range(len(AXES)):

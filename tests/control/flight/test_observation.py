@@ -1,4 +1,4 @@
-"""Pins what a policy sees: every named slice carries what it says, within its bounds, and nothing no robot measures."""
+"""Pins the observation: contents and bounds of every named slice, and no quantity that the robot cannot measure."""
 
 import math
 from dataclasses import replace
@@ -39,7 +39,7 @@ def controller() -> FlightController:
 
 
 def seen(controller, state, reference=None, **parts) -> dict[str, np.ndarray]:
-    """What is observed of a state, all that is not given being zero or at rest."""
+    """Observation of a state; arguments that are not given are zero or at rest."""
     memory = FlightMemory(
         Lock(NONE, NONE, np.zeros(8)), no_interference(), np.zeros((8, 2)), np.zeros((8, 3)),
         Integrals(np.zeros(3), np.zeros(3)), np.zeros(16), np.zeros(3), np.zeros(3), np.zeros(16),
@@ -74,7 +74,7 @@ def test_the_layout_is_as_long_as_the_space_and_has_its_bounds(mode):
     assert all(field.doc for field in fields)
 
 
-def test_a_robot_that_stays_on_its_reference_sees_no_error(controller):
+def test_a_robot_on_its_reference_observes_no_error(controller):
     view = seen(controller, hovering())
     for name in view:
         if name.endswith(("_error", "_velocity", "_integral", "_rate", "_momentum")):
@@ -170,7 +170,7 @@ def test_commands_integrals_plan_and_last_action_appear_under_their_names(contro
 
 
 def test_nothing_is_seen_that_the_robot_does_not_measure(controller):
-    """The delivered thrust, the servos' torques and the clock are the simulator's."""
+    """The true thrust, the servos' torques and the time are known to the simulator only."""
     state = resting(FORMS["form3"])
     other = replace(state, time=9.0, thrust=np.arange(8.0), joint_torque=np.arange(16.0))
     views = [np.concatenate(list(seen(controller, s, staying(state)).values())) for s in (state, other)]

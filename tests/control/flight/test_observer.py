@@ -1,4 +1,4 @@
-"""Pins the observer of external wrenches: what it finds, how fast, within which bounds, and whom it does not blame."""
+"""Pins the observer of external wrenches: estimate, time constant, bounds, and no response to modelled effects."""
 
 import math
 from dataclasses import replace
@@ -23,14 +23,14 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import exp
 
 BOUND = np.repeat([0.5 * ROBOT.weight, 10.0], 3)
-"""Largest wrench that the observer believes in [N, Nm]."""
+"""Bound of the estimated wrench [N, Nm]."""
 
 
 # ---- the observer ----
 
 
 def observed(wrench, config, seconds, external=None, R_start=None):
-    """Estimates, tick by tick, for a rigid robot of form 2 whose rotors carry it and on which `wrench` acts (world)."""
+    """Estimates of every tick for a rigid robot in form 2, carried by its rotors, under `wrench` (world)."""
     R = np.eye(3) if R_start is None else R_start
     snapshot, steps = model().snapshot(FORMS["form2"], R, LEVEL), 20
     memory = fresh_compensation(FORMS["form2"], np.zeros(6) if external is None else external)
@@ -64,26 +64,26 @@ def test_the_observer_finds_a_constant_wrench_on_a_rigid_robot_whatever_its_atti
 def test_the_observer_converges_with_its_time_constant():
     for time in (0.1, 0.4):
         estimates = observed(WRENCH, replace(OBSERVER, observer_time=time), 0.5)
-        # The first tick only looks.
+        # The first tick initialises the observer.
         passed = DT * np.arange(len(estimates))
         close(estimates / WRENCH, np.tile(1.0 - np.exp(-passed / time), (6, 1)).T, atol=2e-3)
 
 
-def test_the_observer_of_torques_has_a_time_constant_of_its_own():
+def test_the_torque_observer_has_a_separate_time_constant():
     estimates = observed(WRENCH, replace(OBSERVER, observer_time=0.1, torque_observer_time=0.4), 0.5)
     passed = DT * np.arange(len(estimates))[:, None]
     expected = 1.0 - np.exp(-passed / np.repeat([0.1, 0.4], 3))
     close(estimates / WRENCH, expected, atol=2e-3)
 
 
-def test_without_an_external_wrench_the_observer_finds_none_and_forgets_what_it_believed():
+def test_without_an_external_wrench_the_estimate_stays_zero_or_decays():
     close(observed(np.zeros(6), OBSERVER, 1.0), np.zeros((40, 6)), atol=1e-9)
     forgotten = observed(np.zeros(6), OBSERVER, 1.0 + DT, external=WRENCH)
     close(forgotten[0], WRENCH, atol=0.0)
     close(forgotten[-1], math.exp(-5.0) * WRENCH, atol=1e-9)
 
 
-def test_the_observer_believes_in_no_more_than_half_the_weight_and_ten_newton_metres():
+def test_the_estimate_is_bounded_by_half_the_weight_and_ten_newton_metres():
     for sign in (1.0, -1.0):
         wrench = sign * np.array([200.0, 100.0, 300.0, 15.0, 20.0, 30.0])
         estimates = observed(wrench, replace(OBSERVER, observer_time=0.05), 0.3)
@@ -92,7 +92,7 @@ def test_the_observer_believes_in_no_more_than_half_the_weight_and_ten_newton_me
 
 
 def test_two_low_passes_are_the_extended_state_observer_of_a_velocity():
-    """Gao's: ẑ₁' = ẑ₂ + u + 2ω (v − ẑ₁), ẑ₂' = ω² (v − ẑ₁), on a robot that nothing else moves."""
+    """Gao's observer: ẑ₁' = ẑ₂ + u + 2ω (v − ẑ₁), ẑ₂' = ω² (v − ẑ₁), with the external wrench as the only input."""
     time, seconds = 0.6, 2.0
     estimates = observed(WRENCH, replace(OBSERVER, observer_time=time, observer_order=2), seconds)
     fine, omega, v, z1, z2, eso = 2000, 1.0 / time, 0.0, 0.0, 0.0, []
@@ -101,13 +101,13 @@ def test_two_low_passes_are_the_extended_state_observer_of_a_velocity():
             eso.append(z2)
         v += 1.0 / fine
         z1, z2 = z1 + (z2 + 2.0 * omega * (v - z1)) / fine, z2 + omega * omega * (v - z1) / fine
-    # Half a tick is what a held estimate is old.
+    # A held estimate is half a tick old on average.
     close(estimates[:-1] / WRENCH, np.tile(0.5 * (np.array(eso[:-1]) + eso[1:]), (6, 1)).T, atol=0.012)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_cancelled_whole_it_is_incremental_inversion(order):
-    """w = H w₀ + M (a − H ȧ), w₀ the wrench as the rotors gave it, ȧ measured, H the filter of both [Smeur2016]."""
+    """w = H w₀ + M (a − H ȧ): w₀ the lagged rotor wrench, ȧ measured, H the filter of both [Smeur2016]."""
     config = CompensationConfig(observer_gain=1.0, observer_time=0.09, observer_lag=0.05, observer_order=order)
     snapshot, rng = model().snapshot(FORMS["form1"], np.eye(3), LEVEL), np.random.default_rng(3)
     M = np.zeros((6, 6))
@@ -115,7 +115,7 @@ def test_cancelled_whole_it_is_incremental_inversion(order):
     weight = np.array([0.0, 0.0, snapshot.mass * GRAVITY, 0.0, 0.0, 0.0])
     share, lag = 1.0 - math.exp(-DT / config.observer_time), 1.0 - math.exp(-DT / config.observer_lag)
     given, v = weight.copy(), np.zeros(6)
-    # Filtered: what the rotors gave, the measured acceleration.
+    # Filter states of the rotor wrench and of the measured acceleration.
     H = {"given": [weight, weight], "measured": [np.zeros(6), np.zeros(6)]}
     memory = fresh_compensation(FORMS["form1"], np.zeros(6))
     memory = observe_wrench(snapshot, memory, np.eye(3), v[3:], v[:3], weight, config=config, dt=DT)
@@ -131,8 +131,8 @@ def test_cancelled_whole_it_is_incremental_inversion(order):
         close(M @ wanted + weight - memory.external_w, inversion, atol=1e-9)
 
 
-def rumour(real_lag):
-    """Largest force that the observer makes up when the lift rises by 20 N with a lag; it believes in 0.1 s."""
+def false_force(real_lag):
+    """Largest spurious force estimate after a step of 20 N in lift with `real_lag`; the observer assumes 0.1 s."""
     snapshot = model().snapshot(FORMS["form1"], np.eye(3), LEVEL)
     config = CompensationConfig(observer_gain=1.0, observer_time=0.1, observer_lag=0.1)
     weight = np.array([0.0, 0.0, snapshot.mass * GRAVITY, 0.0, 0.0, 0.0])
@@ -148,13 +148,13 @@ def rumour(real_lag):
     return worst
 
 
-def test_the_observer_blames_nobody_for_rotors_that_lag_as_it_believes():
-    assert rumour(0.1) < 1e-9
-    assert rumour(0.4) > 3.0
+def test_rotors_with_the_modelled_lag_cause_no_estimate():
+    assert false_force(0.1) < 1e-9
+    assert false_force(0.4) > 3.0
 
 
-def test_what_is_fed_forward_carries_a_robot_and_keeps_it_turning():
-    """Against the change of its momentum in the world, differenced."""
+def test_the_fed_forward_wrench_balances_weight_and_gyroscopic_torque():
+    """Compared with finite differences of the momentum in world axes."""
     h, omega, start = 1e-5, np.array([0.7, -0.4, 0.9]), exp(np.array([0.3, 0.2, -0.5]))
     snapshot = model().snapshot(FORMS["form2"], start, LEVEL)
     later, before = (start @ exp(t * omega) @ snapshot.inertia_c @ omega for t in (h, -h))
@@ -165,8 +165,8 @@ def test_what_is_fed_forward_carries_a_robot_and_keeps_it_turning():
     close(weight_wrench(snapshot, start, omega, STILL)[3:], STILL)
 
 
-def blamed(beyond):
-    """Largest torque that an observer makes up which believes in slow rotors, of legs that are helped at once."""
+def false_torque(beyond):
+    """Largest spurious estimate of an observer that assumes slow rotors, when legs' torque is compensated at once."""
     q, config = FORMS["form2"], replace(OBSERVER, observer_lag=0.3, observer_beyond=beyond)
     snapshot, dq = model().snapshot(q, np.eye(3), LEVEL), np.linspace(-1.0, 1.0, 16)
     weight = np.array([0.0, 0.0, snapshot.mass * GRAVITY, 0.0, 0.0, 0.0])
@@ -175,7 +175,7 @@ def blamed(beyond):
     for k in range(80):
         memory = replace(memory, servo_velocity=math.sin(0.1 * k) * dq)
         before, h = h, snapshot.momentum_map[3:] @ memory.servo_velocity
-        # The torque of the last tick has changed the legs' momentum, so the torso is at rest.
+        # The torque equals the change of the legs' momentum, so the torso stays at rest.
         fed = allocated = weight + np.concatenate((np.zeros(3), (h - before) / DT))
         memory = replace(memory, fed_w=fed)
         memory = observe_wrench(snapshot, memory, np.eye(3), STILL, STILL, allocated, config=config, dt=DT)
@@ -183,9 +183,9 @@ def blamed(beyond):
     return worst
 
 
-def test_what_is_fed_forward_is_no_disturbance_whatever_the_observer_believes_about_the_rotors():
-    assert blamed(beyond=False) > 0.3
-    assert blamed(beyond=True) < 1e-12
+def test_the_fed_forward_wrench_is_no_disturbance_for_any_rotor_lag_of_the_observer():
+    assert false_torque(beyond=False) > 0.3
+    assert false_torque(beyond=True) < 1e-12
 
 
 def test_the_observer_of_a_simulated_flight_finds_a_pull_and_cancels_its_share():
@@ -200,7 +200,7 @@ def test_the_observer_of_a_simulated_flight_finds_a_pull_and_cancels_its_share()
         plant.data.xfrc_applied[torso] = pull
         for _ in range(160):
             state = plant.step(controller.step(state, reference))
-        # A force in the torso is off the CoG: it turns the robot as well.
+        # A force on the torso acts away from the CoG and therefore exerts a torque as well.
         arm = reference.position_w - plant.data.xipos[torso]
         expected = np.concatenate([pull[:3], pull[3:] - np.cross(arm, pull[:3])])
         found = controller.memory.compensation.external_w

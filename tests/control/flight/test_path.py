@@ -1,4 +1,4 @@
-"""Pins the paths: they are what they are called, move as their derivatives say, begin and end at rest."""
+"""Pins the paths: shape, consistent derivatives, rest at both ends."""
 
 import math
 from itertools import pairwise
@@ -20,7 +20,7 @@ def eight(**changes):
 
 
 def paths():
-    """Some of every kind."""
+    """Examples of every kind of path."""
     rng = np.random.default_rng(0)
     yield from (eight(along=along, direction=direction) for along in (False, True) for direction in (0.0, 2.0))
     for along in (False, True):
@@ -33,7 +33,7 @@ PATHS = list(paths())
 
 
 def sampled(path, step=0.01):
-    """Times, and pose, rate and acceleration there, (T, 3, 4)."""
+    """Times (T,), and pose, rate and acceleration at these times (T, 3, 4)."""
     times = np.arange(path.times[0], path.seconds, step)
     return times, np.array([path.at(t) for t in times])
 
@@ -62,7 +62,7 @@ def test_it_begins_and_ends_at_rest_and_stays(path):
 def test_a_lemniscate_is_one_at_constant_speed():
     times, rows = sampled(eight(direction=0.7, along=True))
     x, y = (rows[:, 0, :2] - AT[:2] @ np.eye(2)).T
-    turn = 0.7 + math.pi / 4  # the axis is half a right angle from where it leaves the crossing
+    turn = 0.7 + math.pi / 4  # the axis is 45° from the tangent at the crossing
     u, v = math.cos(turn) * x + math.sin(turn) * y, math.cos(turn) * y - math.sin(turn) * x
     np.testing.assert_allclose((u * u + v * v) ** 2, 4.0 * (u * u - v * v), atol=2e-4)
     assert np.ptp(u) == pytest.approx(4.0, abs=1e-3)
@@ -128,7 +128,7 @@ def test_a_spline_goes_through_its_points_near_its_speed(along):
 
 @pytest.mark.parametrize("path", PATHS)
 def test_the_reference_turns_as_its_heading_does(path):
-    """R_d is the turn about the vertical; ω and its rate are in the turned axes, as the controller reads them."""
+    """R_d is a rotation about the vertical; ω and its rate are in the rotated axes, as the controller expects."""
     q, h = np.linspace(-0.5, 0.5, 16), 1e-4
     for t in np.linspace(path.times[0], path.seconds, 23)[1:-1]:
         now, after = path.reference(t, q), path.reference(t + h, q)
@@ -165,7 +165,7 @@ def test_what_is_no_path_is_refused(build, match):
 
 
 def motions(n=60):
-    """Poses, rates, accelerations, ends and speeds as they come in flights that are steered."""
+    """Random poses, rates, accelerations, ends and speeds in the ranges of steered flights."""
     rng = np.random.default_rng(4)
     for _ in range(n):
         pose, end = rng.uniform(-2.0, 2.0, 4), rng.uniform(-5.0, 5.0, 4) * rng.choice([0.02, 1.0], 4)
@@ -183,8 +183,8 @@ def test_from_rest_it_is_straight():
 
 @pytest.mark.parametrize("length", [0.05, 0.3, 1.0, 5.0])
 @pytest.mark.parametrize("speed", [0.3, 1.2, 1.5])
-def test_from_rest_and_from_a_slow_flight_it_asks_for_no_more_than_a_gentle_acceleration(length, speed):
-    """Only its speed bounded a short way: 0.3 m were to be flown in half a second, at 6 m/s²."""
+def test_from_rest_and_from_a_slow_flight_the_acceleration_is_bounded(length, speed):
+    """With a bound on speed alone, 0.3 m would be flown in half a second at 6 m/s²."""
     for fast in (0.0, 0.2):
         for way in np.eye(3):
             begin, rate = np.zeros(4), np.array([fast, 0.0, 0.0, 0.0])
@@ -204,15 +204,15 @@ def test_it_begins_as_it_moves_ends_at_rest_and_nothing_jumps():
         np.testing.assert_allclose(np.diff(rows[:, 0], axis=0), 0.005 * rows[1:, 1], atol=3e-4)
 
 
-def test_it_strays_no_farther_than_a_swing_takes():
-    """One quintic for all coordinates led up to metres astray: a climb that was steered away ended on the floor."""
+def test_the_path_overshoots_by_no_more_than_the_braking_distance():
+    """One quintic for all coordinates would overshoot by metres: a redirected climb would end on the floor."""
     worst = 0.0
     for pose, rate, acceleration, end, speed in motions():
         path = from_motion(pose, rate, acceleration, end, speed)
         rows = np.array([path.at(t)[0] for t in np.linspace(0.0, path.seconds, 300)])
         low, high = np.minimum(pose, end), np.maximum(pose, end)
         worst = max(worst, float(np.maximum(low - rows, rows - high)[:, :3].max()))
-    assert worst < 0.6  # as far as braking from 0.6 m/s takes
+    assert worst < 0.6  # braking distance from 0.6 m/s
     climbing = np.zeros(4), np.array([0.0, 0.0, 0.3, 0.0]), np.array([0.0, 0.0, 1.5, 0.0])
     path = from_motion(*climbing, np.array([9.0, 0.0, 0.05, 0.0]), 1.2)
     heights = [path.at(t)[0][2] for t in np.linspace(0.0, path.seconds, 300)]

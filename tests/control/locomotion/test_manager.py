@@ -1,4 +1,4 @@
-"""Pins the manager of both gaits: take-off, flight, landing, crawl, what happens in between, what it refuses."""
+"""Pins the manager of both gaits: take-off, flight, landing, crawl, transitions, refusals."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ FLOORS = {
 
 
 def landed(seen):
-    """What is asked of a landing, wherever it was."""
+    """Assert the requirements of a landing."""
     assert seen.phase[-1] == "lie"
     assert 0.0 < seen.touchdown < 0.35
     assert seen.slip < 0.05
@@ -42,7 +42,7 @@ def landed(seen):
 
 
 def test_what_the_floor_carries_is_a_share_of_the_whole():
-    """The same forces, as much smaller; nothing is learned from what happens meanwhile."""
+    """The forces are scaled alike; integrals and observer are frozen meanwhile."""
     state = resting(np.zeros(16), exp(np.array([0.02, -0.01, 0.3])))
     controller = FlightController(controller_config("tuned"), model())
     answers = {}
@@ -89,7 +89,7 @@ def test_drawn_robots_in_wind_take_off_and_land(seed):
 
 @pytest.mark.slow
 def test_a_whole_course():
-    """Crawl, fly in two forms, land, crawl on from there; every hand-over without a jolt."""
+    """Crawl, fly in two forms, land, and crawl from there, with smooth transitions."""
     way = (
         CrawlTo(Pose2(0.2, 0.0, 0.0)), TakeOff(1.0), FlyTo((2.0, 1.0, 1.6), FORMS["form3"], 0.8, along=True),
         FlyTo((2.0, 2.0, 1.4), FORMS["form2"]), Land(), CrawlTo(Pose2(2.1, 2.2, 1.0)),
@@ -109,7 +109,7 @@ def test_a_whole_course():
 
 
 @pytest.mark.parametrize("at", [0.7, 2.5, 7.5])
-def test_it_lands_at_once_when_told_so(at):
+def test_it_lands_at_once_on_command(at):
     seen = Trip(0).fly(HOP, interrupt=(at, [Land()]))
     assert seen.phase[-1] == "lie"
     assert seen.done < 12.0
@@ -119,7 +119,7 @@ def test_it_lands_at_once_when_told_so(at):
 
 
 def test_a_climb_that_ends_in_a_landing_is_not_flown_again_while_the_legs_move():
-    """It brakes, takes its pose where it has come to rest, and comes down from there."""
+    """The robot brakes, holds the position at which it comes to rest, and descends from there."""
     mission = Trip(0)
     mission.manager.reset(mission.seen, [TakeOff(1.0)])
     mission.until("climb", 60)
@@ -130,13 +130,13 @@ def test_a_climb_that_ends_in_a_landing_is_not_flown_again_while_the_legs_move()
         if mission.manager.phase in ("hover", "form", "descend"):
             asked.append(float(mission.manager.reference(mission.state).position_w[2]))
         assert len(asked) < 1000
-    assert np.abs(np.diff(asked)).max() < 0.45 / 40.0, "no faster than it climbed"
+    assert np.abs(np.diff(asked)).max() < 0.45 / 40.0, "no faster than the climb"
     assert np.array(mission.seen_so_far.tilt).max() < 0.05
     assert mission.seen_so_far.touchdown < 0.35
 
 
-def test_a_leg_that_hangs_keeps_no_robot_in_the_air():
-    """A form that a joint does not reach is waited for two seconds; then it lands in what it has."""
+def test_a_stuck_leg_does_not_prevent_a_landing():
+    """The manager waits two seconds for a form that a joint does not reach, then lands in the present form."""
     mission = Trip(0)
     mission.manager.reset(mission.seen, [TakeOff(0.6), Land()])
     mission.until("form")
@@ -152,7 +152,7 @@ def test_a_leg_that_hangs_keeps_no_robot_in_the_air():
     assert ticks >= 80
 
 
-def test_evening_out_of_the_thrust_asks_for_no_more_than_a_rotor_has():
+def test_evening_out_of_the_thrust_demands_no_more_than_a_rotor_has():
     manager = Trip(0).manager
     manager.memory.phase, manager.memory.thrust = "descend", 8.0 * ROBOT.max_thrust
     thrust = np.full(8, 10.0)
@@ -173,7 +173,7 @@ def test_it_takes_off_from_the_middle_of_a_crawl(at):
     assert np.array(seen.tilt).max() < 0.1
 
 
-def test_it_climbs_again_while_the_floor_takes_over():
+def test_it_climbs_again_while_the_load_moves_to_the_floor():
     mission = Trip(0)
     mission.manager.reset(mission.seen, HOP)
     mission.until("unload", 16)
@@ -203,12 +203,12 @@ def test_a_crawl_that_is_interrupted_ends_with_its_cycle():
 
 
 @pytest.mark.parametrize("expected", [-0.3, -3.0])
-def test_a_floor_higher_than_expected_is_a_floor(expected):
+def test_a_floor_higher_than_expected_is_detected(expected):
     seen = Trip(0).fly([TakeOff(1.0), Land(floor=expected)])
     assert seen.phase[-1] == "lie"
 
 
-def test_a_descent_goes_on_where_no_floor_is_and_is_broken_off_for_good_the_second_time():
+def test_a_descent_that_finds_no_floor_is_repeated_once_and_then_aborted():
     seen = Trip(0).fly([TakeOff(2.0), Land(floor=0.95)], 60.0)
     assert seen.phases() == ["spool", "climb", "hover", "form", "descend", "fly", "hover", "form", "descend", "hover"]
     heights = np.array(seen.position_w)[:, 2]
@@ -220,8 +220,8 @@ def falling(manager, state, **changes):
     return manager.step(type(state)(**{f: getattr(state, f) for f in state.__slots__} | changes))
 
 
-def test_what_gives_way_is_no_floor():
-    """A gust that holds the robot up is taken for the floor, until it falls."""
+def test_a_descent_is_resumed_when_a_detected_floor_gives_way():
+    """A robot held up by a gust detects a floor, and resumes its descent when it falls."""
     mission = Trip(0)
     mission.manager.reset(mission.seen, HOP)
     mission.until("descend", 60)
@@ -282,7 +282,7 @@ def test_a_state_that_is_not_finite_changes_nothing_and_gets_the_last_command():
         (lambda: ManagerConfig(descent_speed=0.0), "descent_speed = 0.0"),
     ],
 )
-def test_a_command_that_is_none_is_refused_in_one_line(build, words):
+def test_an_invalid_command_is_refused_in_one_line(build, words):
     with pytest.raises(InvalidValueError, match=words):
         build()
 
@@ -309,14 +309,14 @@ def test_what_cannot_follow_is_refused_and_nothing_has_changed(commands, words):
         assert manager.phase == "lie"
 
 
-def test_a_form_is_as_wide_as_it_is():
+def test_the_width_of_a_form_is_that_of_the_paper():
     """Form ① is 2.7 m wide, form ③ less than half of that."""
     assert 2.0 * form_radius(model(), FORMS["form1"]) == pytest.approx(2.7, abs=0.02)
     assert 2.0 * form_radius(model(), FORMS["form3"]) < 1.35
 
 
 def test_a_flight_that_is_interrupted_brakes_as_softly_as_a_path_does():
-    """From a metre a second to rest, and no jump in what is asked for."""
+    """From 1 m/s to rest without a jump in the reference."""
     mission = Trip(0)
     mission.manager.reset(mission.seen, [TakeOff(1.0), FlyTo((4.0, 0.0, 1.2), speed=1.0)])
     asked = []
@@ -338,7 +338,7 @@ def test_a_flight_that_is_interrupted_brakes_as_softly_as_a_path_does():
 
 @pytest.mark.slow
 def test_steered_twice_a_second_it_flies_a_curve_without_a_jolt():
-    """As a policy does: a place a metre ahead on a circle, told anew every half second, while the legs move."""
+    """As a policy does: a target a metre ahead on a circle, updated every half second while the legs move."""
     mission = Trip(0, sense=True)
     manager = mission.manager
     manager.reset(mission.seen, [TakeOff(0.8)])
